@@ -1,0 +1,169 @@
+"""The chain of frames, and its readable NumPy reference: out to a point, and the wrench back.
+
+Frames are numbered 0 (base), 1 to n (each moved by its joint), n + 1 (tool). Every frame carries a
+displacement D = Rz Tz Rx Tx Ry Ty of six small components (`transforms.AXES`), and a point of the
+tool is at
+
+    base  D0  link0 [Rz(q1) Tz(d1)] D1 link1 ... [Rz(qn) Tz(dn)] Dn linkn  T(tool)  D(n+1)  0
+
+in F0. ``link`` holds what stands between one joint and the next: Rx(alpha) Tx(a) of the next row in
+modified DH, Tx(a) Rx(alpha) of the same row in standard DH. Rz and Tz of D commute with those of
+the joint, so the components are exact DH errors: of theta, d, alpha, a, and Hayati's beta.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.arm.robot import Robot
+from bayescal.arm.transforms import rigid, rotation
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Constants of a robot's chain: `base` (4, 4), `link` (n + 1, 4, 4), `d` (n,), m and rad."""
+
+    base: np.ndarray
+    link: np.ndarray
+    d: np.ndarray
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.d)
+
+
+def chain_of(robot: Robot) -> Chain:
+    """Build the chain of a robot, whichever of the two DH conventions its rows follow."""
+    n = robot.n
+    link = np.tile(np.eye(4), (n + 1, 1, 1))
+    for i in range(n):
+        twist, shift = rigid(rotation(0, robot.alpha[i])), rigid(None, [robot.a[i], 0.0, 0.0])
+        hayati = rigid(rotation(1, robot.beta[i]))
+        at = i if robot.convention == "mdh" else i + 1
+        link[at] = twist @ shift @ hayati if robot.convention == "mdh" else shift @ twist @ hayati
+    return Chain(robot.base, link, robot.d)
+
+
+def link_angles(robot: Robot, readings: np.ndarray) -> np.ndarray:
+    """Joint angles of the chain (N, n), rad, from readings (N, n), rad: signs, coupling, offsets."""
+    return readings @ robot.link_from_reading.T + robot.offset
+
+
+def _displace(x: np.ndarray, delta: np.ndarray) -> np.ndarray:
+    """Points x (..., 3) moved by D of delta (..., 6)."""
+    for axis, turn, slide in ((1, 4, 5), (0, 2, 3), (2, 0, 1)):  # Ry Ty, then Rx Tx, then Rz Tz
+        shift = np.zeros(3)
+        shift[axis] = 1.0
+        x = x + delta[..., slide, None] * shift
+        x = (rotation(axis, delta[..., turn]) @ x[..., None])[..., 0]
+    return x
+
+
+def points(chain: Chain, q: np.ndarray, tool: np.ndarray, delta: np.ndarray | None = None) -> np.ndarray:
+    """Ball centres in F0.
+
+    Parameters
+    ----------
+    chain : Chain
+    q : np.ndarray, shape (C, n)
+        Nominal link angles, rad (`link_angles`).
+    tool : np.ndarray, shape (C, 3) or (3,)
+        Ball centre in the flange frame, m.
+    delta : np.ndarray, shape (..., C, n + 2, 6), optional
+        Displacements of the frames, rad and m, in the order of `transforms.AXES`.
+
+    Returns
+    -------
+    np.ndarray, shape (..., C, 3), m
+    """
+    n = chain.n
+    delta = np.zeros((len(q), n + 2, 6)) if delta is None else delta
+    x = np.broadcast_to(tool, (len(q), 3)) + _displace(np.zeros(3), delta[..., n + 1, :])
+    for i in range(n, 0, -1):
+        x = x @ chain.link[i, :3, :3].T + chain.link[i, :3, 3]
+        own = delta[..., i, :].copy()
+        own[..., 0] += q[:, i - 1]
+        own[..., 1] += chain.d[i - 1]
+        x = _displace(x, own)
+    x = x @ chain.link[0, :3, :3].T + chain.link[0, :3, 3]
+    x = _displace(x, delta[..., 0, :])
+    return x @ chain.base[:3, :3].T + chain.base[:3, 3]
+
+
+def wrenches(chain: Chain, q: np.ndarray, tool: np.ndarray, delta: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Derivatives of ``u . p`` by every displacement: the contact wrench in every frame.
+
+    Force u and moment p x u are carried from the base to the tool; a component of the wrench in the
+    frame where a displacement acts is the derivative by that displacement.
+
+    Parameters
+    ----------
+    chain, q, tool, delta
+        As for `points`; delta of shape (C, n + 2, 6).
+    u : np.ndarray, shape (C, 3)
+        Direction in F0 along which the ball's motion counts: the gradient of a residual.
+
+    Returns
+    -------
+    np.ndarray, shape (C, n + 2, 6)
+        Per rad and per m of each displacement, in the order of `transforms.AXES`.
+    """
+    n = chain.n
+    x = points(chain, q, tool, delta)
+    out = np.zeros((len(q), n + 2, 6))
+
+    def enter(transform: np.ndarray) -> None:
+        nonlocal x, u
+        x = (x - transform[:3, 3]) @ transform[:3, :3]
+        u = u @ transform[:3, :3]
+
+    def cross(frame: int, own: np.ndarray) -> None:
+        nonlocal x, u
+        for axis, turn, slide in ((2, 0, 1), (0, 2, 3), (1, 4, 5)):
+            out[:, frame, turn] = np.cross(x, u)[:, axis]
+            out[:, frame, slide] = u[:, axis]
+            back = np.swapaxes(rotation(axis, own[:, turn]), -1, -2)
+            x = (back @ x[..., None])[..., 0]
+            u = (back @ u[..., None])[..., 0]
+            x[:, axis] -= own[:, slide]
+
+    enter(chain.base)
+    cross(0, delta[:, 0])
+    enter(chain.link[0])
+    for i in range(1, n + 1):
+        own = delta[:, i].copy()
+        own[:, 0] += q[:, i - 1]
+        own[:, 1] += chain.d[i - 1]
+        cross(i, own)
+        enter(chain.link[i])
+    x = x - tool
+    cross(n + 1, delta[:, n + 1])
+    return out
+
+
+def frames(chain: Chain, q: np.ndarray) -> np.ndarray:
+    """Poses in F0 of frames 0 to n, each behind its joint's Rz and Tz, and of the flange.
+
+    Parameters
+    ----------
+    chain : Chain
+    q : np.ndarray, shape (C, n), rad
+
+    Returns
+    -------
+    np.ndarray, shape (C, n + 2, 4, 4)
+        The last is the flange.
+    """
+    count, n = q.shape
+    out = np.empty((count, n + 2, 4, 4))
+    out[:, 0] = chain.base
+    for i in range(1, n + 1):
+        joint = np.tile(np.eye(4), (count, 1, 1))
+        joint[:, :3, :3] = rotation(2, q[:, i - 1])
+        joint[:, 2, 3] = chain.d[i - 1]
+        out[:, i] = out[:, i - 1] @ chain.link[i - 1] @ joint
+    out[:, n + 1] = out[:, n] @ chain.link[n]
+    return out

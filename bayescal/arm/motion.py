@@ -1,0 +1,147 @@
+"""Motion: the arm at a set of rows, as a function of parameters that displace its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.arm import chain as reference
+from bayescal.arm import kernel
+from bayescal.arm.chain import Chain
+from bayescal.arm.transforms import AXES
+
+
+CONTACT = -1
+"""The frame of a term that moves the ball along the direction of its contact, not the arm."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """Displacement of one axis of one frame by parameter x driver.
+
+    `frame` counts 0 (base), 1 to n, n + 1 (tool), or is `CONTACT`; `axis` is one of
+    `transforms.AXES`, or "normal" at the contact; `driver` is a number or one value a row, (N,).
+    """
+
+    frame: int
+    axis: str
+    driver: np.ndarray | float = 1.0
+
+
+def _padded(rows: np.ndarray, fill: np.ndarray | None = None) -> np.ndarray:
+    """Rows (R, C) padded with the last column to a multiple of the kernel's width."""
+    count = rows.shape[1]
+    width = -(-max(count, 1) // kernel.WIDTH) * kernel.WIDTH
+    out = np.zeros((rows.shape[0], width))
+    out[:, :count] = rows
+    if count:
+        out[:, count:] = rows[:, -1:]
+    return out
+
+
+class Motion:
+    """Ball centres of C rows and their derivatives, for P parameters (the kernel's prepared input).
+
+    Parameters
+    ----------
+    chain : Chain
+    q : np.ndarray, shape (C, n)
+        Nominal link angles, rad.
+    tool : np.ndarray, shape (C, 3)
+        Nominal ball centres in the flange frame, m.
+    terms : sequence of (int, Term)
+        Parameter index and term; drivers are numbers or of shape (C,). Those at the contact move no
+        frame and are left to the residual.
+    size : int
+        Number P of parameters.
+    """
+
+    def __init__(
+        self, chain: Chain, q: np.ndarray, tool: np.ndarray, terms: Sequence[tuple[int, Term]], size: int
+    ) -> None:
+        self.chain, self.q, self.tool, self.size = chain, q, tool, size
+        self.terms = tuple((k, term) for k, term in terms if term.frame != CONTACT)
+        self.count = len(q)
+        n = chain.n
+        constant: list[tuple[int, int]] = []
+        varying: list[tuple[int, int, int]] = []
+        drivers: list[np.ndarray] = []
+        index: dict[bytes, int] = {}
+        for parameter, term in self.terms:
+            site = 6 * term.frame + AXES.index(term.axis)
+            driver = np.broadcast_to(np.asarray(term.driver, float), (self.count,))
+            if self.count == 0 or np.all(driver == 1.0):
+                constant.append((site, parameter))
+                continue
+            if not np.any(driver):
+                continue
+            key = driver.tobytes()
+            if key not in index:
+                index[key] = len(drivers)
+                drivers.append(driver)
+            varying.append((site, parameter, index[key]))
+        varying.sort()
+        every = sorted([*varying, *((site, parameter, -1) for site, parameter in constant)])
+        sites = np.arange(6 * (n + 2) + 1)
+        self._constant = np.array(constant, np.int64).reshape(-1, 2)
+        self._varying = np.array(varying, np.int64).reshape(-1, 3)
+        self._every = np.array(every, np.int64).reshape(-1, 3)
+        self._firsts = np.searchsorted(self._varying[:, 0], sites).astype(np.int64)
+        self._every_firsts = np.searchsorted(self._every[:, 0], sites).astype(np.int64)
+        self._general = np.zeros(n + 2, np.bool_)
+        for site in self._varying[:, 0]:
+            frame, component = divmod(int(site), 6)
+            self._general[frame] |= component != 0 or not 1 <= frame <= n
+        # a tool turned about its own point moves it only together with a slide: leave that to the exact path
+        self._general[n + 1] |= any(s >= 6 * (n + 1) and (s - 6 * (n + 1)) % 2 == 0 for s, _ in constant)
+        self._drivers = _padded(np.array(drivers).reshape(len(drivers), self.count))
+        self._sines = _padded(np.sin(q.T))
+        self._cosines = _padded(np.cos(q.T))
+        self._tool = _padded(np.broadcast_to(tool, (self.count, 3)).T)
+        self._base = np.ascontiguousarray(chain.base, float)
+        self._link = np.ascontiguousarray(chain.link, float)
+        self._d = np.ascontiguousarray(chain.d, float)
+
+    def points(self, values: np.ndarray) -> np.ndarray:
+        """Ball centres in F0, (..., 3, C), m, at parameter deviations `values` (..., P), SI."""
+        values = np.ascontiguousarray(values, float)
+        flat = values.reshape(-1, self.size)
+        out = np.empty((len(flat), 3, self._tool.shape[1]))
+        kernel.points(
+            flat, self._constant, self._varying, self._firsts, self._general, self._drivers, self._sines,
+            self._cosines, self._tool, self._base, self._link, self._d, out,
+        )  # fmt: skip
+        return out[..., : self.count].reshape(*values.shape[:-1], 3, self.count)
+
+    def columns(self, values: np.ndarray, p: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Derivatives of ``u . p`` by each parameter, (P, C), at `values` (P,) where the centres are p (3, C)."""
+        out = np.empty((self.size, self._tool.shape[1]))
+        kernel.columns(
+            np.ascontiguousarray(values, float), self._constant, self._varying, self._firsts, self._general,
+            self._every, self._every_firsts, self._drivers, self._sines, self._cosines, self._tool, self._base,
+            self._link, self._d, np.ascontiguousarray(p), np.ascontiguousarray(u), out,
+        )  # fmt: skip
+        return out[:, : self.count]
+
+    def displacements(self, values: np.ndarray) -> np.ndarray:
+        """Displacements of all frames, (..., C, n + 2, 6), rad and m, at `values` (..., P)."""
+        values = np.asarray(values, float)
+        out = np.zeros((*values.shape[:-1], self.count, self.chain.n + 2, 6))
+        for parameter, term in self.terms:
+            out[..., term.frame, AXES.index(term.axis)] += values[..., parameter, None] * term.driver
+        return out
+
+    def points_reference(self, values: np.ndarray) -> np.ndarray:
+        """`points` by the NumPy reference."""
+        delta = self.displacements(values)
+        return np.swapaxes(reference.points(self.chain, self.q, self.tool, delta), -1, -2)
+
+    def columns_reference(self, values: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """`columns` by the NumPy reference."""
+        wrench = reference.wrenches(self.chain, self.q, self.tool, self.displacements(values), u.T)
+        out = np.zeros((self.size, self.count))
+        for parameter, term in self.terms:
+            out[parameter] += wrench[:, term.frame, AXES.index(term.axis)] * term.driver
+        return out

@@ -1,0 +1,41 @@
+"""A robot as its drawing says it is: nominal kinematics, masses and coupling of its axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+Convention = Literal["mdh", "dh"]
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Nominal serial arm of n revolute joints, in SI units.
+
+    Rows follow `convention`: in modified DH (``mdh``, Craig) ``alpha`` and ``a`` of row i stand
+    before joint i, ``Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)``; in standard DH (``dh``) after it,
+    ``Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)``. ``theta = link_from_reading @ reading + offset``.
+    """
+
+    name: str
+    convention: Convention
+    joint_names: tuple[str, ...]
+    alpha: np.ndarray  # (n,) rad
+    a: np.ndarray  # (n,) m
+    d: np.ndarray  # (n,) m
+    offset: np.ndarray  # (n,) rad
+    beta: np.ndarray  # (n,) rad, Hayati's angle of near-parallel axes; zero on a drawing
+    limits: np.ndarray  # (n, 2) rad, of the link side (row of link_from_reading times its sign)
+    link_from_reading: np.ndarray  # (n, n)
+    base: np.ndarray = field(default_factory=lambda: np.eye(4))  # first row's frame in F0
+    masses: np.ndarray | None = None  # (n,) kg, of the link that each joint moves
+    centres_of_mass: np.ndarray | None = None  # (n, 3) m, each in its link frame
+    compliance: np.ndarray | None = None  # (n,) rad/(N m), where already known
+    reductions: np.ndarray | None = None  # (n,) motor turns a joint turn
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)

@@ -1,0 +1,63 @@
+"""Gravity moments on every frame of the arm, at its nominal geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayescal.arm.chain import Chain, frames
+from bayescal.arm.robot import Robot
+
+
+def gravity_moments(
+    robot: Robot,
+    chain: Chain,
+    q: np.ndarray,
+    gravity: np.ndarray,
+    load_mass: np.ndarray,
+    load_centre: np.ndarray,
+) -> np.ndarray:
+    """Moment of the weight of all that a frame carries, about its origin, in its own axes.
+
+    Deflections shift these moments by parts in a thousand, far less than the masses are known to:
+    they are computed once a dataset. About joint j the torque is component z of frame j.
+
+    Parameters
+    ----------
+    robot : Robot
+        With masses and centres of mass.
+    chain : Chain
+    q : np.ndarray, shape (C, n)
+        Nominal link angles, rad.
+    gravity : np.ndarray, shape (3,)
+        m/s2, in F0.
+    load_mass : np.ndarray, shape (C,)
+        kg on the flange: tool and payload.
+    load_centre : np.ndarray, shape (C, 3)
+        Its centre of mass in the flange frame, m.
+
+    Returns
+    -------
+    np.ndarray, shape (C, n + 1, 3)
+        N m, for frames 0 (base) to n.
+    """
+    assert robot.masses is not None
+    assert robot.centres_of_mass is not None
+    pose = frames(chain, q)
+    n = chain.n
+    out = np.empty((len(q), n + 1, 3))
+    weight = load_mass[:, None] * gravity  # of all beyond the frame, N, in F0
+    where = (pose[:, n + 1, :3, :3] @ load_centre[..., None])[..., 0] + pose[:, n + 1, :3, 3]
+    moment = np.cross(where, weight)  # about F0's origin
+    for i in range(n, -1, -1):
+        if i > 0:
+            # the contract's link frame stands behind the joint's whole row: in standard DH, behind `link`
+            centre = robot.centres_of_mass[i - 1]
+            if robot.convention == "dh":
+                centre = chain.link[i, :3, :3] @ centre + chain.link[i, :3, 3]
+            where = pose[:, i, :3, :3] @ centre + pose[:, i, :3, 3]
+            own = robot.masses[i - 1] * gravity
+            weight = weight + own
+            moment = moment + np.cross(where, own)
+        about = moment - np.cross(pose[:, i, :3, 3], weight)
+        out[:, i] = (np.swapaxes(pose[:, i, :3, :3], -1, -2) @ about[..., None])[..., 0]
+    return out

@@ -1,0 +1,58 @@
+"""Rotations and rigid transforms. All active; ``A_from_B @ x_B = x_A``; angles in rad."""
+
+from __future__ import annotations
+
+import numpy as np
+
+AXES = ("rz", "tz", "rx", "tx", "ry", "ty")
+"""The six components of a frame's displacement, in the order in which they are multiplied."""
+
+
+def rotation(axis: int, angle: np.ndarray | float) -> np.ndarray:
+    """Rotation matrices about a coordinate axis.
+
+    Parameters
+    ----------
+    axis : int
+        0, 1, 2 for x, y, z.
+    angle : array_like, shape (...,)
+        rad.
+
+    Returns
+    -------
+    np.ndarray, shape (..., 3, 3)
+    """
+    angle = np.asarray(angle, float)
+    c, s = np.cos(angle), np.sin(angle)
+    out = np.zeros((*angle.shape, 3, 3))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    out[..., axis, axis] = 1.0
+    out[..., i, i] = out[..., j, j] = c
+    out[..., i, j] = -s
+    out[..., j, i] = s
+    return out
+
+
+def rigid(rotation_: np.ndarray | None = None, translation: np.ndarray | None = None) -> np.ndarray:
+    """Homogeneous 4 x 4 transform of a rotation (3, 3) and a translation (3,), m."""
+    out = np.eye(4)
+    if rotation_ is not None:
+        out[:3, :3] = rotation_
+    if translation is not None:
+        out[:3, 3] = translation
+    return out
+
+
+def rpy_matrix(rpy: np.ndarray) -> np.ndarray:
+    """Fixed-axis roll, pitch, yaw (..., 3), rad, to Rz(yaw) Ry(pitch) Rx(roll), (..., 3, 3)."""
+    rpy = np.asarray(rpy, float)
+    return rotation(2, rpy[..., 2]) @ rotation(1, rpy[..., 1]) @ rotation(0, rpy[..., 0])
+
+
+def rpy_of(matrix: np.ndarray) -> np.ndarray:
+    """Roll, pitch, yaw (3,), rad, of a rotation matrix (3, 3): the inverse of `rpy_matrix`."""
+    m = np.asarray(matrix)
+    pitch = np.arctan2(-m[2, 0], np.hypot(m[0, 0], m[1, 0]))
+    if np.hypot(m[0, 0], m[1, 0]) < 1e-12:  # gimbal lock: the yaw goes into the roll
+        return np.array([np.arctan2(-m[1, 2], m[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(m[2, 1], m[2, 2]), pitch, np.arctan2(m[1, 0], m[0, 0])])

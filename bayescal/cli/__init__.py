@@ -1,0 +1,42 @@
+"""The command line: a thin layer that parses, calls and prints. Heavy imports stay inside commands."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from bayescal import __version__
+from bayescal.errors import BayescalError
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="Calibrate a robot arm from probed planes, and say how sure one can be.",
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"bayescal {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+) -> None:
+    """Calibrate a robot arm from probed planes, and say how sure one can be."""
+
+
+def main() -> None:
+    """Entry point of the console script: a `BayescalError` becomes one line and exit code 1."""
+    from bayescal.cli import fit, simulate  # noqa: F401  (they register their commands)
+
+    try:
+        app()
+    except BayescalError as error:
+        sys.stderr.write(f"bayescal: {error}\n")
+        sys.exit(1)

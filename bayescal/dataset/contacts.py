@@ -1,0 +1,125 @@
+"""Residuals of contacts at nominal geometry, and how far a target must move to explain them.
+
+Rough and robust, to tell an impossible row from a loosely known target; the fit has its own kinds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.arm.transforms import rpy_matrix
+from bayescal.dataset.types import Target
+
+LOOSE_U, LOOSE_ANGLE = 0.05, 0.2
+"""The contract's prior of a target that states none: m, rad."""
+
+ARM_ERROR = 0.01
+"""m: what an arm may nominally be wrong by, one standard deviation, generously."""
+
+Residual = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """The M rows of one target: ball centres p (M, 3), ball radii and lengths (M,), m."""
+
+    target: Target
+    p: np.ndarray
+    radius: np.ndarray
+    length: np.ndarray
+
+
+def residual(contacts: Contacts, p: np.ndarray | None = None) -> Residual:
+    """Residuals (M, k), m, and their gradients by p (M, k, 3), at `p` or at the contacts' own."""
+    return _KINDS[contacts.target.kind](contacts, contacts.p if p is None else p)
+
+
+def _plane(c: Contacts, p: np.ndarray) -> Residual:
+    normal = np.asarray(c.target.values["normal"])
+    r = p @ normal - c.target.values["offset"] - c.radius
+    return r[:, None], np.broadcast_to(normal, (len(p), 1, 3))
+
+
+def _off(away: np.ndarray, length: np.ndarray) -> Residual:
+    norm = np.linalg.norm(away, axis=1)
+    return (norm - length)[:, None], (away / np.maximum(norm, 1e-9)[:, None])[:, None, :]
+
+
+def _sphere(c: Contacts, p: np.ndarray) -> Residual:
+    return _off(p - c.target.values["centre"], 0.5 * np.asarray(c.target.values["diameter"]) + c.radius)
+
+
+def _cylinder(c: Contacts, p: np.ndarray) -> Residual:
+    axis, away = np.asarray(c.target.values["axis"]), p - c.target.values["point"]
+    across = away - (away @ axis)[:, None] * axis
+    return _off(across, 0.5 * np.asarray(c.target.values["diameter"]) + c.radius)
+
+
+def _fixed_point(c: Contacts, p: np.ndarray) -> Residual:
+    return p - c.target.values["centre"], np.broadcast_to(np.eye(3), (len(p), 3, 3))
+
+
+def _distance(c: Contacts, p: np.ndarray) -> Residual:
+    return _off(p - c.target.values["centre"], c.length)
+
+
+_KINDS: dict[str, Callable[[Contacts, np.ndarray], Residual]] = {
+    "plane": _plane,
+    "sphere": _sphere,
+    "cylinder": _cylinder,
+    "fixed-point": _fixed_point,
+    "distance": _distance,
+}
+
+
+def priors(target: Target) -> tuple[float, float]:
+    """Standard uncertainties of a target's place (m) and direction (rad); loose where it states none."""
+    u = LOOSE_U if target.u is None else target.u
+    return u, LOOSE_ANGLE if target.u_angle is None else target.u_angle
+
+
+def settled(contacts: Contacts, passes: int = 12) -> np.ndarray:
+    """Residuals' lengths (M,), m, once the target has moved rigidly to where most contacts want it.
+
+    Gauss-Newton on a small displacement and rotation of the target, held by five times its prior,
+    with Cauchy weights whose scale follows the median: a minority of wild rows does not pull.
+    """
+    p = contacts.p
+    u, angle = priors(contacts.target)
+    pivot = np.median(p, axis=0)
+    arm = p - pivot
+    hold = np.repeat([1 / (5 * u + 0.001), 1 / (5 * angle + 0.001)], 3) ** 2
+    move = np.zeros(6)
+    for _ in range(passes):
+        r, g = residual(contacts, _moved(p, pivot, move))
+        size = np.linalg.norm(r, axis=1)
+        weight = 1 / (1 + (size / max(ARM_ERROR, 2 * float(np.median(size)))) ** 2) / ARM_ERROR**2
+        jacobian = -np.concatenate([g, np.cross(arm[:, None, :], g)], axis=2)
+        normal = np.einsum("mki,mkj,m->ij", jacobian, jacobian, weight) + np.diag(hold)
+        gradient = np.einsum("mki,mk,m->i", jacobian, r, weight) + hold * move
+        move = move - np.linalg.solve(normal, gradient)
+    return np.linalg.norm(residual(contacts, _moved(p, pivot, move))[0], axis=1)
+
+
+def _moved(p: np.ndarray, pivot: np.ndarray, move: np.ndarray) -> np.ndarray:
+    """Points as a target moved by `move` sees them: the inverse motion."""
+    return (p - move[:3] - pivot) @ rpy_matrix(move[3:]) + pivot
+
+
+def scatter(p: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Distances (M,), m, of points p from an instrument's readings after the best rigid fit.
+
+    Fitted twice, the second time without the rows that the first leaves far out.
+    """
+    keep = np.ones(len(p), bool)
+    away = np.zeros(len(p))
+    for _ in range(3):
+        a, b = p[keep].mean(axis=0), seen[keep].mean(axis=0)
+        left, _sizes, right = np.linalg.svd((p[keep] - a).T @ (seen[keep] - b))
+        flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+        away = np.linalg.norm((p - a) - (seen - b) @ (left @ flip @ right).T, axis=1)
+        keep = away <= max(4 * float(np.median(away)), ARM_ERROR)
+    return away

@@ -1,0 +1,164 @@
+"""Can it be? Readings against the joint limits, contacts against the nominal geometry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayescal.arm.chain import chain_of, link_angles, points
+from bayescal.arm.robot import Robot
+from bayescal.dataset.contacts import Contacts, priors, residual, scatter, settled
+from bayescal.dataset.table import Table
+from bayescal.dataset.types import Dataset, Target
+from bayescal.errors import BayescalError
+from bayescal.files import Document
+
+BEYOND = np.deg2rad(10)
+"""How far beyond its limit a joint is believed."""
+
+OFF = 0.05
+"""m: a contact this far from where the others of its target put the surface is impossible."""
+
+LEVER = 0.3
+"""m: arm of an angle's uncertainty when a target's place is judged."""
+
+FULL_TURN = 6.3
+"""Readings all within this may be radians."""
+
+FEWEST = 4
+"""Instrument rows from which a rigid fit can judge any of them."""
+
+
+def check(dataset: Dataset, table: Table, document: Document) -> None:
+    """Refuse what cannot have been measured, with its line.
+
+    Targets are only as well known as their priors say, and an instrument's frame not at all.
+    """
+    rows = dataset.measurements
+    _check_limits(dataset.robot, rows.readings, table)
+    p = _points(dataset, rows.readings)
+    _check_radians(dataset, p, table)
+    limit = np.array([max(OFF, 5 * (t.u or 0.0)) for t in dataset.tools])[rows.tool]
+    for index, target in enumerate(dataset.targets):
+        at = np.flatnonzero(rows.target == index)
+        if not len(at):
+            continue
+        if target.kind == "instrument":
+            away = _seen(dataset, p, at)
+        else:
+            contacts = _contacts(dataset, target, p, at)
+            away = np.linalg.norm(residual(contacts)[0], axis=1)
+            if (away <= limit[at]).all():
+                continue
+            _check_place(contacts, away, document)
+            away = settled(contacts)
+        _check_rows(target, away, limit[at], at, table, document)
+
+
+def _points(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
+    """Nominal ball centres in F0, (N, 3) m."""
+    tool = np.array([t.centre for t in dataset.tools])[dataset.measurements.tool]
+    return points(chain_of(dataset.robot), link_angles(dataset.robot, readings), tool)
+
+
+def _contacts(dataset: Dataset, target: Target, p: np.ndarray, at: np.ndarray) -> Contacts:
+    rows = dataset.measurements
+    radius = np.array([t.ball_radius or 0.0 for t in dataset.tools])[rows.tool[at]]
+    length = np.full(len(at), target.values.get("length", np.nan))
+    if rows.length is not None:
+        length = np.where(np.isfinite(rows.length[at]), rows.length[at], length)
+    return Contacts(target, p[at], radius, length)
+
+
+def _seen(dataset: Dataset, p: np.ndarray, at: np.ndarray) -> np.ndarray:
+    xyz = dataset.measurements.xyz
+    return np.zeros(len(at)) if len(at) < FEWEST or xyz is None else scatter(p[at], xyz[at])
+
+
+def _check_limits(robot: Robot, readings: np.ndarray, table: Table) -> None:
+    """Limits are of the row of `link_from_reading`, with the sign of its diagonal taken out."""
+    sign = np.where(np.diag(robot.link_from_reading) < 0, -1.0, 1.0)
+    angle = readings @ robot.link_from_reading.T * sign
+    beyond = np.maximum(robot.limits[:, 0] - angle, angle - robot.limits[:, 1])
+    bad = (beyond > BEYOND).any(axis=1)
+    if not bad.any():
+        return
+    row = int(np.argmax(bad))
+    joint = int(np.argmax(beyond[row]))
+    low, high = np.rad2deg(robot.limits[joint])
+    what = (
+        f"{robot.joint_names[joint]} is at {np.rad2deg(angle[row, joint]):.6g} deg, "
+        f"its limits are {low:g} to {high:g} deg"
+    )
+    often = "many rows are: were degrees converted twice, or signs or coupling changed?"
+    raise table.error(row, what, often if bad.mean() > 0.3 else "check the reading, or the robot's limits")
+
+
+def _check_radians(dataset: Dataset, p: np.ndarray, table: Table) -> None:
+    """Refuse small readings that explain the contacts only when taken for radians.
+
+    A session in a small range is fine: its contacts lie near their targets as they are.
+    """
+    readings = dataset.measurements.readings
+    values = np.rad2deg(readings)
+    if np.abs(values).max() > FULL_TURN or len(values) < FEWEST:
+        return
+    as_degrees, as_radians = _typical(dataset, p), _typical(dataset, _points(dataset, values))
+    if as_degrees > 0.02 and as_radians < as_degrees / 3:
+        raise table.error(
+            0, "the joint readings look like radians", "`j1_deg` ... hold degrees: convert them"
+        )
+
+
+def _typical(dataset: Dataset, p: np.ndarray) -> float:
+    """Median of all rows' misfits at nominal geometry, m."""
+    away = np.zeros(len(p))
+    for index, target in enumerate(dataset.targets):
+        at = np.flatnonzero(dataset.measurements.target == index)
+        if target.kind == "instrument":
+            away[at] = _seen(dataset, p, at)
+        elif len(at):
+            away[at] = np.linalg.norm(residual(_contacts(dataset, target, p, at))[0], axis=1)
+    return float(np.median(away))
+
+
+def _check_place(contacts: Contacts, away: np.ndarray, document: Document) -> None:
+    """Refuse a misplaced target.
+
+    All its contacts are further off than its prior could ever explain, or off and on it as soon as
+    its values are taken for another unit's.
+    """
+    target = contacts.target
+    u, angle = priors(target)
+    if away.min() <= OFF:
+        return
+    remedy = ""
+    for factor, unit in ((1e3, "m"), (1e-3, "um")):
+        values = {k: v if k in ("normal", "axis") else v * factor for k, v in target.values.items()}
+        other = replace(contacts, target=replace(target, values=values))
+        if np.median(np.linalg.norm(residual(other)[0], axis=1)) < OFF:
+            remedy = f"its values look like {unit}: write them in mm"
+    if remedy or away.min() > 5 * (u + angle * LEVER):
+        what = f"all contacts of `{target.name}` are nominally {1e3 * away.min():.0f} mm or more off it"
+        remedy = remedy or "check its place, its frame (F0) and the units, or state a wider `u_mm`"
+        raise BayescalError(what, document.where(("targets", target.name)), remedy)
+
+
+def _check_rows(
+    target: Target, away: np.ndarray, limit: np.ndarray, at: np.ndarray, table: Table, document: Document
+) -> None:
+    """Refuse a row that disagrees with most of its target's rows, or a target on which none agree."""
+    bad = away > limit
+    if not bad.any():
+        return
+    noun = "readings" if target.kind == "instrument" else "contacts"
+    if bad.mean() > 0.5:
+        what = f"most {noun} of `{target.name}` disagree with the arm by {1e3 * np.median(away):.0f} mm"
+        remedy = "check the target, the tool and the units"
+        raise BayescalError(what, document.where(("targets", target.name)), remedy)
+    row = int(np.argmax(away))
+    which = "reading" if target.kind == "instrument" else "contact"
+    what = f"impossible {which}: {1e3 * away[row]:.0f} mm off where the others put `{target.name}`"
+    more = f" ({bad.sum() - 1} more rows are as far off)" if bad.sum() > 1 else ""
+    raise table.error(at[row], what + more, "check target, tool and joint readings, or leave the row out")

@@ -1,0 +1,144 @@
+"""From a parsed dataset.yaml to tools, targets and certificates in SI units, checked against each other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayescal.dataset.types import Certificate, Noise, Target, Tool
+from bayescal.errors import BayescalError
+from bayescal.files import Document, si, stem_of, unknown
+
+if TYPE_CHECKING:
+    from bayescal.dataset import schema
+
+KINDS = {
+    "parallel": ("faces", ("plane",)),
+    "perpendicular": ("faces", ("plane",)),
+    "distance": ("between", ("sphere", "fixed-point", "distance")),
+    "diameter": ("target", ("sphere", "cylinder")),
+    "flat": ("target", ("plane",)),
+}
+"""Of each kind of certificate: the key that names its targets, and their kinds."""
+
+FIELDS = {
+    "distance_mm": "distance",
+    "u_distance_mm": "u_distance",
+    "u_diameter_mm": "u_distance",
+    "u_angle_rad": "u_angle",
+    "u_form_mm": "u_form",
+}
+"""Field of `Certificate` that a key of an entry fills."""
+
+DIRECTIONS = ("normal", "axis")
+STRONGEST_GRAVITY = 20.0  # m/s2: more was written in other units
+
+
+def tools_of(file: schema.DatasetFile) -> tuple[Tool, ...]:
+    """The tools, in the file's order."""
+    return tuple(
+        Tool(
+            name=name,
+            centre=np.array(tool.centre_mm) * 1e-3,
+            ball_radius=_scaled(tool.ball_radius_mm, 1e-3),
+            mass=tool.mass_kg,
+            centre_of_mass=(
+                None if tool.centre_of_mass_mm is None else np.array(tool.centre_of_mass_mm) * 1e-3
+            ),
+            u=_scaled(tool.u_mm, 1e-3),
+            u_angle=tool.u_rad,
+        )
+        for name, tool in file.tools.items()
+    )
+
+
+def noise_of(file: schema.DatasetFile) -> Noise:
+    """The stated noise."""
+    noise = file.noise
+    contact, point = _scaled(noise.contact_mm, 1e-3), _scaled(noise.point_mm, 1e-3)
+    return Noise(contact, point, noise.joint_deg * si("joint_deg"))
+
+
+def targets_of(document: Document, file: schema.DatasetFile) -> tuple[Target, ...]:
+    """The targets, in the file's order; directions are normalised, or refused if far from unit length."""
+    targets = []
+    for name, entry in file.targets.items():
+        values: dict[str, np.ndarray | float] = {}
+        for key in type(entry).model_fields:
+            if key in ("kind", "u_mm", "u_rad"):
+                continue
+            given = getattr(entry, key)
+            value = np.nan if given is None else given
+            if key in DIRECTIONS:
+                value = _direction(document, name, key, np.array(value))
+            scaled = np.array(value, float) * si(key)
+            values[stem_of(key)[0]] = scaled if scaled.ndim else float(scaled)
+        targets.append(Target(name, entry.kind, values, _scaled(entry.u_mm, 1e-3), entry.u_rad))
+    return tuple(targets)
+
+
+def certificates_of(
+    document: Document, file: schema.DatasetFile, targets: tuple[Target, ...]
+) -> tuple[Certificate, ...]:
+    """The certificates; each names targets that exist and are of its kind, and nothing twice."""
+    by_name = {t.name: t for t in targets}
+    certificates: list[Certificate] = []
+    seen: dict[tuple[str, frozenset[str]], int] = {}
+    for i, entry in enumerate(file.certificates):
+        where = document.where(("certificates", i))
+        key, kinds = KINDS[entry.kind]
+        named = getattr(entry, key)
+        names = (named,) if isinstance(named, str) else tuple(named)
+        for name in names:
+            if name not in by_name:
+                _, remedy = unknown("target", name, by_name)
+                raise BayescalError(f"a certificate names `{name}`, which is no target", where, remedy)
+            if by_name[name].kind not in kinds:
+                what = f"a `{entry.kind}` certificate names `{name}`, a {by_name[name].kind}"
+                raise BayescalError(what, where, f"name a target of kind {' or '.join(kinds)}")
+        if len(set(names)) < len(names):
+            raise BayescalError(f"a certificate names `{names[0]}` twice", where, "name two targets")
+        first = seen.setdefault((entry.kind, frozenset(names)), i)
+        if first != i:
+            other = document.where(("certificates", first)).rpartition(":")[2]
+            what = f"a second `{entry.kind}` certificate of {', '.join(names)}"
+            raise BayescalError(what, where, f"the first is in line {other}; keep one")
+        _check_angle(entry.kind, [by_name[n] for n in names], where)
+        stated = {FIELDS[k]: getattr(entry, k) * si(k) for k in type(entry).model_fields if k in FIELDS}
+        certificates.append(Certificate(entry.kind, names, **stated))
+    return tuple(certificates)
+
+
+def gravity_of(document: Document, file: schema.DatasetFile) -> np.ndarray:
+    """Gravity in F0, m/s2; zero is allowed (not modelled)."""
+    gravity = np.array(file.gravity_mps2)
+    if np.linalg.norm(gravity) > STRONGEST_GRAVITY:
+        where = document.where(("gravity_mps2",))
+        raise BayescalError(f"gravity of {np.linalg.norm(gravity):g} m/s2", where, "on earth it is 9.81 m/s2")
+    return gravity
+
+
+def _direction(document: Document, name: str, key: str, vector: np.ndarray) -> np.ndarray:
+    length = float(np.linalg.norm(vector))
+    if abs(length - 1) <= 0.01:
+        return vector / length
+    unit = ", ".join(f"{c:.6g}" for c in vector / length) if length else "x, y, z"
+    where = document.where(("targets", name, key))
+    raise BayescalError(f"the {key} of `{name}` has length {length:.4g}, not 1", where, f"write [{unit}]")
+
+
+def _check_angle(kind: str, faces: list[Target], where: str) -> None:
+    """Two faces said to be parallel or square must nominally be so, to some 30 degrees."""
+    if kind not in ("parallel", "perpendicular"):
+        return
+    cosine = abs(float(np.dot(faces[0].values["normal"], faces[1].values["normal"])))
+    if (cosine < 0.85) if kind == "parallel" else (cosine > 0.5):
+        angle = np.degrees(np.arccos(min(1.0, cosine)))
+        names = f"`{faces[0].name}` and `{faces[1].name}`"
+        what = f"{names} are certified {kind}, but their normals are nominally {angle:.0f} deg apart"
+        raise BayescalError(what, where, "check the certificate's faces and the normals")
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor

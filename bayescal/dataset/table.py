@@ -1,0 +1,155 @@
+"""measurements.csv: its columns, and its cells as numbers with the line of whatever is wrong."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayescal.errors import BayescalError
+from bayescal.files import decoded, si, unknown
+
+XYZ = ("x_mm", "y_mm", "z_mm")
+RPY = ("rx_deg", "ry_deg", "rz_deg")
+PLAIN = (
+    *("id", "role", "target", "tool", *XYZ, *RPY),
+    "length_mm",
+    "u_mm",
+    "stop",
+    "time_s",
+    "temperature_c",
+    "payload_kg",
+    "repeat",
+)
+JOINT = ("deg", "degps", "command_deg", "nm")
+"""Columns there are one of a joint: ``j1_deg`` ... ``jn_deg``, and so on."""
+
+
+def joint_columns(kind: str, n: int) -> tuple[str, ...]:
+    """``j1_deg`` to ``jn_deg`` for `kind` ``deg``."""
+    return tuple(f"j{i + 1}_{kind}" for i in range(n))
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells as text by column (stripped), and the line each row begins in (the header is line 1)."""
+
+    name: str
+    cells: dict[str, tuple[str, ...]]
+    line: np.ndarray  # (N,) int
+    content: bytes  # of the file, to hash
+
+    def error(self, row: int, what: str, remedy: str = "") -> BayescalError:
+        """What is wrong in a row, with its line."""
+        return BayescalError(what, f"{self.name}:{self.line[row]}", remedy)
+
+    def first(self, bad: np.ndarray, what: str, remedy: str = "") -> None:
+        """Refuse the first row where `bad` (N,) holds; ``{column}`` in the texts stands for its cell."""
+        if bad.any():
+            row = int(np.argmax(bad))
+            cells = {k: v[row] for k, v in self.cells.items()}
+            raise self.error(row, what.format_map(cells), remedy.format_map(cells))
+
+    def numbers(self, column: str, needed: bool) -> np.ndarray:
+        """A column in SI units (N,); empty cells are refused where `needed`, else nan."""
+        cells = self.cells[column]
+        empty = np.array([not c for c in cells])
+        if needed:
+            self.first(empty, f"`{column}` is empty", "fill the cell in, or leave the whole column out")
+        try:
+            if any("_" in c for c in cells):  # float() reads 1_000
+                raise ValueError
+            values = np.array([float(c) if c else np.nan for c in cells])
+        except ValueError:
+            values = np.array([np.nan if _is_number(c) or not c else 0.0 for c in cells])
+            wrong = np.array([bool(c) and not _is_number(c) for c in cells])
+            self.first(wrong, f"`{column}` is not a number: '{{{column}}}'", "write a plain number")
+        bad = ~np.isfinite(values) & ~empty
+        self.first(
+            bad, f"`{column}` is {{{column}}}, not a finite number", "mend the cell or leave the row out"
+        )
+        return values * si(column)
+
+    def optional(self, column: str, needed: bool = False) -> np.ndarray | None:
+        """`numbers`, or None where there is no such column."""
+        return self.numbers(column, needed) if column in self.cells else None
+
+    def block(self, columns: Iterable[str], needed: bool) -> np.ndarray | None:
+        """Columns side by side (N, k), SI; None where there are none of them."""
+        columns = tuple(columns)
+        if columns[0] not in self.cells:
+            return None
+        return np.column_stack([self.numbers(c, needed) for c in columns])
+
+    def texts(self, column: str) -> np.ndarray | None:
+        """A column of texts (N,), or None where there is no such column."""
+        return np.array(self.cells[column]) if column in self.cells else None
+
+
+def read_table(path: Path, n: int) -> Table:
+    """Read measurements.csv of an arm with `n` joints: header and shape checked, cells still text."""
+    text, content = decoded(path)
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    before = 0
+    try:
+        for row in reader:
+            if row:
+                rows.append(row)
+                lines.append(before + 1)
+            before = reader.line_num
+    except csv.Error as error:
+        where = f"{path.name}:{reader.line_num}"
+        raise BayescalError(f"not CSV: {error}", where, "check the quotes") from None
+    header = [c.strip() for c in rows[0]]
+    _check_header(header, f"{path.name}:{lines[0]}", n)
+    for cells, line in zip(rows, lines, strict=True):
+        if len(cells) != len(header):
+            what = f"{len(cells)} cells, the header has {len(header)}"
+            raise BayescalError(what, f"{path.name}:{line}", "one cell a column; the decimal mark is a dot")
+    if len(rows) == 1:
+        raise BayescalError("no rows below the header", f"{path.name}:{lines[0]}", "add measurements")
+    columns = (tuple(map(str.strip, column)) for column in zip(*rows[1:], strict=True))
+    return Table(path.name, dict(zip(header, columns, strict=True)), np.array(lines[1:]), content)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell
+
+
+def _check_header(header: list[str], where: str, n: int) -> None:
+    """Refuse unknown, doubled and missing columns."""
+    if len(header) == 1 and re.search(r"[;\t]", header[0]):
+        raise BayescalError("the columns are not separated by commas", where, "save with commas and dots")
+    known = [*PLAIN, *(c for kind in JOINT for c in joint_columns(kind, n))]
+    for i, column in enumerate(header):
+        if column in header[:i]:
+            raise BayescalError(f"column `{column}` is given twice", where, "keep one")
+        joint = re.fullmatch(rf"j(\d+)_({'|'.join(JOINT)})", column)
+        if joint and int(joint[1]) > n:
+            what = f"column `{column}`, but the robot has {n} joints"
+            raise BayescalError(what, where, "check `robot` in dataset.yaml")
+        if not column:
+            raise BayescalError(f"column {i + 1} has no name", where, "name it, or delete it")
+        if column not in known:
+            what, remedy = unknown("column", column, known)
+            raise BayescalError(what, where, remedy)
+    for column in ("id", "target", *joint_columns("deg", n)):
+        if column not in header:
+            remedy = f"the robot has {n} joints: j1_deg to j{n}_deg" if column.startswith("j") else "add it"
+            raise BayescalError(f"column `{column}` is missing", where, remedy)
+    for group in (*(joint_columns(kind, n) for kind in JOINT[1:]), XYZ, RPY):
+        missing = [c for c in group if c not in header]
+        if missing and len(missing) < len(group):
+            remedy = f"give all of {', '.join(group)}, or none"
+            raise BayescalError(f"column `{missing[0]}` is missing", where, remedy)

@@ -1,0 +1,115 @@
+"""What a measuring session leaves behind, in SI units and checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayescal.arm.robot import Robot
+
+ROLES = ("calibrate", "validate", "locate")
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A point carried by the flange. `u` is the prior's standard uncertainty; None is loose."""
+
+    name: str
+    centre: np.ndarray  # (3,) m, in the flange frame
+    ball_radius: float | None = None  # m
+    mass: float = 0.0  # kg, of all that hangs on the flange
+    centre_of_mass: np.ndarray | None = None  # (3,) m, in the flange frame
+    u: float | None = None  # m, 0 = known
+    u_angle: float | None = None  # rad
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is touched or looked at: its kind and nominal place in F0.
+
+    `values` holds what the kind needs, SI, under the contract's keys without their units: plane
+    ``normal`` (3,) unit, ``offset``; sphere ``centre``, ``diameter``; cylinder ``point``, ``axis``
+    unit, ``diameter``; fixed-point ``centre``; distance ``centre``, ``length`` (nan where the rows
+    read it); instrument ``xyz``, ``rpy``.
+    """
+
+    name: str
+    kind: str
+    values: dict[str, np.ndarray | float]
+    u: float | None = None  # m, None = loose, 0 = known
+    u_angle: float | None = None  # rad
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What an artefact's paper says of one or two targets; uncertainties are standard (k = 1).
+
+    kind ``parallel`` (distance m, u_distance m, u_angle rad), ``perpendicular`` (u_angle),
+    ``distance`` (distance, u_distance), ``diameter`` (u_distance is that of the diameter),
+    ``flat`` (u_form m).
+    """
+
+    kind: str
+    targets: tuple[str, ...]
+    distance: float | None = None
+    u_distance: float | None = None
+    u_angle: float | None = None
+    u_form: float | None = None
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Stated standard uncertainties: one contact (m), one instrument coordinate (m), one reading (rad).
+
+    None where the file states none.
+    """
+
+    contact: float | None = None
+    point: float | None = None
+    joint: float = 0.0
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """N rows in order of time. Optional columns are None where the file has no such column."""
+
+    ids: tuple[str, ...]
+    role: np.ndarray  # (N,) str, of ROLES
+    target: np.ndarray  # (N,) int, index into Dataset.targets
+    tool: np.ndarray  # (N,) int, index into Dataset.tools
+    readings: np.ndarray  # (N, n) rad
+    line: np.ndarray  # (N,) int, line in measurements.csv (the header is line 1)
+    velocity: np.ndarray | None = None  # (N, n) rad/s
+    xyz: np.ndarray | None = None  # (N, 3) m, nan in rows that read none
+    rpy: np.ndarray | None = None  # (N, 3) rad, nan in rows that read none
+    length: np.ndarray | None = None  # (N,) m, nan in rows that read none
+    u: np.ndarray | None = None  # (N,) m, nan where the stated noise holds
+    stop: np.ndarray | None = None  # (N,) str, "" where none
+    command: np.ndarray | None = None  # (N, n) rad
+    torque: np.ndarray | None = None  # (N, n) N m
+    time: np.ndarray | None = None  # (N,) s
+    temperature: np.ndarray | None = None  # (N,) deg C
+    payload: np.ndarray | None = None  # (N,) kg beyond the tool
+    repeat: np.ndarray | None = None  # (N,) str, "" where none
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """One session: robot, tools, targets, certificates and measurements."""
+
+    name: str
+    folder: Path
+    robot: Robot
+    robot_reference: str  # as dataset.yaml names it: built-in or a path beside it
+    readings: str  # "encoder" or "command"
+    gravity: np.ndarray  # (3,) m/s2, in F0
+    tools: tuple[Tool, ...]
+    noise: Noise
+    targets: tuple[Target, ...]
+    certificates: tuple[Certificate, ...]
+    measurements: Measurements
+    temperature_of: str | None = None
+    source: str | None = None
+    sha256: str = ""  # of dataset.yaml, measurements.csv and the robot file

@@ -1,0 +1,206 @@
+"""A `Dataset` to a folder on disk, whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import shutil
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from bayescal.dataset.read import SETTINGS, TABLE
+from bayescal.dataset.schema import CERTIFICATES, SCHEMA, TARGETS, ToolEntry
+from bayescal.dataset.session import FIELDS, KINDS
+from bayescal.dataset.table import JOINT, RPY, XYZ, joint_columns
+from bayescal.dataset.types import Certificate, Dataset, Target, Tool
+from bayescal.errors import BayescalError
+from bayescal.files import si, stem_of
+from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
+from bayescal.robots.writing import number, scalar
+
+ROBOT = "robot.yaml"
+
+DECIMALS = {"mm": 6, "deg": 7, "degps": 6, "kg": 6, "nm": 6, "s": 4, "c": 4, "mps2": 9}
+"""Decimals of a value in a file's unit: a nanometre, two nanoradians; finer than anything measured."""
+
+DIRECTION = 12
+"""Decimals of a unit vector."""
+
+UNCERTAINTY = 9
+"""Significant digits of an uncertainty."""
+
+
+def write_dataset(dataset: Dataset, folder: Path | str) -> None:
+    """Write dataset.yaml, measurements.csv and, unless it is a built-in one as it stands, robot.yaml.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        What to write. Values are rounded to `DECIMALS`.
+    folder : Path or str
+        Made by this; may exist only if empty.
+
+    Raises
+    ------
+    BayescalError
+        If the folder holds something already. Whatever fails, no half-written folder stays.
+    """
+    folder = Path(folder)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise BayescalError("the folder is there already and not empty", str(folder), "give a new one")
+    builtin = _is_builtin(dataset)
+    files = {
+        SETTINGS: _settings(dataset, dataset.robot_reference if builtin else ROBOT),
+        TABLE: _table(dataset),
+    }
+    if not builtin:
+        files[ROBOT] = robot_to_yaml(dataset.robot)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    stage = folder.parent / f".{folder.name}.{os.getpid()}.part"
+    stage.mkdir()
+    try:
+        for name, text in files.items():
+            (stage / name).write_text(text, encoding="utf-8", newline="")
+        if folder.exists():
+            folder.rmdir()
+        stage.rename(folder)
+    except BaseException:
+        shutil.rmtree(stage, ignore_errors=True)
+        raise
+
+
+def _is_builtin(dataset: Dataset) -> bool:
+    if dataset.robot_reference not in builtin_robots():
+        return False
+    return robot_to_yaml(load_robot(dataset.robot_reference)[0]) == robot_to_yaml(dataset.robot)
+
+
+def _text(key: str, value: np.ndarray | float) -> str:
+    """A value in SI as `key` writes it: a number or a list, in the key's unit, rounded."""
+    stem, unit = stem_of(key)
+    values = np.atleast_1d(value) / si(key)
+    if stem == "u" or stem.startswith("u_"):
+        texts = [number(v, UNCERTAINTY) for v in values]
+    else:
+        texts = [_rounded(v, DECIMALS.get(unit, DIRECTION)) for v in values]
+    return f"[{', '.join(texts)}]" if np.ndim(value) else texts[0]
+
+
+def _rounded(value: float, decimals: int) -> str:
+    return number(round(float(value), decimals), 15)
+
+
+def _flow(items: Iterable[tuple[str, str]]) -> str:
+    return "{" + ", ".join(f"{key}: {text}" for key, text in items) + "}"
+
+
+def _tool(tool: Tool) -> str:
+    values = {
+        "centre_mm": tool.centre,
+        "ball_radius_mm": tool.ball_radius,
+        "mass_kg": tool.mass or None,
+        "centre_of_mass_mm": tool.centre_of_mass,
+        "u_mm": tool.u,
+        "u_rad": tool.u_angle,
+    }
+    assert values.keys() == ToolEntry.model_fields.keys()
+    return _flow((key, _text(key, value)) for key, value in values.items() if value is not None)
+
+
+def _target(target: Target) -> str:
+    def items() -> Iterator[tuple[str, str]]:
+        yield "kind", target.kind
+        own = {"u_mm": target.u, "u_rad": target.u_angle}
+        keys = [k for k in TARGETS[target.kind].model_fields if k != "kind"]
+        for key in sorted(keys, key=lambda k: k in own):
+            value = own[key] if key in own else target.values[stem_of(key)[0]]
+            if value is not None and not np.isnan(value).any():
+                yield key, _text(key, value)
+
+    return _flow(items())
+
+
+def _certificate(certificate: Certificate) -> str:
+    def items() -> Iterator[tuple[str, str]]:
+        yield "kind", certificate.kind
+        key = KINDS[certificate.kind][0]
+        names = ", ".join(map(scalar, certificate.targets))
+        yield key, names if key == "target" else f"[{names}]"
+        for key in CERTIFICATES[certificate.kind].model_fields:
+            if key in FIELDS:
+                yield key, _text(key, getattr(certificate, FIELDS[key]))
+
+    return _flow(items())
+
+
+def _settings(dataset: Dataset, robot: str) -> str:
+    """dataset.yaml, in the contract's order."""
+    noise = {
+        "contact_mm": dataset.noise.contact,
+        "point_mm": dataset.noise.point,
+        "joint_deg": dataset.noise.joint,
+    }
+    lines = [
+        f"schema: {SCHEMA}",
+        f"name: {scalar(dataset.name)}",
+        f"robot: {scalar(robot)}",
+        f"readings: {dataset.readings}",
+        f"gravity_mps2: {_text('gravity_mps2', dataset.gravity)}",
+        "tools:",
+        *(f"  {scalar(tool.name)}: {_tool(tool)}" for tool in dataset.tools),
+        "noise:",
+        *(f"  {k}: {number(v / si(k), UNCERTAINTY)}" for k, v in noise.items() if v is not None),
+        "targets:",
+        *(f"  {scalar(target.name)}: {_target(target)}" for target in dataset.targets),
+    ]
+    if dataset.certificates:
+        lines += ["certificates:", *(f"  - {_certificate(c)}" for c in dataset.certificates)]
+    if dataset.temperature_of is not None:
+        lines.append(f"temperature_of: {dataset.temperature_of}")
+    if dataset.source is not None:
+        lines.append(f"source: {scalar(dataset.source)}")
+    return "\n".join(lines) + "\n"
+
+
+def _cells(column: str, values: np.ndarray) -> list[str]:
+    """Cells of one column of numbers in SI; nan is an empty cell."""
+    if column == "u_mm":
+        return ["" if np.isnan(v) else number(v / si(column), UNCERTAINTY) for v in values]
+    decimals = DECIMALS[stem_of(column)[1]]
+    return ["" if np.isnan(v) else _rounded(v / si(column), decimals) for v in values]
+
+
+def _table(dataset: Dataset) -> str:
+    """measurements.csv, its columns in the contract's order."""
+    rows, n = dataset.measurements, dataset.robot.n
+    columns: dict[str, Iterable[str]] = {"id": rows.ids, "role": map(str, rows.role)}
+    columns["target"] = [dataset.targets[i].name for i in rows.target]
+    if len(dataset.tools) > 1:
+        columns["tool"] = [dataset.tools[i].name for i in rows.tool]
+    blocks = {
+        joint_columns(kind, n): block
+        for kind, block in zip(JOINT, (rows.readings, rows.velocity, rows.command, rows.torque), strict=True)
+    }
+    for names, block in (blocks | {XYZ: rows.xyz, RPY: rows.rpy}).items():
+        if block is not None:
+            columns |= {name: _cells(name, values) for name, values in zip(names, block.T, strict=True)}
+    singles = {
+        "length_mm": rows.length,
+        "u_mm": rows.u,
+        "stop": rows.stop,
+        "time_s": rows.time,
+        "temperature_c": rows.temperature,
+        "payload_kg": rows.payload,
+        "repeat": rows.repeat,
+    }
+    for name, cells in singles.items():
+        if cells is not None:
+            columns[name] = map(str, cells) if name in ("stop", "repeat") else _cells(name, cells)
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    return out.getvalue()

@@ -1,0 +1,57 @@
+"""Geometry: every length, twist and joint zero of the (modified or standard) DH rows.
+
+Prior scales: standard deviations seen in 22 factory-calibrated UR arms and an ABB IRB 120 measured
+with a laser tracker: lengths 0.3 mm, twists 1 mrad, joint zeros 2 mrad.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayescal.arm.motion import Term
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+
+LENGTH_SD = 0.3e-3  # m
+TWIST_SD = 1e-3  # rad
+ZERO_SD = 2e-3  # rad
+BASE_SD = {"t": 50e-3, "r": 0.2}  # m and rad: as loose as a target that states nothing
+PARALLEL = np.radians(5.0)  # below this twist a distance along the axes is no longer a length of its own
+
+KINDS = {"theta": ("rz", "rad", ZERO_SD), "d": ("tz", "m", LENGTH_SD), "alpha": ("rx", "rad", TWIST_SD)}
+KINDS |= {"a": ("tx", "m", LENGTH_SD), "beta": ("ry", "rad", TWIST_SD)}
+
+
+def _nominal(c: Circumstances, kind: str, i: int) -> float:
+    """The drawing's value of a_i, alpha_i ... in the subscripts of Craig: of link i, behind joint i."""
+    robot = c.robot
+    if kind in ("theta", "d"):
+        return float((robot.offset if kind == "theta" else robot.d)[i - 1])
+    row = i if robot.convention == "mdh" else i - 1
+    return float({"alpha": robot.alpha, "a": robot.a, "beta": robot.beta}[kind][row])
+
+
+def _link(c: Circumstances, kind: str, i: int) -> Parameter:
+    axis, unit, sd = KINDS[kind]
+    return Parameter(f"{kind}{i}", unit, (Term(i, axis),), sd, _nominal(c, kind, i))
+
+
+def _parameters(c: Circumstances) -> list[Parameter]:
+    n = c.robot.n
+    out = []
+    if c.tied_base:
+        for axis in ("tx", "ty", "tz", "rx", "ry", "rz"):
+            name, unit = f"base {axis[1]}" if axis[0] == "t" else f"base {axis}", "m" if axis[0] == "t" else "rad"
+            out.append(Parameter(name, unit, (Term(0, axis),), BASE_SD[axis[0]]))
+    for i in range(1, n + 1):
+        last = i == n
+        # the first zero and height belong to the base, the last to the tool: told apart only where those are tied
+        if (i > 1) and (not last or c.tied_tool):
+            out += [_link(c, "theta", i), _link(c, "d", i)]
+        if not last:
+            out += [_link(c, "a", i), _link(c, "alpha", i)]
+            if abs(c.chain.link[i, 2, 1]) < np.sin(PARALLEL):  # parallel or opposed axes
+                out.append(_link(c, "beta", i))
+    return out
+
+
+GEOMETRY = Effect("geometry", "lengths, twists and joint zeros of the DH rows", _parameters)

@@ -1,0 +1,77 @@
+"""The nouns that an effect is told in: circumstances, parameters, and the effect itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bayescal.arm.chain import Chain
+from bayescal.arm.motion import Term
+from bayescal.arm.robot import Robot
+
+UNITS = {
+    "m": ("mm", 1e3),
+    "rad": ("deg", 180.0 / np.pi),
+    "rad/(N m)": ("urad/(N m)", 1e6),
+    "1": ("1", 1.0),
+}
+"""SI unit in memory -> unit in files and factor to it."""
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """All that a driver may vary with, one value a row of the session (N rows).
+
+    `tied_base` says that a target's place in F0 is stated, `tied_tool` that a tool's centre is: only
+    then can the base, and the last row's theta and d, be told from the targets and the tool.
+    `moments` are the gravity moments of `statics.gravity_moments`, None where the robot has no masses.
+    """
+
+    robot: Robot
+    chain: Chain
+    q: np.ndarray  # (N, n) nominal link angles, rad
+    moments: np.ndarray | None  # (N, n + 1, 3) N m
+    tool: np.ndarray  # (N,) index into tool_names
+    tool_names: tuple[str, ...]
+    tool_centres: np.ndarray  # (tools, 3) m, nominal
+    tool_u: tuple[float | None, ...]  # m, stated uncertainty of each tool's centre
+    fitted_tools: tuple[int, ...]  # those used by the rows that are fitted
+    tied_base: bool
+    tied_tool: bool
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One unknown number: value = nominal + sd z, or median exp(sd z), with z ~ N(0, 1) a priori.
+
+    The terms are driven by value - nominal, so that z = 0 of the linear ones is the drawing.
+    """
+
+    name: str
+    unit: str  # SI, a key of UNITS
+    terms: tuple[Term, ...]
+    sd: float  # prior standard deviation, of the logarithm where there is a median
+    nominal: float = 0.0
+    median: float | None = None  # of a positive parameter
+    effect: str = field(default="", compare=False)
+
+    def widened(self, factor: float) -> Parameter:
+        """The same parameter with a prior `factor` times as wide."""
+        return Parameter(
+            self.name, self.unit, self.terms, self.sd * factor, self.nominal, self.median, self.effect
+        )
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A cause of error: its name and the parameters it brings to a session.
+
+    `missing` says in words what the session or the robot lacks for it, or "".
+    """
+
+    name: str
+    summary: str
+    parameters: Callable[[Circumstances], list[Parameter]]
+    missing: Callable[[Circumstances], str] = lambda circumstances: ""

@@ -1,0 +1,325 @@
+"""The estimate: Levenberg-Marquardt on the factor graph, robust weights, noise, covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtri
+
+from bayescal.arm.kernel import MAX_ANGLE
+from bayescal.errors import BayescalError
+from bayescal.model import ARM, Block, Model, Tie
+
+STATED_WORTH = 8.0
+"""Contacts that the stated noise is worth, as a prior of the noise scale (inverse gamma)."""
+TAIL = 4.0
+"""Degrees of freedom of the Student t that weighs rows while outliers are sought."""
+LARGEST_SCALE_SD = 5e-3
+"""Relative standard deviation of the arm's size beyond which no length counts as known."""
+ROUNDS = 25
+"""At most so many reweightings."""
+
+
+@dataclass(frozen=True)
+class Weights:
+    """How much each residual counts, by target: `sigma` (R,) m at noise scale 1, row weights (C,)."""
+
+    sigma: Mapping[str, np.ndarray]
+    row: Mapping[str, np.ndarray]
+    scale: Mapping[str, float]  # by noise group
+
+    def whitening(self, block: Block) -> np.ndarray:
+        """Factors (R,) that whiten a block's residuals."""
+        row = np.tile(self.row[block.target], block.kind.rows)
+        return np.sqrt(row) / (self.sigma[block.target] * self.scale[block.group])
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The problem linearised at z, whitened, without the prior: contacts block after block, then ties."""
+
+    residual: np.ndarray  # (R,)
+    jacobian: np.ndarray  # (R, D)
+    of_block: Mapping[str, slice]  # rows of each target's contacts
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The most probable parameters, their covariance, and what became of every contact."""
+
+    model: Model
+    z: np.ndarray  # (D,)
+    covariance: np.ndarray  # (D, D), of z
+    weights: Weights
+    linear: Linear
+    iterations: int
+    rejected: np.ndarray  # rows of the session left out as outliers
+    dof: Mapping[str, float]  # degrees of freedom left to each noise group
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Posterior standard deviations of z, (D,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def residuals(self, block: Block, z: np.ndarray | None = None) -> np.ndarray:
+        """Residuals (..., rows, C), m, of a block, at the estimate or at other z (..., D)."""
+        z = self.z if z is None else z
+        slices = self.model.slices
+        return block.residual(self.model.deviations(z[..., slices[ARM]]), z[..., slices[block.target]])
+
+
+def unit_weights(model: Model, z: np.ndarray) -> Weights:
+    """Every contact fully, at its stated noise; that of the readings enters through the Jacobian at z."""
+    joint = model.scene.dataset.noise.joint
+    sigma = {}
+    for block in model.blocks:
+        own = np.tile(block.sigma, block.kind.rows)
+        if joint > 0:
+            coupling = model.scene.dataset.robot.link_from_reading
+            slices = model.slices
+            by = block.by_readings(model.deviations(z[slices[ARM]]), z[slices[block.target]], coupling)
+            own = np.sqrt(own**2 + joint**2 * np.sum(by**2, axis=1))
+        sigma[block.target] = own
+    row = {block.target: np.ones(len(block.rows)) for block in model.blocks}
+    return Weights(sigma, row, {block.group: 1.0 for block in model.blocks})
+
+
+def linearise(model: Model, z: np.ndarray, weights: Weights) -> Linear:
+    """Whitened residuals and Jacobian at z, in NumPy arrays."""
+    residuals, jacobians, of_block, at = [], [], {}, 0
+    arm = z[model.slices[ARM]]
+    values, slopes = model.deviations(arm), model.slopes(arm)
+    for block in model.blocks:
+        own = model.slices[block.target]
+        r, by_arm, by_target = block.linearise(values, z[own])
+        whiten = weights.whitening(block)
+        jacobian = np.zeros((len(r), model.size))
+        jacobian[:, model.slices[ARM]] = by_arm * slopes * whiten[:, None]
+        jacobian[:, own] = by_target * whiten[:, None]
+        residuals.append(r * whiten)
+        jacobians.append(jacobian)
+        of_block[block.target] = slice(at, at + len(r))
+        at += len(r)
+    for tie in model.ties:
+        r, slopes_of = _tied(model, tie, *(z[model.slices[name]] for name in tie.targets))
+        jacobian = np.zeros((tie.rows, model.size))
+        for name, slope in zip(tie.targets, slopes_of, strict=True):
+            jacobian[:, model.slices[name]] += slope
+        residuals.append(r)
+        jacobians.append(jacobian)
+    return Linear(np.concatenate(residuals), np.concatenate(jacobians), of_block)
+
+
+def _tied(model: Model, tie: Tie, *parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """A certificate's whitened residuals (..., rows) and gradients by its targets' parts of z."""
+    blocks = [model.block_of[name] for name in tie.targets]
+    r, slopes = tie.function(*(b.state(z) for b, z in zip(blocks, parts, strict=True)))
+    return r, [s[..., b.free] * b.kind.sd[b.free] for b, s in zip(blocks, slopes, strict=True)]
+
+
+def solve(model: Model, weights: Weights, start: np.ndarray) -> tuple[np.ndarray, Callable[[], np.ndarray], int]:
+    """Levenberg-Marquardt on the factor graph: a factor a target, a prior a variable, the certificates.
+
+    Returns
+    -------
+    z : np.ndarray, shape (D,)
+    covariance : callable
+        Computes the covariance of z, (D, D), from the graph's marginals.
+    iterations : int
+    """
+    from factors.graph import Graph
+
+    slices = model.slices
+    graph = Graph()
+    for name, own in slices.items():
+        if own.stop > own.start:
+            graph.variable(name, own.stop - own.start)
+    variables = [name for name, own in slices.items() if own.stop > own.start]
+    for block in model.blocks:
+        add_block(graph, model, block, weights.whitening(block))
+    for tie in model.ties:
+        free = [name for name in tie.targets if name in variables]
+        if free:
+            graph.factor(free, tie.rows, _tie_function(model, tie, free))
+    found, iterations = graph.solve({name: start[slices[name]] for name in variables})
+    z = np.zeros(model.size)
+    for name, value in found.items():
+        z[slices[name]] = value
+    return z, lambda: graph.covariance(variables), iterations
+
+
+def add_block(graph, model: Model, block: Block, whiten: np.ndarray) -> None:  # type: ignore[no-untyped-def]
+    """Add the stacked contacts of one target to a graph."""
+
+    def function(want: bool, *parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        arm = parts[0] if model.parameters else np.zeros(0)
+        own = parts[-1] if block.size else np.zeros(0)
+        values = model.deviations(arm)
+        if not want:
+            return block.residual(values, own).ravel() * whiten, []
+        r, by_arm, by_target = block.linearise(values, own)
+        slopes = [by_arm * (whiten[:, None] * model.slopes(arm))] if model.parameters else []
+        return r * whiten, slopes + ([by_target * whiten[:, None]] if block.size else [])
+
+    names = ([ARM] if model.parameters else []) + ([block.target] if block.size else [])
+    graph.factor(names, block.residuals, function)
+
+
+def _tie_function(model: Model, tie: Tie, free: list[str]):  # type: ignore[no-untyped-def]
+    def function(want: bool, *parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        given = dict(zip(free, parts, strict=True))
+        r, slopes = _tied(model, tie, *(given.get(name, np.zeros(0)) for name in tie.targets))
+        return r, [s for name, s in zip(tie.targets, slopes, strict=True) if name in given]
+
+    return function
+
+
+def estimate(model: Model, robust: bool = True, start: np.ndarray | None = None) -> Estimate:
+    """Fit a model to its contacts.
+
+    Outliers are sought with Student t weights, row by row, and then left out entirely, so that the
+    covariance is that of the contacts that count. The noise scale of each group is estimated with the
+    fit; the stated noise is worth `STATED_WORTH` contacts.
+
+    Raises
+    ------
+    BayescalError
+        Where no length is known, or the solution lies outside of what the model can say.
+    """
+    z = np.zeros(model.size) if start is None else start
+    weights = unit_weights(model, z)
+    check_length(model, linearise(model, z, weights))
+    z, covariance, iterations = solve(model, weights, z)
+    weights = replace(unit_weights(model, z), scale=weights.scale)
+    if robust:
+        z, weights, more = _without_outliers(model, z, weights)
+        iterations += more
+    for _ in range(ROUNDS):
+        before = dict(weights.scale)
+        z, covariance, more = solve(model, weights, z)
+        iterations += more
+        linear = linearise(model, z, weights)
+        cov = covariance()
+        weights, dof = _rescaled(model, weights, linear, cov)
+        if max(abs(np.log(weights.scale[g] / before[g])) for g in before) < 1e-4:
+            break
+    check_within_reach(model, z)
+    rejected = np.concatenate([b.rows[weights.row[b.target] == 0.0] for b in model.blocks])
+    return Estimate(model, z, cov, weights, linear, iterations, np.sort(rejected), dof)
+
+
+def leverages(linear: Linear, covariance: np.ndarray) -> np.ndarray:
+    """Share of each residual's variance that the fit takes up, (R,)."""
+    return np.einsum("ij,jk,ik->i", linear.jacobian, covariance, linear.jacobian, optimize=True)
+
+
+def _groups(model: Model) -> dict[str, list[Block]]:
+    out: dict[str, list[Block]] = {}
+    for block in model.blocks:
+        out.setdefault(block.group, []).append(block)
+    return out
+
+
+def _rescaled(
+    model: Model, weights: Weights, linear: Linear, covariance: np.ndarray
+) -> tuple[Weights, dict[str, float]]:
+    """Noise scales that agree with the residuals, and the degrees of freedom they stand on."""
+    taken = leverages(linear, covariance)
+    scale, dof = {}, {}
+    for group, blocks in _groups(model).items():
+        at = [linear.of_block[b.target] for b in blocks]
+        chi2 = sum(float(np.sum(linear.residual[s] ** 2)) for s in at) * weights.scale[group] ** 2
+        count = sum(float(np.sum(weights.row[b.target])) * b.kind.rows for b in blocks)
+        dof[group] = max(count - sum(float(np.sum(taken[s])) for s in at), 0.0)
+        scale[group] = float(np.sqrt((STATED_WORTH + chi2) / (STATED_WORTH + dof[group])))
+    return replace(weights, scale=scale), dof
+
+
+def _row_sizes(model: Model, weights: Weights, z: np.ndarray) -> dict[str, np.ndarray]:
+    """Residuals over the stated noise, one size a row (C,): the root mean square over a row's residuals."""
+    out = {}
+    arm = model.deviations(z[model.slices[ARM]])
+    for block in model.blocks:
+        r = block.residual(arm, z[model.slices[block.target]])
+        r = r / weights.sigma[block.target].reshape(r.shape)
+        out[block.target] = np.sqrt(np.mean(r**2, axis=0))
+    return out
+
+
+def _scatter(model: Model, sizes: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Robust noise scales by group: the median size over that of a normal's root mean square."""
+    out = {}
+    for group, blocks in _groups(model).items():
+        # the median of the root mean square of 1 normal is .6745, of 3 it is .8881
+        usual = 0.6745 if blocks[0].kind.rows == 1 else 0.8881
+        size = np.concatenate([sizes[b.target] for b in blocks])
+        spare = max(len(size) - model.size, 0.25 * len(size))
+        out[group] = max(float(np.median(size)) / usual * np.sqrt(len(size) / spare), 1e-3)
+    return out
+
+
+def _without_outliers(model: Model, z: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights, int]:
+    """Student t reweighting until the fit rests, then the rows beyond what their number explains left out."""
+    iterations = 0
+    count = sum(len(b.rows) for b in model.blocks)
+    for _ in range(ROUNDS):
+        sizes = _row_sizes(model, weights, z)
+        scale = _scatter(model, sizes)
+        row = {
+            b.target: (TAIL + b.kind.rows) / (TAIL + b.kind.rows * (sizes[b.target] / scale[b.group]) ** 2)
+            for b in model.blocks
+        }
+        weights = replace(weights, row=row, scale=scale)
+        before = z
+        z, _, more = solve(model, weights, z)
+        iterations += more
+        if np.max(np.abs(z - before)) < 1e-3:
+            break
+    for _ in range(4):
+        sizes = _row_sizes(model, weights, z)
+        scale = _scatter(model, sizes)
+        limit = -ndtri(0.125 / count)  # half a contact in two hundred sessions of clean noise... per row, two-sided
+        row = {}
+        for b in model.blocks:
+            row[b.target] = (sizes[b.target] <= limit * scale[b.group]).astype(float)
+        if all(np.array_equal(row[k], weights.row[k]) for k in row):
+            break
+        weights = replace(weights, row=row, scale=scale)
+        z, _, more = solve(model, weights, z)
+        iterations += more
+    return z, weights, iterations
+
+
+def check_length(model: Model, linear: Linear) -> None:
+    """Refuse a model in which nothing fixes the arm's size: it would shrink to fit, and report no error."""
+    size, direction = 0.0, np.zeros(model.size)
+    for k, p in enumerate(model.parameters):
+        if p.unit == "m" and p.effect == "geometry":
+            size += p.nominal**2
+            direction[k] = p.nominal * p.sd
+    if size == 0.0:
+        return
+    information = linear.jacobian.T @ linear.jacobian + np.eye(model.size)
+    direction /= size
+    sd = float(np.sqrt(direction @ np.linalg.solve(information, direction)))
+    if not sd < LARGEST_SCALE_SD:
+        raise BayescalError(
+            f"no length is known: the size of the arm is uncertain to {100 * sd:.2g} %, and a fit would shrink it",
+            "dataset.yaml",
+            "certify a distance between two fitted targets (certificates: parallel or distance), "
+            "or keep the priors (--prior-width 1)",
+        )
+
+
+def check_within_reach(model: Model, z: np.ndarray) -> None:
+    """Refuse a solution with frames turned further than the chain's series, and any sane drawing, allow."""
+    values = model.deviations(z[model.slices[ARM]])
+    for value, p in zip(values, model.parameters, strict=True):
+        if p.unit == "rad" and abs(value) > MAX_ANGLE and p.effect == "geometry":
+            raise BayescalError(
+                f"{p.name} would have to be {np.degrees(value):.0f} deg off its drawing",
+                "robot",
+                "check offset_deg, the signs of link_from_reading and the units of the readings",
+            )

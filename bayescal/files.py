@@ -1,0 +1,232 @@
+"""Files that people write: YAML with the line of every value, keys with their unit, clear refusals."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path as File
+from typing import Annotated, Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from bayescal.errors import BayescalError
+
+UNITS = {"mm": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180} | dict.fromkeys(
+    ("rad", "kg", "nm", "s", "c", "mps2", "rad_per_nm"), 1.0
+)
+"""Unit suffixes of keys and columns, and what one is in SI (degrees Celsius stay)."""
+
+FOREIGN = ("m", "cm", "um", "in", "inch", "radps", "mrad", "urad", "g", "k", "ms", "n", "ncm", "mnm")
+"""Suffixes of units that no file uses: known so that the right one can be named."""
+
+ANGLES = ("deg", "rad", "mrad", "urad")
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Vector = tuple[Number, Number, Number]
+Path = tuple[str | int, ...]
+M = TypeVar("M", bound=BaseModel)
+
+
+def stem_of(key: str) -> tuple[str, str]:
+    """Split ``offset_mm`` into ``offset`` and ``mm``; the unit is empty where there is none."""
+    for unit in sorted((*UNITS, *FOREIGN), key=len, reverse=True):
+        if key.lower().endswith("_" + unit):
+            return key[: -len(unit) - 1], unit
+    return key, ""
+
+
+def si(key: str) -> float:
+    """Factor from a key's unit to SI; 1 where the key has none."""
+    return UNITS.get(stem_of(key)[1], 1.0)
+
+
+def unknown(noun: str, key: str, known: Iterable[str]) -> tuple[str, str]:
+    """Tell of an unknown key or column: what is wrong, and the remedy."""
+    known = list(known)
+    stem, unit = stem_of(key)
+    same = [k for k in known if stem_of(k)[0] == stem and stem_of(k)[1]]
+    same.sort(key=lambda k: (stem_of(k)[1] in ANGLES) != (unit in ANGLES))
+    if same and not unit:
+        return f"{noun} `{key}` has no unit in its name", f"write `{same[0]}`"
+    if same:
+        return f"{noun} `{key}` has a wrong unit", f"write `{same[0]}`, and its value in that unit"
+    near = difflib.get_close_matches(key, known, 1, 0.6)
+    some = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
+    return f"unknown {noun} `{key}`", f"is it `{near[0]}`?" if near else f"known are: {some}"
+
+
+class Keys(BaseModel):
+    """A mapping of known keys: every other one is refused by name."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown(cls, data: Any) -> Any:
+        known = [f.alias or name for name, f in cls.model_fields.items()]
+        for key in data if isinstance(data, dict) else ():
+            if key not in known:
+                what, remedy = unknown("key", key, known)
+                told = {"at": key, "what": what, "remedy": remedy}
+                raise PydanticCustomError("unknown_key", "unknown key", told)
+        return data
+
+
+def decoded(path: File) -> tuple[str, bytes]:
+    """Text and bytes of a UTF-8 file (a byte order mark is dropped), or a `BayescalError`."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise BayescalError("no such file", path.name, f"looked in {path.parent}") from None
+    except OSError as error:
+        raise BayescalError(f"cannot be read: {error.strerror}", path.name) from None
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise BayescalError("not UTF-8 text", f"{path.name}:{line}", "save the file as UTF-8") from None
+    if not text.strip():
+        raise BayescalError("the file is empty", path.name)
+    return text, content
+
+
+@dataclass(frozen=True)
+class Document:
+    """A YAML file: plain `data` (scalars as text), the line of every value, and the `content` to hash."""
+
+    name: str
+    data: Any
+    lines: dict[Path, int]
+    content: bytes
+
+    def where(self, path: Iterable[str | int]) -> str:
+        """``file:line`` of the deepest part of `path` that the file holds."""
+        found: Path = ()
+        for part in path:  # pydantic's own parts, such as a union's tag, are not in the file
+            if (*found, part) in self.lines:
+                found = (*found, part)
+        return f"{self.name}:{self.lines[found]}"
+
+    def parse(self, model: type[M]) -> M:
+        """Read as `model`, or tell of the first thing wrong."""
+        try:
+            return model.model_validate(self.data)
+        except ValidationError as error:
+            told = [_tell(e) for e in error.errors(include_url=False)]
+        told.sort(key=lambda t: self._line(t[0]))
+        path, what, remedy = told[0]
+        raise BayescalError(what, self.where(path), remedy)
+
+    def _line(self, path: Path) -> int:
+        return int(self.where(path).rpartition(":")[2])
+
+
+def read_document(path: File) -> Document:
+    """Read a YAML file; refuse duplicate keys, and whatever is no mapping.
+
+    Scalars stay text: a name such as ``on`` or ``12`` is not taken for something else, and the
+    model's numbers are parsed from it.
+    """
+    text, content = decoded(path)
+    lines: dict[Path, int] = {(): 1}
+    loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+    try:
+        node = yaml.compose(text, Loader=loader)
+        data = _plain(node, (), lines, path.name, set())
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"{path.name}:{mark.line + 1}" if mark else path.name
+        raise BayescalError(f"not YAML: {error.problem}", where, "check indents and brackets") from None
+    except yaml.YAMLError as error:
+        raise BayescalError(f"not YAML: {error}", path.name) from None
+    if not isinstance(data, dict):
+        raise BayescalError("expected keys and values", f"{path.name}:1", "start with `schema: ...`")
+    return Document(path.name, data, lines, content)
+
+
+def check_schema(document: Document, schema: str) -> None:
+    """Refuse a document whose ``schema`` is missing or another than `schema`."""
+    given = document.data.get("schema")
+    if given == schema:
+        return
+    family = schema.partition("/")[0]
+    if not isinstance(given, str):
+        raise BayescalError("missing key `schema`", document.where(()), f"add `schema: {schema}`")
+    what = f"schema `{given}` is " + ("of another version" if given.startswith(family) else "not known here")
+    raise BayescalError(what, document.where(("schema",)), f"this version reads `{schema}`")
+
+
+def _plain(node: yaml.Node | None, path: Path, lines: dict[Path, int], name: str, open_: set[int]) -> Any:
+    """Data of a node; fills `lines`. `open_` holds the nodes being read: a loop of aliases is refused."""
+    if node is None:
+        return None
+    if isinstance(node, yaml.ScalarNode):
+        return None if not node.style and node.value in ("", "~", "null") else node.value
+    if id(node) in open_:
+        raise BayescalError("an alias contains itself", f"{name}:{node.start_mark.line + 1}")
+    inside = open_ | {id(node)}
+    if isinstance(node, yaml.SequenceNode):
+        items = []
+        for i, item in enumerate(node.value):
+            lines[(*path, i)] = item.start_mark.line + 1
+            items.append(_plain(item, (*path, i), lines, name, inside))
+        return items
+    out: dict[str, Any] = {}
+    for key, value in node.value:
+        line = key.start_mark.line + 1
+        if not isinstance(key, yaml.ScalarNode):
+            raise BayescalError("a key must be a plain name", f"{name}:{line}")
+        if key.value in out:
+            first = lines[(*path, key.value)]
+            raise BayescalError(
+                f"`{key.value}` is given twice", f"{name}:{line}", f"the first is in line {first}; keep one"
+            )
+        lines[(*path, key.value)] = line
+        out[key.value] = _plain(value, (*path, key.value), lines, name, inside)
+    return out
+
+
+_TOLD: dict[str, Callable[[str, dict[str, Any], Any], tuple[str, str]]] = {
+    "missing": lambda key, ctx, value: (f"missing {key}", "add it"),
+    "float_parsing": lambda key, ctx, value: (f"{key} is not a number: {value!r}", "write a plain number"),
+    "float_type": lambda key, ctx, value: (f"{key} is not a number", "write a plain number"),
+    "finite_number": lambda key, ctx, value: (f"{key} is {value}, not a finite number", "write a number"),
+    "greater_than": lambda key, ctx, value: (f"{key} is {value}", f"must be more than {ctx['gt']:g}"),
+    "greater_than_equal": lambda key, ctx, value: (f"{key} is {value}", f"must be at least {ctx['ge']:g}"),
+    "literal_error": lambda key, ctx, value: (f"{key} is {value!r}", f"must be {ctx['expected']}"),
+    "union_tag_invalid": lambda key, ctx, value: (
+        f"unknown kind {ctx['tag']!r} of {key}",
+        f"must be one of {ctx['expected_tags']}",
+    ),
+    "union_tag_not_found": lambda key, ctx, value: (f"{key} has no `kind`", "add `kind: ...`"),
+    "too_long": lambda key, ctx, value: (
+        f"{key} has {ctx['actual_length']} entries",
+        f"must have {ctx['max_length']}",
+    ),
+    "too_short": lambda key, ctx, value: (
+        f"{key} has {ctx['actual_length']} entries",
+        f"must have at least {ctx['min_length']}",
+    ),
+    "string_type": lambda key, ctx, value: (f"{key} is not a text", "write one line of text"),
+    "tuple_type": lambda key, ctx, value: (f"{key} is not a list", "write it as [.., .., ..]"),
+    "model_type": lambda key, ctx, value: (f"{key} must hold keys and values", "write {key: value, ...}"),
+}
+_TOLD["dict_type"] = _TOLD["model_attributes_type"] = _TOLD["model_type"]
+_TOLD["list_type"] = _TOLD["tuple_type"]
+
+
+def _tell(error: ErrorDetails) -> tuple[Path, str, str]:
+    """Path in the file, what is wrong and its remedy, of one pydantic error."""
+    path, ctx = tuple(error["loc"]), dict(error.get("ctx") or {})
+    if error["type"] == "unknown_key":
+        return (*path, ctx["at"]), ctx["what"], ctx["remedy"]
+    last = path[-1] if path else "the file"
+    key = f"`{path[-2]}`, entry {last + 1}" if isinstance(last, int) and len(path) > 1 else f"`{last}`"
+    told = _TOLD.get(error["type"], lambda key, ctx, value: (f"{key}: {error['msg']}", ""))
+    return path, *told(key, ctx, error["input"])

@@ -1,0 +1,270 @@
+"""The model: a scene and its effects as named, whitened parameters with their residuals.
+
+The vector z = (arm, first target, second target, ...) is standard normal a priori. The arm's part
+maps to physical values by `Parameter`, a target's part by the `sd` of its kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayescal.arm.motion import CONTACT, Motion, Term
+from bayescal.dataset import Certificate as CertificateEntry
+from bayescal.effects import UNITS, Parameter, parameters_of
+from bayescal.errors import BayescalError
+from bayescal.scene import Scene
+from factors import certificate
+from factors.kind import Kind
+
+ARM = "arm"
+
+
+@dataclass(frozen=True)
+class Block:
+    """The rows of one target: their motion and kind, ready for residuals.
+
+    `sigma` (C,) m is the stated uncertainty of a residual; `contact` (P', C) drives the residual
+    directly by the parameters `contact_index` (P',). `group` names the noise scale that it shares.
+    """
+
+    target: str
+    group: str
+    rows: np.ndarray
+    motion: Motion
+    kind: Kind
+    sigma: np.ndarray
+    contact_index: np.ndarray
+    contact: np.ndarray
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which components of the target's state are unknown, (size,) bool."""
+        return self.kind.sd > 0
+
+    @property
+    def size(self) -> int:
+        """Length of the target's part of z."""
+        return int(self.free.sum())
+
+    @property
+    def residuals(self) -> int:
+        """Number of residuals: rows of the kind times contacts."""
+        return self.kind.rows * len(self.rows)
+
+    def state(self, z: np.ndarray) -> np.ndarray:
+        """The target's state (..., kind size), m and rad, from its part of z (..., size)."""
+        out = np.zeros((*z.shape[:-1], len(self.kind.sd)))
+        out[..., self.free] = z * self.kind.sd[self.free]
+        return out
+
+    def residual(self, values: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Residuals (..., rows, C), m, at arm deviations (..., P) and target z (..., size)."""
+        r = self.kind.residual(self.state(z), self.motion.points(values))
+        if len(self.contact_index):
+            r = r + (values[..., self.contact_index] @ self.contact)[..., None, :]
+        return r
+
+    def linearise(self, values: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residuals (R,), m, and gradients by the arm's deviations (R, P) and the target's z (R, size)."""
+        p = self.motion.points(values)
+        r, u, dx = self.kind.linearise(self.state(z), p)
+        count = len(self.rows)
+        arm = np.empty((self.kind.rows, count, self.motion.size))
+        for k in range(self.kind.rows):
+            arm[k] = self.motion.columns(values, p, u[k]).T
+        if len(self.contact_index):
+            r = r + values[self.contact_index] @ self.contact
+            arm[:, :, self.contact_index] += self.contact.T
+        own = dx[..., self.free] * self.kind.sd[self.free]
+        return r.ravel(), arm.reshape(-1, self.motion.size), own.reshape(self.residuals, -1)
+
+    def by_readings(self, values: np.ndarray, z: np.ndarray, coupling: np.ndarray) -> np.ndarray:
+        """Gradients of the residuals (R, n) by the joint readings, m/rad; coupling (n, n) link from reading."""
+        n = self.motion.chain.n
+        joints = [(j, Term(j + 1, "rz")) for j in range(n)]
+        # frozen at its present displacement, the arm is a chain of nominal angles that already are displaced
+        delta = self.motion.displacements(values)
+        turned = self.motion.q + delta[:, 1 : n + 1, 0]
+        plain = Motion(self.motion.chain, turned, self.motion.tool, joints, n)
+        at = np.zeros(n)
+        p = plain.points(at)
+        _, u, _ = self.kind.linearise(self.state(z), p)
+        return np.concatenate([plain.columns(at, p, u[k]).T @ coupling for k in range(self.kind.rows)])
+
+
+@dataclass(frozen=True)
+class Tie:
+    """A certificate between fitted targets: whitened residuals of their states."""
+
+    targets: tuple[str, ...]
+    rows: int
+    function: certificate.Certificate
+
+
+@dataclass(frozen=True)
+class Model:
+    """Parameters, blocks of contacts and certificates, over the rows that are fitted."""
+
+    scene: Scene
+    effects: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    blocks: tuple[Block, ...]
+    ties: tuple[Tie, ...]
+
+    @cached_property
+    def slices(self) -> Mapping[str, slice]:
+        """Where the arm and each target stand in z."""
+        out = {ARM: slice(0, len(self.parameters))}
+        at = len(self.parameters)
+        for block in self.blocks:
+            out[block.target] = slice(at, at + block.size)
+            at += block.size
+        return out
+
+    @property
+    def size(self) -> int:
+        """Length of z."""
+        return len(self.parameters) + sum(block.size for block in self.blocks)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """A name for every component of z."""
+        out = [p.name for p in self.parameters]
+        for block in self.blocks:
+            out += [f"{block.target} {part}" for (part, _), free in zip(block.kind.parts, block.free, strict=True) if free]
+        return tuple(out)
+
+    @cached_property
+    def block_of(self) -> Mapping[str, Block]:
+        """Blocks by their target's name."""
+        return {block.target: block for block in self.blocks}
+
+    @cached_property
+    def _arrays(self) -> tuple[np.ndarray, ...]:
+        sd = np.array([p.sd for p in self.parameters])
+        nominal = np.array([p.nominal for p in self.parameters])
+        median = np.array([np.nan if p.median is None else p.median for p in self.parameters])
+        return sd, nominal, median, np.flatnonzero(~np.isnan(median))
+
+    def deviations(self, z: np.ndarray) -> np.ndarray:
+        """Deviations of the arm's parameters from the drawing (..., P), SI, from the arm's z (..., P)."""
+        sd, nominal, median, positive = self._arrays
+        out = z * sd
+        out[..., positive] = median[positive] * np.exp(out[..., positive]) - nominal[positive]
+        return out
+
+    def slopes(self, z: np.ndarray) -> np.ndarray:
+        """Derivatives of `deviations` by z, (P,), SI."""
+        sd, _, median, positive = self._arrays
+        out = sd.copy()
+        out[positive] *= median[positive] * np.exp(sd[positive] * z[positive])
+        return out
+
+    def physical(self, z: np.ndarray) -> np.ndarray:
+        """Every component of z (..., size) in SI: arm parameters as values, targets as displacements."""
+        _, nominal, *_ = self._arrays
+        arm = self.deviations(z[..., self.slices[ARM]]) + nominal
+        parts = [z[..., self.slices[b.target]] * b.kind.sd[b.free] for b in self.blocks]
+        return np.concatenate([arm, *parts], axis=-1)
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of every component of z."""
+        out = [p.unit for p in self.parameters]
+        for block in self.blocks:
+            out += [unit for (_, unit), free in zip(block.kind.parts, block.free, strict=True) if free]
+        return tuple(out)
+
+    def in_file_units(self) -> tuple[tuple[str, ...], np.ndarray]:
+        """Units for files, and the factors (size,) to them from SI."""
+        pairs = [UNITS[unit] for unit in self.units]
+        return tuple(name for name, _ in pairs), np.array([factor for _, factor in pairs])
+
+    def motion(self, rows: np.ndarray) -> Motion:
+        """Motion of any rows of the session under this model's parameters."""
+        terms = [
+            (k, Term(t.frame, t.axis, t.driver if np.ndim(t.driver) == 0 else np.asarray(t.driver)[rows]))
+            for k, p in enumerate(self.parameters)
+            for t in p.terms
+        ]
+        return Motion(self.scene.chain, self.scene.q[rows], self.scene.tools[rows], terms, len(self.parameters))
+
+    def block(self, target: int, rows: np.ndarray) -> Block:
+        """Any rows of one target under this model's parameters."""
+        kind = self.scene.kind(target, rows)
+        index, drivers = [], []
+        for k, p in enumerate(self.parameters):
+            at_contact = [t.driver for t in p.terms if t.frame == CONTACT]
+            if at_contact:
+                index.append(k)
+                full = [np.broadcast_to(d, len(self.scene.q))[rows] for d in at_contact]
+                drivers.append(np.sum(full, axis=0))
+        return Block(
+            self.scene.dataset.targets[target].name,
+            self.scene.group(target),
+            rows,
+            self.motion(rows),
+            kind,
+            self.scene.sigma(rows),
+            np.array(index, int),
+            np.array(drivers).reshape(len(index), len(rows)),
+        )
+
+
+def build(scene: Scene, effects: tuple[str, ...], prior_width: float = 1.0) -> Model:
+    """The model of a scene's `calibrate` rows.
+
+    Parameters
+    ----------
+    scene : Scene
+    effects : tuple of str
+        Names of `effects.EFFECTS`; () leaves the arm as drawn.
+    prior_width : float
+        Factor on the prior standard deviations of the arm's parameters.
+
+    Raises
+    ------
+    BayescalError
+        Without rows to fit, or where an effect lacks what it needs.
+    """
+    rows = scene.rows("calibrate")
+    if not len(rows):
+        raise BayescalError("no row has the role calibrate", "measurements.csv", "nothing can be fitted")
+    circumstances = scene.circumstances(rows)
+    parameters = tuple(p.widened(prior_width) for p in parameters_of(effects, circumstances))
+    return with_parameters(scene, effects, parameters)
+
+
+def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Parameter, ...]) -> Model:
+    """The model of a scene's `calibrate` rows with any parameters."""
+    rows = scene.rows("calibrate")
+    bare = Model(scene, effects, parameters, (), ())
+    present = np.unique(scene.dataset.measurements.target[rows])
+    blocks = tuple(bare.block(int(t), scene.rows_of(int(t), rows)) for t in present)
+    kinds = {b.target: b.kind for b in blocks}
+    ties = tuple(tie for entry in scene.dataset.certificates if (tie := _tie(entry, kinds)) is not None)
+    return Model(scene, effects, parameters, blocks, ties)
+
+
+def _tie(entry: CertificateEntry, kinds: Mapping[str, Kind]) -> Tie | None:
+    """A certificate as a factor, or None where one of its targets is not fitted."""
+    if entry.kind not in TIES or any(name not in kinds for name in entry.targets):
+        return None
+    rows, make = TIES[entry.kind]
+    return Tie(entry.targets, rows, make(entry, *(kinds[name] for name in entry.targets)))
+
+
+def _centre(kind: Kind) -> np.ndarray:
+    return kind.centre  # type: ignore[attr-defined]
+
+
+TIES = {
+    "parallel": (3, lambda e, a, b: certificate.parallel(a, b, e.distance, e.u_distance, e.u_angle)),
+    "perpendicular": (1, lambda e, a, b: certificate.perpendicular(a, b, e.u_angle)),
+    "distance": (1, lambda e, a, b: certificate.distance(_centre(a), _centre(b), e.distance, e.u_distance)),
+    "diameter": (1, lambda e, a: certificate.diameter(a, a.diameter, e.u_distance)),
+}

@@ -1,0 +1,72 @@
+"""Robots: the built-in ones and those in a robot.yaml beside a dataset.
+
+Functions
+---------
+load_robot
+    A `Robot` by name or path.
+builtin_robots
+    Names of the built-in ones.
+robot_to_yaml
+    Text of a robot.yaml.
+"""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+from bayescal.arm.robot import Robot
+from bayescal.errors import BayescalError
+from bayescal.files import check_schema, read_document
+from bayescal.robots.schema import SCHEMA, robot_from
+from bayescal.robots.writing import robot_to_yaml
+
+__all__ = ["builtin_robots", "load_robot", "robot_to_yaml"]
+
+_HERE = Path(__file__).parent
+
+
+def builtin_robots() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    return tuple(sorted(p.stem for p in _HERE.glob("*.yaml")))
+
+
+def load_robot(reference: str, folder: Path | None = None) -> tuple[Robot, bytes]:
+    """Read a robot.
+
+    Parameters
+    ----------
+    reference : str
+        A built-in name (`builtin_robots`), or the path of a robot.yaml.
+    folder : Path, optional
+        What a path is relative to; the working directory where left out.
+
+    Returns
+    -------
+    tuple of Robot and bytes
+        The robot in SI units, and its file's content (to hash).
+
+    Raises
+    ------
+    BayescalError
+        With the file and line, if there is no such robot or its file breaks the contract.
+    """
+    names = builtin_robots()
+    suffix = Path(reference).suffix.lower()
+    if suffix in (".urdf", ".xacro"):
+        raise BayescalError(
+            "URDF files are not read yet", reference, "give a robot.yaml (DH table, limits, masses)"
+        )
+    if reference in names:
+        path = _HERE / f"{reference}.yaml"
+    elif suffix in (".yaml", ".yml") or "/" in reference or ((folder or Path()) / reference).is_file():
+        path = (folder or Path()) / reference
+    else:
+        near = difflib.get_close_matches(reference, names, 1)
+        hint = f"is it `{near[0]}`?" if near else f"built-in are: {', '.join(names)}"
+        raise BayescalError(
+            f"no robot is called `{reference}`", "", f"{hint}; or give the path of a robot.yaml"
+        )
+    document = read_document(path)
+    check_schema(document, SCHEMA)
+    return robot_from(document), document.content

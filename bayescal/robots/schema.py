@@ -1,0 +1,124 @@
+"""robot.yaml as pydantic models, in the file's units, and its way to and from a `Robot`.
+
+Beyond the contract a joint may carry ``beta_deg`` (default 0: Hayati's angle of near-parallel axes)
+and the file ``joint_compliance_rad_per_nm`` (one a joint): what a calibrated arm needs to be written.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from bayescal.arm.robot import Robot
+from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.errors import BayescalError
+from bayescal.files import Document, Keys, NotNegative, Number, Positive, Vector, si
+
+SCHEMA = "bayescal-robot/1"
+REACH_MM = (20.0, 50_000.0)
+"""An arm whose lengths add up to less or more was not written in mm."""
+
+
+class Joint(Keys):
+    """One row of the table."""
+
+    name: str
+    alpha_deg: Number
+    a_mm: Number
+    d_mm: Number
+    offset_deg: Number
+    limits_deg: tuple[Number, Number]
+    beta_deg: Number = 0.0
+
+
+class Link(Keys):
+    """What a joint moves; centre of mass in its link frame."""
+
+    mass_kg: NotNegative
+    centre_of_mass_mm: Vector
+
+
+class Base(Keys):
+    """The first row's frame in F0; rpy are fixed-axis roll, pitch, yaw."""
+
+    xyz_mm: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+
+
+class RobotFile(Keys):
+    """robot.yaml."""
+
+    schema_: Literal["bayescal-robot/1"] = Field(alias="schema")
+    name: str
+    convention: Literal["mdh", "dh"]
+    joints: Annotated[list[Joint], Field(min_length=1)]
+    link_from_reading: list[list[Number]] | None = None
+    base: Base = Base()
+    links: list[Link] | None = None
+    reductions: list[Positive] | None = None
+    joint_compliance_rad_per_nm: list[NotNegative] | None = None
+
+
+def robot_from(document: Document) -> Robot:
+    """Check a parsed robot.yaml as a whole and turn it to SI units."""
+    file = document.parse(RobotFile)
+    n = len(file.joints)
+    _check(document, file, n)
+    table = {
+        key.rpartition("_")[0]: np.array([getattr(j, key) for j in file.joints]) * si(key)
+        for key in ("alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg", "limits_deg")
+    }
+    return Robot(
+        name=file.name,
+        convention=file.convention,
+        joint_names=tuple(j.name for j in file.joints),
+        link_from_reading=np.eye(n) if file.link_from_reading is None else np.array(file.link_from_reading),
+        base=rigid(rpy_matrix(np.deg2rad(file.base.rpy_deg)), np.array(file.base.xyz_mm) * 1e-3),
+        masses=None if file.links is None else np.array([link.mass_kg for link in file.links]),
+        centres_of_mass=(
+            None if file.links is None else np.array([link.centre_of_mass_mm for link in file.links]) * 1e-3
+        ),
+        compliance=_array(file.joint_compliance_rad_per_nm),
+        reductions=_array(file.reductions),
+        **table,
+    )
+
+
+def _array(values: list[float] | None) -> np.ndarray | None:
+    return None if values is None else np.array(values)
+
+
+def _check(document: Document, file: RobotFile, n: int) -> None:
+    """What needs several entries: lengths of lists, limits, names, the coupling, the reach."""
+    for key in ("link_from_reading", "links", "reductions", "joint_compliance_rad_per_nm"):
+        entries = getattr(file, key)
+        if entries is not None and len(entries) != n:
+            raise BayescalError(
+                f"`{key}` has {len(entries)} entries, the robot {n} joints",
+                document.where((key,)),
+                "give one a joint",
+            )
+    for i, joint in enumerate(file.joints):
+        if not joint.limits_deg[0] < joint.limits_deg[1]:
+            where = document.where(("joints", i, "limits_deg"))
+            raise BayescalError(f"limits of {joint.name} are not in order", where, "write [lower, upper]")
+        if joint.name in [j.name for j in file.joints[:i]]:
+            where = document.where(("joints", i))
+            raise BayescalError(f"two joints are called {joint.name}", where, "rename one")
+    for i, row in enumerate(file.link_from_reading or ()):
+        if len(row) != n:
+            raise BayescalError(
+                f"row {i + 1} of `link_from_reading` has {len(row)} entries, the robot {n} joints",
+                document.where(("link_from_reading", i)),
+                "give one a joint",
+            )
+    if file.link_from_reading is not None and abs(np.linalg.det(np.array(file.link_from_reading))) < 1e-6:
+        where = document.where(("link_from_reading",))
+        raise BayescalError("`link_from_reading` cannot be inverted", where, "check its rows")
+    reach = sum(math.hypot(j.a_mm, j.d_mm) for j in file.joints)
+    if not REACH_MM[0] <= reach <= REACH_MM[1]:
+        where = document.where(("joints",))
+        raise BayescalError(f"the arm's lengths add up to {reach:g} mm", where, "`a_mm` and `d_mm` are in mm")

@@ -1,0 +1,194 @@
+"""The scene: a dataset as geometry. Chain, angles, torques, nominal contacts, measurement kinds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayescal.arm import chain as reference
+from bayescal.arm.chain import Chain, chain_of, link_angles
+from bayescal.arm.statics import gravity_moments
+from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.dataset import Dataset, Target
+from bayescal.effects import Circumstances
+from bayescal.errors import BayescalError
+from factors.cylinder import Cylinder
+from factors.distance import Distance
+from factors.fixed_point import FixedPoint
+from factors.instrument import Instrument
+from factors.kind import Kind
+from factors.plane import Plane
+from factors.sphere import Sphere
+
+LOOSE, LOOSE_ANGLE = 50e-3, 0.2  # m, rad: the contract's priors of a target that states none
+DIAMETER_SD = 1e-3  # m, of a diameter that no certificate states
+POINT_KINDS = ("instrument",)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A dataset, and what follows from it before anything is fitted."""
+
+    dataset: Dataset
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The nominal chain."""
+        return chain_of(self.dataset.robot)
+
+    @cached_property
+    def tools(self) -> np.ndarray:
+        """Nominal ball centre of each row in the flange frame, (N, 3), m."""
+        centres = np.array([tool.centre for tool in self.dataset.tools])
+        return centres[self.dataset.measurements.tool]
+
+    @cached_property
+    def _rigid_angles(self) -> np.ndarray:
+        return link_angles(self.dataset.robot, self.dataset.measurements.readings)
+
+    @cached_property
+    def moments(self) -> np.ndarray | None:
+        """Gravity moments (N, n + 1, 3), N m, or None where the robot file gives no masses."""
+        robot, m = self.dataset.robot, self.dataset.measurements
+        if robot.masses is None:
+            return None
+        tools = self.dataset.tools
+        mass = np.array([tool.mass for tool in tools])[m.tool]
+        centre = np.array([t.centre if t.centre_of_mass is None else t.centre_of_mass for t in tools])[m.tool]
+        if m.payload is not None:
+            mass = mass + m.payload
+        return gravity_moments(robot, self.chain, self._rigid_angles, self.dataset.gravity, mass, centre)
+
+    @cached_property
+    def q(self) -> np.ndarray:
+        """Nominal link angles (N, n), rad, with the sag of compliances that the robot file knows."""
+        known = self.dataset.robot.compliance
+        if known is None or not np.any(known):
+            return self._rigid_angles
+        if self.moments is None:
+            raise BayescalError("joint_compliance_rad_per_nm without links", "robot file", "add masses under links")
+        return self._rigid_angles + known * self.moments[:, 1:, 2]
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Nominal ball centres (N, 3) in F0, m."""
+        return reference.points(self.chain, self.q, self.tools)
+
+    def rows(self, *roles: str) -> np.ndarray:
+        """Indices of the rows with one of the roles, in order."""
+        return np.flatnonzero(np.isin(self.dataset.measurements.role, roles))
+
+    def rows_of(self, target: int, rows: np.ndarray) -> np.ndarray:
+        """Those of `rows` that measure a target."""
+        return rows[self.dataset.measurements.target[rows] == target]
+
+    def circumstances(self, fitted: np.ndarray) -> Circumstances:
+        """What drivers may vary with, for a model fitted to the rows `fitted`."""
+        d, m = self.dataset, self.dataset.measurements
+        used = tuple(int(k) for k in np.unique(m.tool[fitted]))
+        targets = [d.targets[k] for k in np.unique(m.target[fitted])]
+        return Circumstances(
+            robot=d.robot,
+            chain=self.chain,
+            q=self.q,
+            moments=self.moments,
+            tool=m.tool,
+            tool_names=tuple(tool.name for tool in d.tools),
+            tool_centres=np.array([tool.centre for tool in d.tools]),
+            tool_u=tuple(tool.u for tool in d.tools),
+            fitted_tools=used,
+            tied_base=any(t.u is not None or t.u_angle is not None for t in targets),
+            tied_tool=any(d.tools[k].u is not None for k in used),
+        )
+
+    def group(self, target: int) -> str:
+        """Which stated noise, and so which noise scale, a target's residuals have: contact or point."""
+        return "point" if self.dataset.targets[target].kind in POINT_KINDS else "contact"
+
+    def sigma(self, rows: np.ndarray) -> np.ndarray:
+        """Stated standard uncertainty of one residual of each row, m, without that of the readings."""
+        d, m = self.dataset, self.dataset.measurements
+        kinds = np.array([t.kind for t in d.targets])[m.target[rows]]
+        stated = np.where(np.isin(kinds, POINT_KINDS), d.noise.point or np.nan, d.noise.contact or np.nan)
+        if m.u is not None:
+            stated = np.where(np.isnan(m.u[rows]), stated, m.u[rows])
+        return stated
+
+    def kind(self, target: int, rows: np.ndarray) -> Kind:
+        """The measurement kind of a target, as seen by some of its rows.
+
+        The pivot about which it tilts follows from all rows of the target that are fitted (or, where
+        none is, from all), so that one state serves every choice of rows.
+        """
+        m, item = self.dataset.measurements, self.dataset.targets[target]
+        mine = np.flatnonzero(m.target == target)
+        fitted = mine[m.role[mine] == "calibrate"]
+        middle = self.points[fitted if len(fitted) else mine].mean(axis=0)
+        radii = np.array([t.ball_radius or 0.0 for t in self.dataset.tools])[m.tool[rows]]
+        return KINDS[item.kind](item, _Rows(middle, radii, rows, self.dataset))
+
+
+@dataclass(frozen=True)
+class _Rows:
+    middle: np.ndarray
+    radii: np.ndarray
+    rows: np.ndarray
+    dataset: Dataset
+
+
+def _place_sd(t: Target) -> float:
+    return LOOSE if t.u is None else t.u
+
+
+def _angle_sd(t: Target) -> float:
+    return LOOSE_ANGLE if t.u_angle is None else t.u_angle
+
+
+def _plane(t: Target, rows: _Rows) -> Plane:
+    normal = np.asarray(t.values["normal"], float)
+    pivot = rows.middle - (normal @ rows.middle - t.values["offset"]) * normal
+    return Plane(normal, pivot, rows.radii, np.array([_angle_sd(t), _angle_sd(t), _place_sd(t)]))
+
+
+def _sphere(t: Target, rows: _Rows) -> Sphere:
+    sd = np.array([_place_sd(t)] * 3 + [DIAMETER_SD])
+    return Sphere(np.asarray(t.values["centre"]), float(t.values["diameter"]), rows.radii, sd)
+
+
+def _cylinder(t: Target, rows: _Rows) -> Cylinder:
+    axis, point = np.asarray(t.values["axis"], float), np.asarray(t.values["point"], float)
+    point = point + axis * (axis @ (rows.middle - point))
+    sd = np.array([_angle_sd(t)] * 2 + [_place_sd(t)] * 2 + [DIAMETER_SD])
+    return Cylinder(point, axis, float(t.values["diameter"]), rows.radii, sd)
+
+
+def _fixed_point(t: Target, rows: _Rows) -> FixedPoint:
+    return FixedPoint(np.asarray(t.values["centre"], float), np.full(3, _place_sd(t)))
+
+
+def _distance(t: Target, rows: _Rows) -> Distance:
+    length = np.full(len(rows.rows), t.values.get("length", np.nan), float)
+    read = rows.dataset.measurements.length
+    if read is not None:
+        length = np.where(np.isnan(read[rows.rows]), length, read[rows.rows])
+    return Distance(np.asarray(t.values["centre"], float), length, np.full(3, _place_sd(t)))
+
+
+def _instrument(t: Target, rows: _Rows) -> Instrument:
+    frame = rigid(rpy_matrix(np.asarray(t.values["rpy"])), np.asarray(t.values["xyz"]))
+    xyz = rows.dataset.measurements.xyz
+    assert xyz is not None
+    sd = np.array([_angle_sd(t)] * 3 + [_place_sd(t)] * 3)
+    return Instrument(frame, rows.middle, xyz[rows.rows], sd)
+
+
+KINDS = {
+    "plane": _plane,
+    "sphere": _sphere,
+    "cylinder": _cylinder,
+    "fixed-point": _fixed_point,
+    "distance": _distance,
+    "instrument": _instrument,
+}

@@ -1,0 +1,63 @@
+"""Contact with a cylinder: ``dist(p, axis) - (D / 2 + r) = 0``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from factors.kind import dot, tangents, tilted
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A pin or a bore's outside, by its axis and diameter.
+
+    Parameters
+    ----------
+    point : (3,) a point of the nominal axis, best near the contacts, m
+    axis : (3,) nominal unit direction
+    diameter : nominal, m
+    radius : (C,) ball radius, m
+    sd : (5,) prior standard deviations of two tilts (rad), two shifts across the axis and the diameter (m)
+    """
+
+    point: np.ndarray
+    axis: np.ndarray
+    diameter: float
+    radius: np.ndarray
+    sd: np.ndarray
+    rows = 1
+    parts = (("tilt 1", "rad"), ("tilt 2", "rad"), ("shift 1", "m"), ("shift 2", "m"), ("diameter", "m"))
+
+    def _apart(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
+        basis = tangents(self.axis)
+        axis, slopes = tilted(self.axis, basis, x[..., :2])
+        out = p - (self.point + x[..., 2:4] @ basis)[..., None]
+        along = dot(axis, out)
+        across = out - axis[..., None] * along[..., None, :]
+        length = np.linalg.norm(across, axis=-2)
+        return basis, slopes, along, across / length[..., None, :], length
+
+    def residual(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        *_, length = self._apart(x, p)
+        return (length - (0.5 * (self.diameter + x[..., 4, None]) + self.radius))[..., None, :]
+
+    def linearise(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        basis, slopes, along, u, length = self._apart(x, p)
+        r = length - (0.5 * (self.diameter + x[..., 4, None]) + self.radius)
+        dx = np.empty((*r.shape, 5))
+        # u is across the axis, so only the tilt of the axis at the contact's height counts
+        dx[..., :2] = -np.swapaxes((slopes @ u) * along[..., None, :], -1, -2)
+        dx[..., 2:4] = -np.swapaxes(basis @ u, -1, -2)
+        dx[..., 4] = -0.5
+        return r[..., None, :], u[..., None, :, :], dx[..., None, :, :]
+
+    def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
+        basis = tangents(self.axis)
+        axis, _ = tilted(self.axis, basis, x[:2])
+        return {
+            "point": self.point + x[2:4] @ basis,
+            "axis": axis,
+            "diameter": float(self.diameter + x[4]),
+        }

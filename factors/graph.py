@@ -1,0 +1,64 @@
+"""The one place that knows GTSAM: whitened residual functions as factors, priors, solve, covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import gtsam
+import numpy as np
+
+Linearised = tuple[np.ndarray, Sequence[np.ndarray]]
+Function = Callable[..., Linearised]
+"""(want_gradients, *vectors of the factor's variables) -> whitened residual (m,), gradients [(m, size)]."""
+
+
+class Graph:
+    """A least-squares problem over named vectors, as a GTSAM factor graph."""
+
+    def __init__(self) -> None:
+        self._graph = gtsam.NonlinearFactorGraph()
+        self._keys: dict[str, int] = {}
+        self._sizes: dict[str, int] = {}
+
+    def variable(self, name: str, size: int) -> None:
+        """Declare a whitened vector, with its standard normal prior."""
+        key = gtsam.symbol("v", len(self._keys))
+        self._keys[name], self._sizes[name] = key, size
+        self._graph.add(gtsam.PriorFactorVector(key, np.zeros(size), gtsam.noiseModel.Unit.Create(size)))
+
+    def factor(self, names: Sequence[str], rows: int, function: Function) -> None:
+        """Add a factor of `rows` whitened residuals between variables."""
+        keys = [self._keys[name] for name in names]
+
+        def error(_: gtsam.CustomFactor, values: gtsam.Values, gradients: list[np.ndarray] | None) -> np.ndarray:
+            r, slopes = function(gradients is not None, *(values.atVector(key) for key in keys))
+            if gradients is not None:
+                for i, slope in enumerate(slopes):
+                    gradients[i] = slope
+            return r
+
+        self._graph.add(gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows), keys, error))
+
+    def solve(self, start: Mapping[str, np.ndarray], iterations: int = 100) -> tuple[dict[str, np.ndarray], int]:
+        """Levenberg-Marquardt from `start`; returns the variables and the number of iterations."""
+        values = gtsam.Values()
+        for name, key in self._keys.items():
+            values.insert(key, start[name])
+        parameters = gtsam.LevenbergMarquardtParams()
+        parameters.setlambdaInitial(1e-6)
+        parameters.setMaxIterations(iterations)
+        parameters.setRelativeErrorTol(1e-10)
+        parameters.setAbsoluteErrorTol(1e-9)
+        optimizer = gtsam.LevenbergMarquardtOptimizer(self._graph, values, parameters)
+        self._solution = optimizer.optimize()
+        found = {name: self._solution.atVector(key) for name, key in self._keys.items()}
+        return found, optimizer.iterations()
+
+    def covariance(self, names: Sequence[str]) -> np.ndarray:
+        """Joint covariance of some variables at the solution, in the order of `names`."""
+        marginals = gtsam.Marginals(self._graph, self._solution)
+        if len(names) == 1:
+            return marginals.marginalCovariance(self._keys[names[0]])
+        keys = [self._keys[name] for name in names]
+        joint = marginals.jointMarginalCovariance(keys)
+        return np.block([[joint.at(a, b) for b in keys] for a in keys])

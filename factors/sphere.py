@@ -1,0 +1,47 @@
+"""Contact with a sphere: ``|p - c| - (D / 2 + r) = 0``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A datum sphere, by its centre and diameter.
+
+    Parameters
+    ----------
+    centre : (3,) nominal, m
+    diameter : nominal, m
+    radius : (C,) ball radius, m
+    sd : (4,) prior standard deviations of the centre and of the diameter, m
+    """
+
+    centre: np.ndarray
+    diameter: float
+    radius: np.ndarray
+    sd: np.ndarray
+    rows = 1
+    parts = (("x", "m"), ("y", "m"), ("z", "m"), ("diameter", "m"))
+
+    def _apart(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        out = p - (self.centre + x[..., :3])[..., None]
+        return out, np.linalg.norm(out, axis=-2)
+
+    def residual(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        _, length = self._apart(x, p)
+        return (length - (0.5 * (self.diameter + x[..., 3, None]) + self.radius))[..., None, :]
+
+    def linearise(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        out, length = self._apart(x, p)
+        u = out / length[..., None, :]
+        r = length - (0.5 * (self.diameter + x[..., 3, None]) + self.radius)
+        dx = np.empty((*r.shape, 4))
+        dx[..., :3] = -np.swapaxes(u, -1, -2)
+        dx[..., 3] = -0.5
+        return r[..., None, :], u[..., None, :, :], dx[..., None, :, :]
+
+    def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
+        return {"centre": self.centre + x[:3], "diameter": float(self.diameter + x[3])}

@@ -1,0 +1,76 @@
+"""Impossible contacts, misplaced targets and unit mistakes; and honest data that must pass."""
+
+import numpy as np
+import pytest
+from tiny import SETTINGS, TABLE, write
+
+from bayescal.dataset import read_dataset
+from bayescal.errors import BayescalError
+
+RNG = np.random.default_rng(7)
+
+
+def scaled_readings(factor: float, rows: slice = slice(None)) -> str:
+    lines = TABLE.splitlines()
+    for i in range(1, len(lines))[rows]:
+        cells = lines[i].split(",")
+        cells[4:10] = [f"{float(c) * factor:.9f}" for c in cells[4:10]]
+        lines[i] = ",".join(cells)
+    return "\n".join(lines)
+
+
+def test_radians_are_told(tmp_path):
+    with pytest.raises(BayescalError, match=r"measurements.csv:2: .*look like radians"):
+        read_dataset(write(tmp_path, table=scaled_readings(np.pi / 180)))
+
+
+def test_radians_are_told_from_an_instrument_alone(tmp_path):
+    lines = scaled_readings(np.pi / 180).splitlines()
+    with pytest.raises(BayescalError, match="look like radians"):
+        read_dataset(write(tmp_path, table="\n".join([lines[0], *lines[15:]])))
+
+
+def test_degrees_converted_twice(tmp_path):
+    with pytest.raises(BayescalError, match="converted twice"):
+        read_dataset(write(tmp_path, table=scaled_readings(180 / np.pi)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[475, 272, -40]", "[0.475, 0.272, -0.04]", "`ball.A` .* look like m: write them in mm"),
+        ("[475, 272, -40]", "[475000, 272000, -40000]", "`ball.A` .* look like um"),
+        ("[561, -40, -50]", "[861, -40, -50]", "`cone` are nominally 2.. mm or more off"),
+        ("centre_mm: [60, 0, 120], u_mm: 1", "centre_mm: [60, 500, 120], u_mm: 1", "disagree with the arm"),
+    ],
+)
+def test_misplaced(tmp_path, old, new, words):
+    settings = SETTINGS.replace(old, new)
+    assert settings != SETTINGS
+    with pytest.raises(BayescalError, match=words) as caught:
+        read_dataset(write(tmp_path, settings))
+    assert caught.value.where.startswith("dataset.yaml:")
+
+
+def test_a_small_session_is_no_radians(tmp_path):
+    """All readings within six degrees, on a target placed as well as its loose prior says."""
+    q = RNG.uniform(-3, 3, (8, 6))
+    rows = [f"r{i},face,ball," + ",".join(f"{x:.4f}" for x in row) for i, row in enumerate(q)]
+    header = "id,target,tool," + ",".join(f"j{i}_deg" for i in range(1, 7))
+    settings = SETTINGS.split("targets:")[0] + (
+        "targets:\n  face: {kind: plane, normal: [1, 0, 0], offset_mm: 640}\n"
+    )
+    data = read_dataset(write(tmp_path, settings, "\n".join([header, *rows])))
+    assert len(data.measurements.ids) == 8
+
+
+def test_a_loose_plane_may_be_tilted_and_off(tmp_path):
+    """Nominal normal 12 deg wrong and 80 mm off: what a plane known only roughly looks like."""
+    tilt = np.deg2rad(12)
+    normal = f"[0, {np.sin(tilt):.9f}, {np.cos(tilt):.9f}]"
+    settings = SETTINGS.replace("normal: [0, 0, 1], offset_mm: -93.6", f"normal: {normal}, offset_mm: -170")
+    settings = settings.replace("  - {kind: parallel", "  # - {kind: parallel")
+    read_dataset(write(tmp_path, settings))
+    bad = TABLE.replace("t2,calibrate,top,ball,0.983,29.728", "t2,calibrate,top,ball,0.983,9.728")
+    with pytest.raises(BayescalError, match=r"measurements.csv:3: impossible contact"):
+        read_dataset(write(tmp_path, settings, bad))

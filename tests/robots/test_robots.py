@@ -1,0 +1,130 @@
+"""robot.yaml: built-in, round trip, refusals."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bayescal.arm.chain import chain_of, frames, link_angles
+from bayescal.arm.robot import Robot
+from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.errors import BayescalError
+from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
+
+NAME = "fanuc-lrmate200ic"
+
+
+def test_builtin_flange_at_zero():
+    robot, content = load_robot(NAME)
+    assert NAME in builtin_robots()
+    assert content.startswith(b"# FANUC")
+    flange = frames(chain_of(robot), link_angles(robot, np.zeros((1, 6))))[0, -1]
+    np.testing.assert_allclose(flange[:3, 3], [0.475, 0, 0.375], atol=1e-15)
+    np.testing.assert_allclose(flange[:3, 2], [1, 0, 0], atol=1e-15)
+    assert robot.masses.sum() == pytest.approx(21.25)
+    assert robot.reductions is None
+
+
+def read(tmp_path, text: str) -> Robot:
+    (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
+    return load_robot("robot.yaml", tmp_path)[0]
+
+
+def arrays(n: int, low: float, high: float):
+    return st.lists(st.floats(low, high, allow_subnormal=False), min_size=n, max_size=n).map(np.array)
+
+
+@st.composite
+def robots(draw) -> Robot:
+    n = draw(st.integers(1, 7))
+    name = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=10)
+    limits = np.sort(draw(arrays(2 * n, -6, 6)).reshape(n, 2), axis=1) + [-0.1, 0.1]
+    rpy = draw(arrays(3, -1.5, 1.5))
+    masses = draw(st.none() | arrays(n, 0, 50))
+    return Robot(
+        name=draw(name),
+        convention=draw(st.sampled_from(("mdh", "dh"))),
+        joint_names=tuple(draw(st.lists(name, min_size=n, max_size=n, unique=True))),
+        alpha=draw(arrays(n, -3.2, 3.2)),
+        a=draw(arrays(n, -1, 1)) + 1.5,
+        d=draw(arrays(n, -1, 1)),
+        offset=draw(arrays(n, -3.2, 3.2)),
+        beta=draw(st.just(np.zeros(n)) | arrays(n, -0.1, 0.1)),
+        limits=limits,
+        link_from_reading=np.eye(n) + np.tril(draw(arrays(n * n, -1, 1)).reshape(n, n), -1),
+        base=rigid(rpy_matrix(rpy), draw(arrays(3, -2, 2))),
+        masses=masses,
+        centres_of_mass=None if masses is None else draw(arrays(3 * n, -1, 1)).reshape(n, 3),
+        compliance=draw(st.none() | arrays(n, 0, 1e-2)),
+        reductions=draw(st.none() | arrays(n, 1, 300)),
+    )
+
+
+@given(robot=robots(), comment=st.text(st.characters(codec="ascii", exclude_categories=["Cc"])))
+@settings(max_examples=100, deadline=None)
+def test_round_trip(robot, comment, tmp_path_factory):
+    again = read(tmp_path_factory.mktemp("robot"), robot_to_yaml(robot, comment))
+    for f in fields(Robot):
+        a, b = getattr(robot, f.name), getattr(again, f.name)
+        if isinstance(a, np.ndarray):
+            np.testing.assert_allclose(b, a, rtol=1e-12, atol=1e-12, err_msg=f.name)
+        else:
+            assert a == b, f.name
+
+
+def test_one_joint_a_line():
+    text = robot_to_yaml(load_robot(NAME)[0], "calibrated\nby nobody")
+    assert text.startswith("# calibrated\n# by nobody\nschema: bayescal-robot/1\n")
+    row = "  - {name: J3, alpha_deg: 0, a_mm: 300, d_mm: 0, offset_deg: 0, limits_deg: [-142, 230]}\n"
+    assert row in text
+    assert "  - [0, -1, -1, 0, 0, 0]\n" in text
+
+
+VALID = robot_to_yaml(load_robot(NAME)[0])
+
+SPOILT = [
+    ("bayescal-robot/1", "bayescal-robot/7", 1, "another version"),
+    ("convention: mdh", "convention: hayati", 3, "'mdh' or 'dh'"),
+    ("a_mm: 75", "a_m: 0.075", 6, "write `a_mm`"),
+    ("alpha_deg: -90", "alpha: -90", 6, "no unit"),
+    ("limits_deg: [-60, 140]", "limits_deg: [140, -60]", 6, "not in order"),
+    (", limits_deg: [-60, 140]", "", 6, "missing `limits_deg`"),
+    ("name: J2", "name: J1", 6, "two joints"),
+    ("  - [0, -1, -1, 0, 0, 0]\n", "", 11, "`link_from_reading` has 5 entries, the robot 6"),
+    ("  - [0, -1, -1, 0, 0, 0]", "  - [0, -1, -1, 0, 0]", 14, "row 3"),
+    ("  - [0, -1, -1, 0, 0, 0]", "  - [0, 1, 0, 0, 0, 0]", 11, "inverted"),
+    ("mass_kg: 7.54", "mass_kg: -7.54", 19, "at least 0"),
+    ("links:", "reductions: [1, 2]\nlinks:", 18, "`reductions` has 2 entries"),
+    ("links:", "colour: yellow\nlinks:", 18, "unknown key `colour`"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "line", "words"), SPOILT)
+def test_refusals(tmp_path, old, new, line, words):
+    assert old in VALID
+    with pytest.raises(BayescalError) as caught:
+        read(tmp_path, VALID.replace(old, new, 1))
+    assert caught.value.where == f"robot.yaml:{line}"
+    assert words in str(caught.value)
+    assert caught.value.remedy
+
+
+def test_lengths_in_metres(tmp_path):
+    text = VALID.replace("mm: 75", "mm: 0.075").replace("mm: 300", "mm: 0.3").replace("mm: 320", "mm: 0.32")
+    with pytest.raises(BayescalError, match="are in mm"):
+        read(tmp_path, text.replace("d_mm: 80", "d_mm: 0.08"))
+
+
+@pytest.mark.parametrize("reference", ["arm.urdf", "arm.XACRO"])
+def test_urdf_is_not_read(reference):
+    with pytest.raises(BayescalError, match="not read yet; give a robot.yaml"):
+        load_robot(reference)
+
+
+def test_names():
+    with pytest.raises(BayescalError, match=f"is it `{NAME}`"):
+        load_robot("fanuc-lrmate-200ic")
+    with pytest.raises(BayescalError, match="no such file"):
+        load_robot("nowhere.yaml")
