@@ -51,7 +51,7 @@ def unknown(noun: str, key: str, known: Iterable[str]) -> tuple[str, str]:
     known = list(known)
     stem, unit = stem_of(key)
     same = [k for k in known if stem_of(k)[0] == stem and stem_of(k)[1]]
-    same.sort(key=lambda k: (stem_of(k)[1] in ANGLES) != (unit in ANGLES))
+    same.sort(key=lambda k: bool(unit) and (stem_of(k)[1] in ANGLES) != (unit in ANGLES))
     if same and not unit:
         return f"{noun} `{key}` has no unit in its name", f"write `{same[0]}`"
     if same:
@@ -92,7 +92,7 @@ def decoded(path: File) -> tuple[str, bytes]:
         line = content.count(b"\n", 0, error.start) + 1
         raise BayescalError("not UTF-8 text", f"{path.name}:{line}", "save the file as UTF-8") from None
     if not text.strip():
-        raise BayescalError("the file is empty", path.name)
+        raise BayescalError("the file is empty", path.name, "see the dataset contract for what it holds")
     return text, content
 
 
@@ -169,7 +169,8 @@ def _plain(node: yaml.Node | None, path: Path, lines: dict[Path, int], name: str
     if isinstance(node, yaml.ScalarNode):
         return None if not node.style and node.value in ("", "~", "null") else node.value
     if id(node) in open_:
-        raise BayescalError("an alias contains itself", f"{name}:{node.start_mark.line + 1}")
+        where = f"{name}:{node.start_mark.line + 1}"
+        raise BayescalError("an alias contains itself", where, "write the values out")
     inside = open_ | {id(node)}
     if isinstance(node, yaml.SequenceNode):
         items = []
@@ -181,7 +182,7 @@ def _plain(node: yaml.Node | None, path: Path, lines: dict[Path, int], name: str
     for key, value in node.value:
         line = key.start_mark.line + 1
         if not isinstance(key, yaml.ScalarNode):
-            raise BayescalError("a key must be a plain name", f"{name}:{line}")
+            raise BayescalError("a key must be a plain name", f"{name}:{line}", "write `key: value`")
         if key.value in out:
             first = lines[(*path, key.value)]
             raise BayescalError(

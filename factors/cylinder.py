@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,8 +31,13 @@ class Cylinder:
     rows = 1
     parts = (("tilt 1", "rad"), ("tilt 2", "rad"), ("shift 1", "m"), ("shift 2", "m"), ("diameter", "m"))
 
+    @cached_property
+    def tangents(self) -> np.ndarray:
+        """The two directions, (2, 3), across the nominal axis."""
+        return tangents(self.axis)
+
     def _apart(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
-        basis = tangents(self.axis)
+        basis = self.tangents
         axis, slopes = tilted(self.axis, basis, x[..., :2])
         out = p - (self.point + x[..., 2:4] @ basis)[..., None]
         along = dot(axis, out)
@@ -54,7 +60,7 @@ class Cylinder:
         return r[..., None, :], u[..., None, :, :], dx[..., None, :, :]
 
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
-        basis = tangents(self.axis)
+        basis = self.tangents
         axis, _ = tilted(self.axis, basis, x[:2])
         return {
             "point": self.point + x[2:4] @ basis,

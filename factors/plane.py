@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -28,7 +29,7 @@ class Plane:
     rows = 1
     parts = (("tilt 1", "rad"), ("tilt 2", "rad"), ("offset", "m"))
 
-    @property
+    @cached_property
     def tangents(self) -> np.ndarray:
         """The two directions, (2, 3), towards which the normal tilts."""
         return tangents(self.normal)
@@ -47,7 +48,8 @@ class Plane:
         out = p - self.pivot[:, None]
         r = dot(normal, out) - (x[..., 2, None] + self.radius)
         dx = np.empty((*r.shape, 3))
-        dx[..., :2] = np.swapaxes(slopes @ out, -1, -2)
+        dx[..., 0] = dot(slopes[..., 0, :], out)
+        dx[..., 1] = dot(slopes[..., 1, :], out)
         dx[..., 2] = -1.0
         u = np.broadcast_to(normal[..., None], p.shape)
         return r[..., None, :], u[..., None, :, :], dx[..., None, :, :]

@@ -17,7 +17,10 @@ LOOSE_U, LOOSE_ANGLE = 0.05, 0.2
 """The contract's prior of a target that states none: m, rad."""
 
 ARM_ERROR = 0.01
-"""m: what an arm may nominally be wrong by, one standard deviation, generously."""
+"""m: what an arm may nominally be wrong by; a smaller misfit weighs in full."""
+
+HOLD = 0.025
+"""m: misfit of one contact that pulls as strongly as a target's prior holds."""
 
 Residual = tuple[np.ndarray, np.ndarray]
 
@@ -84,19 +87,20 @@ def priors(target: Target) -> tuple[float, float]:
 def settled(contacts: Contacts, passes: int = 12) -> np.ndarray:
     """Residuals' lengths (M,), m, once the target has moved rigidly to where most contacts want it.
 
-    Gauss-Newton on a small displacement and rotation of the target, held by five times its prior,
-    with Cauchy weights whose scale follows the median: a minority of wild rows does not pull.
+    Gauss-Newton on a displacement and rotation of the target, held by its prior (three times its
+    uncertainty of place, one and a half times that of direction), with Cauchy weights whose scale
+    follows the median: most rows move the target, a few wild ones do not.
     """
     p = contacts.p
     u, angle = priors(contacts.target)
     pivot = np.median(p, axis=0)
     arm = p - pivot
-    hold = np.repeat([1 / (5 * u + 0.001), 1 / (5 * angle + 0.001)], 3) ** 2
+    hold = np.repeat([1 / (3 * u + 0.001), 1 / (1.5 * angle + 0.001)], 3) ** 2
     move = np.zeros(6)
     for _ in range(passes):
         r, g = residual(contacts, _moved(p, pivot, move))
         size = np.linalg.norm(r, axis=1)
-        weight = 1 / (1 + (size / max(ARM_ERROR, 2 * float(np.median(size)))) ** 2) / ARM_ERROR**2
+        weight = _cauchy(size, 2 * float(np.median(size))) / HOLD**2
         jacobian = -np.concatenate([g, np.cross(arm[:, None, :], g)], axis=2)
         normal = np.einsum("mki,mkj,m->ij", jacobian, jacobian, weight) + np.diag(hold)
         gradient = np.einsum("mki,mk,m->i", jacobian, r, weight) + hold * move
@@ -109,17 +113,23 @@ def _moved(p: np.ndarray, pivot: np.ndarray, move: np.ndarray) -> np.ndarray:
     return (p - move[:3] - pivot) @ rpy_matrix(move[3:]) + pivot
 
 
-def scatter(p: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def _cauchy(size: np.ndarray, scale: float) -> np.ndarray:
+    return 1 / (1 + (size / max(ARM_ERROR, scale)) ** 2)
+
+
+def scatter(p: np.ndarray, seen: np.ndarray, near: float, passes: int = 30) -> np.ndarray:
     """Distances (M,), m, of points p from an instrument's readings after the best rigid fit.
 
-    Fitted twice, the second time without the rows that the first leaves far out.
+    Refitted with Cauchy weights until all lie within `near` (m), or `passes` times.
     """
-    keep = np.ones(len(p), bool)
     away = np.zeros(len(p))
-    for _ in range(3):
-        a, b = p[keep].mean(axis=0), seen[keep].mean(axis=0)
-        left, _sizes, right = np.linalg.svd((p[keep] - a).T @ (seen[keep] - b))
+    for _ in range(passes):
+        weight = _cauchy(away, float(np.median(away)))
+        weight /= weight.sum()
+        a, b = weight @ p, weight @ seen
+        left, _sizes, right = np.linalg.svd((p - a).T @ ((seen - b) * weight[:, None]))
         flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
         away = np.linalg.norm((p - a) - (seen - b) @ (left @ flip @ right).T, axis=1)
-        keep = away <= max(4 * float(np.median(away)), ARM_ERROR)
+        if away.max() <= near:
+            break
     return away

@@ -73,7 +73,7 @@ def _contacts(dataset: Dataset, target: Target, p: np.ndarray, at: np.ndarray) -
 
 def _seen(dataset: Dataset, p: np.ndarray, at: np.ndarray) -> np.ndarray:
     xyz = dataset.measurements.xyz
-    return np.zeros(len(at)) if len(at) < FEWEST or xyz is None else scatter(p[at], xyz[at])
+    return np.zeros(len(at)) if len(at) < FEWEST or xyz is None else scatter(p[at], xyz[at], OFF)
 
 
 def _check_limits(robot: Robot, readings: np.ndarray, table: Table) -> None:
@@ -135,7 +135,8 @@ def _check_place(contacts: Contacts, away: np.ndarray, document: Document) -> No
         return
     remedy = ""
     for factor, unit in ((1e3, "m"), (1e-3, "um")):
-        values = {k: v if k in ("normal", "axis") else v * factor for k, v in target.values.items()}
+        keep = ("normal", "axis", "diameter")
+        values = {k: v if k in keep else v * factor for k, v in target.values.items()}
         other = replace(contacts, target=replace(target, values=values))
         if np.median(np.linalg.norm(residual(other)[0], axis=1)) < OFF:
             remedy = f"its values look like {unit}: write them in mm"

@@ -6,6 +6,7 @@ import numpy as np
 
 from bayescal.dataset.table import RPY, XYZ, Table, joint_columns
 from bayescal.dataset.types import ROLES, Measurements, Noise, Target, Tool
+from bayescal.errors import BayescalError
 from bayescal.files import unknown
 
 TOUCHING = ("plane", "sphere", "cylinder")
@@ -64,7 +65,8 @@ def _indices(table: Table, column: str, names: list[str]) -> np.ndarray:
     if column not in table.cells:
         if alone:
             return np.zeros(len(table.line), int)
-        raise table.error(0, f"no column `tool`, but there are {len(names)} tools", "say which in each row")
+        what = f"no column `tool`, but there are {len(names)} tools"
+        raise BayescalError(what, f"{table.name}:1", "say which in each row")
     out = np.empty(len(table.line), int)
     for row, cell in enumerate(table.cells[column]):
         if not cell and not alone:

@@ -60,7 +60,7 @@ class Table:
         cells = self.cells[column]
         empty = np.array([not c for c in cells])
         if needed:
-            self.first(empty, f"`{column}` is empty", "fill the cell in, or leave the whole column out")
+            self.first(empty, f"`{column}` is empty", "fill the cell in")
         try:
             if any("_" in c for c in cells):  # float() reads 1_000
                 raise ValueError

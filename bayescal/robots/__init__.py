@@ -63,7 +63,7 @@ def load_robot(reference: str, folder: Path | None = None) -> tuple[Robot, bytes
         path = (folder or Path()) / reference
     else:
         near = difflib.get_close_matches(reference, names, 1)
-        hint = f"is it `{near[0]}`?" if near else f"built-in are: {', '.join(names)}"
+        hint = f"did you mean `{near[0]}`" if near else f"built-in are: {', '.join(names)}"
         raise BayescalError(
             f"no robot is called `{reference}`", "", f"{hint}; or give the path of a robot.yaml"
         )

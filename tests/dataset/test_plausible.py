@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tiny import SETTINGS, TABLE, write
+from tiny_dataset import SETTINGS, TABLE, write
 
 from bayescal.dataset import read_dataset
 from bayescal.errors import BayescalError
@@ -71,6 +71,6 @@ def test_a_loose_plane_may_be_tilted_and_off(tmp_path):
     settings = SETTINGS.replace("normal: [0, 0, 1], offset_mm: -93.6", f"normal: {normal}, offset_mm: -170")
     settings = settings.replace("  - {kind: parallel", "  # - {kind: parallel")
     read_dataset(write(tmp_path, settings))
-    bad = TABLE.replace("t2,calibrate,top,ball,0.983,29.728", "t2,calibrate,top,ball,0.983,9.728")
+    bad = TABLE.replace("0.983,29.728,-39.851,", "0.983,29.728,20,")
     with pytest.raises(BayescalError, match=r"measurements.csv:3: impossible contact"):
         read_dataset(write(tmp_path, settings, bad))

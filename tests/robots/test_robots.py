@@ -40,7 +40,7 @@ def arrays(n: int, low: float, high: float):
 def robots(draw) -> Robot:
     n = draw(st.integers(1, 7))
     name = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=10)
-    limits = np.sort(draw(arrays(2 * n, -6, 6)).reshape(n, 2), axis=1) + [-0.1, 0.1]
+    limits = np.sort(draw(arrays(2 * n, -6, 6)).reshape(n, 2), axis=1) + np.array([-0.1, 0.1])
     rpy = draw(arrays(3, -1.5, 1.5))
     masses = draw(st.none() | arrays(n, 0, 50))
     return Robot(
@@ -119,12 +119,12 @@ def test_lengths_in_metres(tmp_path):
 
 @pytest.mark.parametrize("reference", ["arm.urdf", "arm.XACRO"])
 def test_urdf_is_not_read(reference):
-    with pytest.raises(BayescalError, match="not read yet; give a robot.yaml"):
+    with pytest.raises(BayescalError, match=r"not read yet; give a robot\.yaml"):
         load_robot(reference)
 
 
 def test_names():
-    with pytest.raises(BayescalError, match=f"is it `{NAME}`"):
+    with pytest.raises(BayescalError, match=f"mean `{NAME}`"):
         load_robot("fanuc-lrmate-200ic")
     with pytest.raises(BayescalError, match="no such file"):
         load_robot("nowhere.yaml")

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny import SETTINGS, TABLE, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tiny_dataset import SETTINGS, TABLE, write
 
 from bayescal.dataset import Dataset, read_dataset, write_dataset
 from bayescal.errors import BayescalError
@@ -56,7 +56,10 @@ def test_tiny_comes_back_and_hashes_differ_with_content(tmp_path):
     again = read_dataset(tmp_path / "new" / "out")
     same(data, again)
     assert again.robot_reference == "fanuc-lrmate200ic"
-    assert sorted(p.name for p in (tmp_path / "new" / "out").iterdir()) == ["dataset.yaml", "measurements.csv"]
+    assert sorted(p.name for p in (tmp_path / "new" / "out").iterdir()) == [
+        "dataset.yaml",
+        "measurements.csv",
+    ]
     assert read_dataset(write(tmp_path)).sha256 == data.sha256
     assert read_dataset(write(tmp_path, SETTINGS.replace("tiny", "tiny2"))).sha256 != data.sha256
     assert read_dataset(write(tmp_path, table=TABLE.replace("21.5", "21.6"))).sha256 != data.sha256
@@ -103,7 +106,9 @@ def datasets(draw) -> Dataset:
     uncertain = st.none() | st.floats(0, 0.1, allow_subnormal=False)
     rows = Measurements(
         ids=tuple(draw(st.lists(NAMES, min_size=count, max_size=count, unique=True))),
-        role=np.array(draw(st.lists(st.sampled_from(("calibrate", "validate", "locate")), min_size=3, max_size=3))),
+        role=np.array(
+            draw(st.lists(st.sampled_from(("calibrate", "validate", "locate")), min_size=3, max_size=3))
+        ),
         target=np.zeros(count, int),
         tool=np.array([0, 1, 0]),
         readings=np.deg2rad(draw(block)) + 0.1,
@@ -147,7 +152,9 @@ def datasets(draw) -> Dataset:
 
 
 @given(data=datasets())
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
+)
 def test_any_dataset_comes_back(data, tmp_path_factory):
     folder = tmp_path_factory.mktemp("any") / "out"
     write_dataset(data, folder)

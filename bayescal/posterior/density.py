@@ -1,0 +1,186 @@
+"""Log density of the whitened parameters and the noise scale, and its linearised approximation.
+
+A point x is (z, log kappa): kappa multiplies the stated noise; groups of noise keep the ratio of
+their estimated scales. Contacts rejected by the estimate are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import eigh
+
+from bayescal.estimate import STATED_WORTH, Estimate, linearise
+from bayescal.model import ARM
+
+BINS = 2001
+REACH = 9.0  # standard deviations of log kappa that the grid covers on either side
+
+
+class Density:
+    """Log posterior density, vectorised over walkers: ``density(x)`` of x (W, D + 1) is (W,)."""
+
+    def __init__(self, estimate: Estimate) -> None:
+        model = estimate.model
+        self.estimate, self.model = estimate, model
+        kept = [b.rows[estimate.weights.row[b.target] > 0] for b in model.blocks]
+        index = {t.name: k for k, t in enumerate(model.scene.dataset.targets)}
+        self._blocks = [model.block(index[b.target], rows) for b, rows in zip(model.blocks, kept, strict=True)]
+        self._motion = model.motion(np.concatenate(kept))
+        ends = np.cumsum([len(rows) for rows in kept])
+        self._at = [slice(end - len(rows), end) for end, rows in zip(ends, kept, strict=True)]
+        scale = estimate.weights.scale
+        main = max(scale, key=lambda g: sum(b.residuals for b in self._blocks if b.group == g))
+        self.kappa = scale[main]  # the estimate's
+        self.ratio = {g: s / self.kappa for g, s in scale.items()}
+        self._inverse = []
+        for b, full in zip(self._blocks, model.blocks, strict=True):
+            weight = np.tile(estimate.weights.row[b.target] > 0, full.kind.rows)
+            sigma = estimate.weights.sigma[b.target][weight] * self.ratio[b.group]
+            self._inverse.append((1.0 / sigma).reshape(full.kind.rows, -1))
+        self.count = sum(b.residuals for b in self._blocks)
+
+    @property
+    def size(self) -> int:
+        """Length of a point: D + 1."""
+        return self.model.size + 1
+
+    def misfit(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Chi-squared of the contacts at kappa 1, and of certificates and prior, at z (W, D): (W,), (W,)."""
+        model, slices = self.model, self.model.slices
+        values = model.deviations(z[:, slices[ARM]])
+        p = self._motion.points(values)
+        contacts = np.zeros(len(z))
+        states = {}
+        for block, at, inverse in zip(self._blocks, self._at, self._inverse, strict=True):
+            states[block.target] = block.state(z[:, slices[block.target]])
+            r = block.kind.residual(states[block.target], p[..., at])
+            if len(block.contact_index):
+                r = r + (values[:, block.contact_index] @ block.contact)[:, None, :]
+            r = r * inverse
+            contacts += np.einsum("wkc,wkc->w", r, r)
+        rest = np.einsum("wd,wd->w", z, z)
+        for tie in model.ties:
+            r, _ = tie.function(*(states[name] for name in tie.targets))
+            rest += np.einsum("wk,wk->w", r, r)
+        return contacts, rest
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Log density up to a constant, (W,), at points x (W, D + 1)."""
+        contacts, rest = self.misfit(x[:, :-1])
+        log_kappa = x[:, -1]
+        with np.errstate(over="ignore", invalid="ignore"):
+            out = -(self.count + STATED_WORTH) * log_kappa - 0.5 * rest
+            out -= 0.5 * (contacts + STATED_WORTH) * np.exp(-2.0 * log_kappa)
+        return np.where(np.isfinite(out), out, -np.inf)
+
+
+WARPED_BELOW = 0.3
+"""Relative uncertainty below which a positive parameter is nearer normal than its logarithm is."""
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The density with the model linearised at the estimate: drawn from and evaluated exactly.
+
+    The noise scale comes from its closed-form marginal on a grid, the parameters from their normal
+    given the scale, which one generalised eigendecomposition makes diagonal for every scale. The
+    model is linear in a compliance, not in its logarithm: where the data determine a positive
+    parameter well, the normal is that of w = (exp(s (z - z0)) - 1) / s, s its logarithm's prior sd.
+    """
+
+    centre: np.ndarray  # (D,) the estimate z0
+    warp: np.ndarray  # (D,) s of the warped components, 0 of the others
+    basis: np.ndarray  # (D, D) V with V' P V = 1 and V' A V = diag(eigenvalues)
+    inverse: np.ndarray  # (D, D) its inverse
+    eigenvalues: np.ndarray  # (D,) information of the contacts at kappa 1, relative to the rest
+    pull: np.ndarray  # (D,) gradient of the contacts' half chi-squared, in the basis
+    push: np.ndarray  # (D,) gradient of the prior's and the certificates'
+    edges: np.ndarray  # (BINS + 1,) of log kappa
+    log_mass: np.ndarray  # (BINS,) log density in each bin
+
+    @classmethod
+    def of(cls, density: Density) -> Linearised:
+        """Linearise a density at its estimate."""
+        estimate = density.estimate
+        # at kappa 1, and with the row weights that the density has
+        unit = linearise(density.model, estimate.z, replace(estimate.weights, scale=density.ratio))
+        contacts = sum(s.stop - s.start for s in unit.of_block.values())
+        jc, jt = unit.jacobian[:contacts], unit.jacobian[contacts:]
+        rc, rt = unit.residual[:contacts], unit.residual[contacts:]
+        warp = _warps(density)
+        # half the prior and the log Jacobian of w, to second order: slope z0 + s, curvature 1 - s z0 - s^2
+        curvature = np.where(warp > 0, np.maximum(1.0 - warp * estimate.z - warp**2, 0.05), 1.0)
+        eigenvalues, basis = eigh(jc.T @ jc, np.diag(curvature) + jt.T @ jt)
+        eigenvalues = np.maximum(eigenvalues, 0.0)
+        pull, push = basis.T @ (jc.T @ rc), basis.T @ (jt.T @ rt + estimate.z + warp)
+        inverse = np.linalg.inv(basis)
+        chi2 = float(rc @ rc)
+        spread = 1.0 / np.sqrt(2.0 * max(density.count - density.model.size + STATED_WORTH, 4.0))
+        edges = np.log(density.kappa) + REACH * spread * np.linspace(-1.0, 1.0, BINS + 1)
+        middle = 0.5 * (edges[1:] + edges[:-1])
+        inverse_square = np.exp(-2.0 * middle)[:, None]
+        precision = 1.0 + eigenvalues * inverse_square
+        gain = (pull * inverse_square + push) ** 2 / precision
+        log_mass = (
+            -(density.count + STATED_WORTH) * middle
+            - 0.5 * (chi2 + STATED_WORTH) * inverse_square[:, 0]
+            + 0.5 * np.sum(gain - np.log(precision), axis=1)
+        )
+        log_mass -= log_mass.max()
+        log_mass -= np.log(np.sum(np.exp(log_mass)) * (edges[1] - edges[0]))
+        return cls(estimate.z, warp, basis, inverse, eigenvalues, pull, push, edges, log_mass)
+
+    def _given(self, log_kappa: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Means and precisions (W, D) in the basis, given the scale."""
+        inverse_square = np.exp(-2.0 * log_kappa)[:, None]
+        precision = 1.0 + self.eigenvalues * inverse_square
+        return -(self.pull * inverse_square + self.push) / precision, precision
+
+    def draw(self, count: int, rng: np.random.Generator | np.random.RandomState, spread: float = 1.0) -> np.ndarray:
+        """Independent points (count, D + 1); `spread` widens the parameters' normal."""
+        width = self.edges[1] - self.edges[0]
+        cumulative = np.cumsum(np.exp(self.log_mass) * width)
+        bins = np.searchsorted(cumulative, rng.uniform(size=count) * cumulative[-1])
+        log_kappa = self.edges[np.minimum(bins, BINS - 1)] + width * rng.uniform(size=count)
+        mean, precision = self._given(log_kappa)
+        y = mean + spread * rng.standard_normal(size=mean.shape) / np.sqrt(precision)
+        return np.column_stack([self._from_normal(y @ self.basis.T), log_kappa])
+
+    def _from_normal(self, w: np.ndarray) -> np.ndarray:
+        """z of warped coordinates w (W, D); nan where a positive parameter would not be."""
+        z = self.centre + w
+        at = self.warp > 0
+        with np.errstate(invalid="ignore", divide="ignore"):
+            z[:, at] = self.centre[at] + np.log1p(self.warp[at] * w[:, at]) / self.warp[at]
+        return z
+
+    def _to_normal(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Warped coordinates w (W, D) of z, and log |dw/dz| (W,)."""
+        w = z - self.centre
+        at = self.warp > 0
+        bend = self.warp[at] * w[:, at]
+        w[:, at] = np.expm1(bend) / self.warp[at]
+        return w, np.sum(bend, axis=1)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Log density (W,) of `draw` at points x (W, D + 1), up to a constant."""
+        log_kappa = x[:, -1]
+        bins = np.floor((log_kappa - self.edges[0]) / (self.edges[1] - self.edges[0])).astype(int)
+        inside = (bins >= 0) & (bins < BINS)
+        w, log_jacobian = self._to_normal(x[:, :-1])
+        y = w @ self.inverse.T
+        mean, precision = self._given(np.where(inside, log_kappa, self.edges[0]))
+        out = self.log_mass[np.clip(bins, 0, BINS - 1)]
+        out = out + log_jacobian + 0.5 * np.sum(np.log(precision) - precision * (y - mean) ** 2, axis=1)
+        return np.where(inside & np.isfinite(out), out, -np.inf)
+
+
+def _warps(density: Density) -> np.ndarray:
+    """The warp of every component: its logarithm's prior sd where positive and well determined, else 0."""
+    out = np.zeros(density.model.size)
+    for k, p in enumerate(density.model.parameters):
+        if p.median is not None and density.estimate.sd[k] * p.sd < WARPED_BELOW:
+            out[k] = p.sd
+    return out
