@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtri
@@ -11,6 +12,9 @@ from scipy.special import ndtri
 from bayescal.arm.kernel import MAX_ANGLE
 from bayescal.errors import BayescalError
 from bayescal.model import ARM, Block, Model, Tie
+
+if TYPE_CHECKING:
+    from factors.graph import Function, Graph
 
 STATED_WORTH = 8.0
 """Contacts that the stated noise is worth, as a prior of the noise scale (inverse gamma)."""
@@ -20,6 +24,8 @@ LARGEST_SCALE_SD = 5e-3
 """Relative standard deviation of the arm's size beyond which no length counts as known."""
 ROUNDS = 25
 """At most so many reweightings."""
+FALSE_REJECTIONS = 0.01
+"""Contacts of clean normal noise that a session loses as outliers on average."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +122,7 @@ def _tied(model: Model, tie: Tie, *parts: np.ndarray) -> tuple[np.ndarray, list[
     """A certificate's whitened residuals (..., rows) and gradients by its targets' parts of z."""
     blocks = [model.block_of[name] for name in tie.targets]
     r, slopes = tie.function(*(b.state(z) for b, z in zip(blocks, parts, strict=True)))
-    return r, [s[..., b.free] * b.kind.sd[b.free] for b, s in zip(blocks, slopes, strict=True)]
+    return r, [b.by_z(s) for b, s in zip(blocks, slopes, strict=True)]
 
 
 def solve(model: Model, weights: Weights, start: np.ndarray) -> tuple[np.ndarray, Callable[[], np.ndarray], int]:
@@ -139,10 +145,7 @@ def solve(model: Model, weights: Weights, start: np.ndarray) -> tuple[np.ndarray
     variables = [name for name, own in slices.items() if own.stop > own.start]
     for block in model.blocks:
         add_block(graph, model, block, weights.whitening(block))
-    for tie in model.ties:
-        free = [name for name in tie.targets if name in variables]
-        if free:
-            graph.factor(free, tie.rows, _tie_function(model, tie, free))
+    add_ties(graph, model, variables)
     found, iterations = graph.solve({name: start[slices[name]] for name in variables})
     z = np.zeros(model.size)
     for name, value in found.items():
@@ -150,25 +153,39 @@ def solve(model: Model, weights: Weights, start: np.ndarray) -> tuple[np.ndarray
     return z, lambda: graph.covariance(variables), iterations
 
 
-def add_block(graph, model: Model, block: Block, whiten: np.ndarray) -> None:  # type: ignore[no-untyped-def]
+def add_block(graph: Graph, model: Model, block: Block, whiten: np.ndarray) -> None:
     """Add the stacked contacts of one target to a graph."""
 
-    def function(want: bool, *parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    across = whiten[:, None]
+
+    def function(*parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         arm = parts[0] if model.parameters else np.zeros(0)
         own = parts[-1] if block.size else np.zeros(0)
-        values = model.deviations(arm)
-        if not want:
-            return block.residual(values, own).ravel() * whiten, []
-        r, by_arm, by_target = block.linearise(values, own)
-        slopes = [by_arm * (whiten[:, None] * model.slopes(arm))] if model.parameters else []
-        return r * whiten, slopes + ([by_target * whiten[:, None]] if block.size else [])
+        r, by_arm, by_target = block.linearise(model.deviations(arm), own)
+        slopes = []
+        if model.parameters:
+            by_arm *= model.slopes(arm)
+            by_arm *= across
+            slopes.append(by_arm)
+        if block.size:
+            by_target *= across
+            slopes.append(by_target)
+        return r * whiten, slopes
 
     names = ([ARM] if model.parameters else []) + ([block.target] if block.size else [])
     graph.factor(names, block.residuals, function)
 
 
-def _tie_function(model: Model, tie: Tie, free: list[str]):  # type: ignore[no-untyped-def]
-    def function(want: bool, *parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+def add_ties(graph: Graph, model: Model, variables: list[str]) -> None:
+    """Add the certificates between targets of which at least one is a variable of the graph."""
+    for tie in model.ties:
+        free = [name for name in tie.targets if name in variables]
+        if free:
+            graph.factor(free, tie.rows, _tie_function(model, tie, free))
+
+
+def _tie_function(model: Model, tie: Tie, free: list[str]) -> Function:
+    def function(*parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         given = dict(zip(free, parts, strict=True))
         r, slopes = _tied(model, tie, *(given.get(name, np.zeros(0)) for name in tie.targets))
         return r, [s for name, s in zip(tie.targets, slopes, strict=True) if name in given]
@@ -178,6 +195,14 @@ def _tie_function(model: Model, tie: Tie, free: list[str]):  # type: ignore[no-u
 
 def estimate(model: Model, robust: bool = True, start: np.ndarray | None = None) -> Estimate:
     """Fit a model to its contacts.
+
+    Parameters
+    ----------
+    model : Model
+    robust : bool
+        Leave outliers out.
+    start : np.ndarray, shape (D,), optional
+        Where to start; the drawing where not given.
 
     Outliers are sought with Student t weights, row by row, and then left out entirely, so that the
     covariance is that of the contacts that count. The noise scale of each group is estimated with the
@@ -197,14 +222,14 @@ def estimate(model: Model, robust: bool = True, start: np.ndarray | None = None)
         z, weights, more = _without_outliers(model, z, weights)
         iterations += more
     for _ in range(ROUNDS):
-        before = dict(weights.scale)
         z, covariance, more = solve(model, weights, z)
         iterations += more
         linear = linearise(model, z, weights)
         cov = covariance()
-        weights, dof = _rescaled(model, weights, linear, cov)
-        if max(abs(np.log(weights.scale[g] / before[g])) for g in before) < 1e-4:
+        rescaled, dof = _rescaled(model, weights, linear, cov)
+        if max(abs(np.log(rescaled.scale[g] / weights.scale[g])) for g in weights.scale) < 1e-4:
             break
+        weights = rescaled
     check_within_reach(model, z)
     rejected = np.concatenate([b.rows[weights.row[b.target] == 0.0] for b in model.blocks])
     return Estimate(model, z, cov, weights, linear, iterations, np.sort(rejected), dof)
@@ -280,7 +305,7 @@ def _without_outliers(model: Model, z: np.ndarray, weights: Weights) -> tuple[np
     for _ in range(4):
         sizes = _row_sizes(model, weights, z)
         scale = _scatter(model, sizes)
-        limit = -ndtri(0.125 / count)  # half a contact in two hundred sessions of clean noise... per row, two-sided
+        limit = -ndtri(FALSE_REJECTIONS / 2 / count)
         row = {}
         for b in model.blocks:
             row[b.target] = (sizes[b.target] <= limit * scale[b.group]).astype(float)

@@ -40,15 +40,20 @@ class Block:
     contact_index: np.ndarray
     contact: np.ndarray
 
-    @property
+    @cached_property
     def free(self) -> np.ndarray:
-        """Which components of the target's state are unknown, (size,) bool."""
-        return self.kind.sd > 0
+        """Indices of the unknown components of the target's state, (size,)."""
+        return np.flatnonzero(self.kind.sd > 0)
+
+    @cached_property
+    def sd(self) -> np.ndarray:
+        """Prior standard deviations of the unknown components, (size,), m and rad."""
+        return self.kind.sd[self.free]
 
     @property
     def size(self) -> int:
         """Length of the target's part of z."""
-        return int(self.free.sum())
+        return len(self.free)
 
     @property
     def residuals(self) -> int:
@@ -57,9 +62,15 @@ class Block:
 
     def state(self, z: np.ndarray) -> np.ndarray:
         """The target's state (..., kind size), m and rad, from its part of z (..., size)."""
+        if self.size == len(self.kind.sd):
+            return z * self.sd
         out = np.zeros((*z.shape[:-1], len(self.kind.sd)))
-        out[..., self.free] = z * self.kind.sd[self.free]
+        out[..., self.free] = z * self.sd
         return out
+
+    def by_z(self, by_state: np.ndarray) -> np.ndarray:
+        """Gradients (..., size) by the target's part of z, from those by its state (..., kind size)."""
+        return (by_state if self.size == by_state.shape[-1] else by_state[..., self.free]) * self.sd
 
     def residual(self, values: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Residuals (..., rows, C), m, at arm deviations (..., P) and target z (..., size)."""
@@ -72,15 +83,13 @@ class Block:
         """Residuals (R,), m, and gradients by the arm's deviations (R, P) and the target's z (R, size)."""
         p = self.motion.points(values)
         r, u, dx = self.kind.linearise(self.state(z), p)
-        count = len(self.rows)
-        arm = np.empty((self.kind.rows, count, self.motion.size))
-        for k in range(self.kind.rows):
-            arm[k] = self.motion.columns(values, p, u[k]).T
+        # parameter after parameter, as the kernel gives and the solver takes them
+        arm = [self.motion.columns(values, p, u[k]) for k in range(self.kind.rows)]
+        by_arm = arm[0] if len(arm) == 1 else np.concatenate(arm, axis=1)
         if len(self.contact_index):
             r = r + values[self.contact_index] @ self.contact
-            arm[:, :, self.contact_index] += self.contact.T
-        own = dx[..., self.free] * self.kind.sd[self.free]
-        return r.ravel(), arm.reshape(-1, self.motion.size), own.reshape(self.residuals, -1)
+            by_arm[self.contact_index] += np.tile(self.contact, self.kind.rows)
+        return r.ravel(), by_arm.T, self.by_z(dx).reshape(self.residuals, self.size)
 
     def by_readings(self, values: np.ndarray, z: np.ndarray, coupling: np.ndarray) -> np.ndarray:
         """Gradients of the residuals (R, n) by the joint readings, m/rad; coupling (n, n) link from reading."""
@@ -135,7 +144,7 @@ class Model:
         """A name for every component of z."""
         out = [p.name for p in self.parameters]
         for block in self.blocks:
-            out += [f"{block.target} {part}" for (part, _), free in zip(block.kind.parts, block.free, strict=True) if free]
+            out += [f"{block.target} {block.kind.parts[k][0]}" for k in block.free]
         return tuple(out)
 
     @cached_property
@@ -168,7 +177,7 @@ class Model:
         """Every component of z (..., size) in SI: arm parameters as values, targets as displacements."""
         _, nominal, *_ = self._arrays
         arm = self.deviations(z[..., self.slices[ARM]]) + nominal
-        parts = [z[..., self.slices[b.target]] * b.kind.sd[b.free] for b in self.blocks]
+        parts = [z[..., self.slices[b.target]] * b.sd for b in self.blocks]
         return np.concatenate([arm, *parts], axis=-1)
 
     @cached_property
@@ -176,7 +185,7 @@ class Model:
         """SI unit of every component of z."""
         out = [p.unit for p in self.parameters]
         for block in self.blocks:
-            out += [unit for (_, unit), free in zip(block.kind.parts, block.free, strict=True) if free]
+            out += [block.kind.parts[k][1] for k in block.free]
         return tuple(out)
 
     def in_file_units(self) -> tuple[tuple[str, ...], np.ndarray]:

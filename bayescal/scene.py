@@ -12,7 +12,7 @@ from bayescal.arm.chain import Chain, chain_of, link_angles
 from bayescal.arm.statics import gravity_moments
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Dataset, Target
-from bayescal.effects import Circumstances
+from bayescal.effects import Circumstances, Face
 from bayescal.errors import BayescalError
 from factors.cylinder import Cylinder
 from factors.distance import Distance
@@ -101,7 +101,27 @@ class Scene:
             fitted_tools=used,
             tied_base=any(t.u is not None or t.u_angle is not None for t in targets),
             tied_tool=any(d.tools[k].u is not None for k in used),
+            faces=self._faces(fitted),
         )
+
+    def _faces(self, fitted: np.ndarray) -> tuple[Face, ...]:
+        d = self.dataset
+        stated = {c.targets[0]: c.u_form for c in d.certificates if c.kind == "flat"}
+        out = []
+        for t in np.unique(d.measurements.target[fitted]):
+            kind = self.kind(int(t), self.rows_of(int(t), fitted))
+            if not isinstance(kind, Plane):
+                continue
+            touching = d.measurements.target == t
+            place = np.where(touching[:, None], (self.points - kind.pivot) @ kind.tangents.T, 0.0)
+            mine = place[self.rows_of(int(t), fitted)]
+            low, high = mine.min(axis=0), mine.max(axis=0)
+            place = (place - 0.5 * (low + high)) / np.maximum(0.5 * (high - low), 1e-6)
+            # a later contact a little outside is judged at the edge: polynomials run away beyond it
+            place = np.where(touching[:, None], np.clip(place, -1.1, 1.1), 0.0)
+            name = d.targets[t].name
+            out.append(Face(name, touching.astype(float), place, stated.get(name)))
+        return tuple(out)
 
     def group(self, target: int) -> str:
         """Which stated noise, and so which noise scale, a target's residuals have: contact or point."""

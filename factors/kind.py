@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar, Protocol
 
+import numba
 import numpy as np
 
 
@@ -39,13 +41,21 @@ def tangents(normal: np.ndarray) -> np.ndarray:
     return np.stack([first, np.cross(normal, first)])
 
 
-def tilted(normal: np.ndarray, basis: np.ndarray, tilt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vector n = (normal + tilt . basis) / norm, (..., 3), and dn/dtilt, (..., 2, 3)."""
-    inverse = 1.0 / np.sqrt(1.0 + np.sum(tilt * tilt, axis=-1))[..., None]  # the three are orthonormal
-    unit = (normal + tilt @ basis) * inverse
-    # the component of a basis vector along the unit vector is its tilt over the norm
-    slopes = (basis - unit[..., None, :] * (tilt * inverse)[..., None]) * inverse[..., None]
-    return unit, slopes
+@numba.guvectorize(
+    ["void(f8[:], f8[:, :], f8[:], f8[:], f8[:, :])"], "(k),(m,k),(m)->(k),(m,k)", nopython=True, cache=True
+)
+def tilted(normal, basis, tilt, unit, slopes):  # type: ignore[no-untyped-def]
+    """Unit vector n = (normal + tilt . basis) / norm, (..., 3), and dn/dtilt, (..., 2, 3).
+
+    `normal` and `basis` (2, 3) are orthonormal, so the norm is sqrt(1 + tilt . tilt). Compiled,
+    because NumPy takes five times as long for three numbers.
+    """
+    inverse = 1.0 / math.sqrt(1.0 + tilt[0] * tilt[0] + tilt[1] * tilt[1])
+    for k in range(3):
+        unit[k] = (normal[k] + tilt[0] * basis[0, k] + tilt[1] * basis[1, k]) * inverse
+    for j in range(2):
+        for k in range(3):
+            slopes[j, k] = (basis[j, k] - tilt[j] * inverse * unit[k]) * inverse
 
 
 def dot(vector: np.ndarray, p: np.ndarray) -> np.ndarray:

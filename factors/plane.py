@@ -47,10 +47,10 @@ class Plane:
         normal, slopes = tilted(self.normal, self.tangents, x[..., :2])
         out = p - self.pivot[:, None]
         r = dot(normal, out) - (x[..., 2, None] + self.radius)
-        dx = np.empty((*r.shape, 3))
-        dx[..., 0] = dot(slopes[..., 0, :], out)
-        dx[..., 1] = dot(slopes[..., 1, :], out)
-        dx[..., 2] = -1.0
+        by_x = np.empty((*r.shape[:-1], 3, r.shape[-1]))  # component after component, as the solver takes them
+        np.matmul(slopes, out, out=by_x[..., :2, :])
+        by_x[..., 2, :] = -1.0
+        dx = np.swapaxes(by_x, -1, -2)
         u = np.broadcast_to(normal[..., None], p.shape)
         return r[..., None, :], u[..., None, :, :], dx[..., None, :, :]
 

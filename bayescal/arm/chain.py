@@ -40,7 +40,7 @@ def chain_of(robot: Robot) -> Chain:
     n = robot.n
     link = np.tile(np.eye(4), (n + 1, 1, 1))
     for i in range(n):
-        twist, shift = rigid(rotation(0, robot.alpha[i])), rigid(None, [robot.a[i], 0.0, 0.0])
+        twist, shift = rigid(rotation(0, robot.alpha[i])), rigid(None, np.array([robot.a[i], 0.0, 0.0]))
         hayati = rigid(rotation(1, robot.beta[i]))
         at = i if robot.convention == "mdh" else i + 1
         link[at] = twist @ shift @ hayati if robot.convention == "mdh" else shift @ twist @ hayati
@@ -52,7 +52,7 @@ def link_angles(robot: Robot, readings: np.ndarray) -> np.ndarray:
     return readings @ robot.link_from_reading.T + robot.offset
 
 
-def _displace(x: np.ndarray, delta: np.ndarray) -> np.ndarray:
+def displaced(x: np.ndarray, delta: np.ndarray) -> np.ndarray:
     """Points x (..., 3) moved by D of delta (..., 6)."""
     for axis, turn, slide in ((1, 4, 5), (0, 2, 3), (2, 0, 1)):  # Ry Ty, then Rx Tx, then Rz Tz
         shift = np.zeros(3)
@@ -81,15 +81,15 @@ def points(chain: Chain, q: np.ndarray, tool: np.ndarray, delta: np.ndarray | No
     """
     n = chain.n
     delta = np.zeros((len(q), n + 2, 6)) if delta is None else delta
-    x = np.broadcast_to(tool, (len(q), 3)) + _displace(np.zeros(3), delta[..., n + 1, :])
+    x = np.broadcast_to(tool, (len(q), 3)) + displaced(np.zeros(3), delta[..., n + 1, :])
     for i in range(n, 0, -1):
         x = x @ chain.link[i, :3, :3].T + chain.link[i, :3, 3]
         own = delta[..., i, :].copy()
         own[..., 0] += q[:, i - 1]
         own[..., 1] += chain.d[i - 1]
-        x = _displace(x, own)
+        x = displaced(x, own)
     x = x @ chain.link[0, :3, :3].T + chain.link[0, :3, 3]
-    x = _displace(x, delta[..., 0, :])
+    x = displaced(x, delta[..., 0, :])
     return x @ chain.base[:3, :3].T + chain.base[:3, 3]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -107,7 +108,7 @@ class Motion:
     def points(self, values: np.ndarray) -> np.ndarray:
         """Ball centres in F0, (..., 3, C), m, at parameter deviations `values` (..., P), SI."""
         values = np.ascontiguousarray(values, float)
-        flat = values.reshape(-1, self.size)
+        flat = values.reshape(math.prod(values.shape[:-1]), self.size)
         out = np.empty((len(flat), 3, self._tool.shape[1]))
         kernel.points(
             flat, self._constant, self._varying, self._firsts, self._general, self._drivers, self._sines,

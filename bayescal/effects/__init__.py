@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.geometry import GEOMETRY
+from bayescal.effects.plane_form import PLANE_FORM
 from bayescal.effects.tool import TOOL
-from bayescal.effects.vocabulary import UNITS, Circumstances, Effect, Parameter
+from bayescal.effects.vocabulary import UNITS, Circumstances, Effect, Face, Parameter
 from bayescal.errors import BayescalError
 
-EFFECTS = {effect.name: effect for effect in (GEOMETRY, COMPLIANCE)}
+EFFECTS = {effect.name: effect for effect in (GEOMETRY, COMPLIANCE, PLANE_FORM)}
 """What `--model` may name. The tool belongs to every model and is not among them."""
 
-__all__ = ["EFFECTS", "UNITS", "Circumstances", "Effect", "Parameter", "parameters_of"]
+__all__ = ["EFFECTS", "UNITS", "Circumstances", "Effect", "Face", "Parameter", "parameters_of"]
 
 
 def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple[Parameter, ...]:
@@ -30,6 +33,7 @@ def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple
     out: list[Parameter] = []
     for effect in (*chosen, TOOL):
         if lacks := effect.missing(circumstances):
-            raise BayescalError(f"{effect.name} cannot be judged: {lacks}", "--model", "leave it out, or add what is missing")
-        out += [Parameter(p.name, p.unit, p.terms, p.sd, p.nominal, p.median, effect.name) for p in effect.parameters(circumstances)]
+            remedy = "leave it out, or add what is missing"
+            raise BayescalError(f"{effect.name} cannot be judged: {lacks}", "--model", remedy)
+        out += [replace(p, effect=effect.name) for p in effect.parameters(circumstances)]
     return tuple(out)

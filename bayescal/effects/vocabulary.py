@@ -21,6 +21,16 @@ UNITS = {
 
 
 @dataclass(frozen=True)
+class Face:
+    """A fitted plane, and where on it each row stands: `place` (N, 2) in -1 to 1 over its contacts."""
+
+    name: str
+    rows: np.ndarray  # (N,) 1 for the rows that touch it, else 0
+    place: np.ndarray  # (N, 2), 0 for the others
+    u_form: float | None  # m, standard uncertainty of its form where stated or estimated
+
+
+@dataclass(frozen=True)
 class Circumstances:
     """All that a driver may vary with, one value a row of the session (N rows).
 
@@ -40,6 +50,7 @@ class Circumstances:
     fitted_tools: tuple[int, ...]  # those used by the rows that are fitted
     tied_base: bool
     tied_tool: bool
+    faces: tuple[Face, ...] = ()
 
 
 @dataclass(frozen=True)

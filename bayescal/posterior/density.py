@@ -36,10 +36,10 @@ class Density:
         self.ratio = {g: s / self.kappa for g, s in scale.items()}
         self._inverse = []
         for b, full in zip(self._blocks, model.blocks, strict=True):
-            weight = np.tile(estimate.weights.row[b.target] > 0, full.kind.rows)
-            sigma = estimate.weights.sigma[b.target][weight] * self.ratio[b.group]
-            self._inverse.append((1.0 / sigma).reshape(full.kind.rows, -1))
-        self.count = sum(b.residuals for b in self._blocks)
+            row = np.tile(estimate.weights.row[b.target], full.kind.rows)
+            inverse = np.sqrt(row) / (estimate.weights.sigma[b.target] * self.ratio[b.group])
+            self._inverse.append(inverse[row > 0].reshape(full.kind.rows, -1))
+        self.count = sum(float(np.sum(estimate.weights.row[b.target])) * b.kind.rows for b in model.blocks)
 
     @property
     def size(self) -> int:

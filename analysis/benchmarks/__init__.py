@@ -1,0 +1,1 @@
+"""How fast the package is beside others on one problem: one peer a file, all on one core in one run."""

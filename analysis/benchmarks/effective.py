@@ -1,0 +1,50 @@
+"""Effective draws a second, by one estimator for all samplers, their turns interleaved."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import emcee
+import numpy as np
+
+Turn = Callable[[], np.ndarray]
+"""Goes on sampling; returns the new draws (steps, chains, D + 1)."""
+
+
+@dataclass(frozen=True)
+class Speed:
+    """How fast a sampler is."""
+
+    tau: float  # largest integrated autocorrelation time, steps
+    taus: float  # how many of them long the run was
+    draws: int  # steps times chains
+    seconds: float  # that all turns took, at the pace of the median one
+    acceptance: float = float("nan")
+
+    @property
+    def per_second(self) -> float:
+        """Effective draws a second of the slowest parameter."""
+        return self.draws / self.tau / self.seconds
+
+
+def race(turns: Mapping[str, Turn], rounds: int = 5) -> dict[str, Speed]:
+    """Let samplers take turns, then judge each by its slowest parameter.
+
+    The autocorrelation time is emcee's (Sokal's window, autocorrelation averaged over chains).
+    """
+    draws: dict[str, list[np.ndarray]] = {name: [] for name in turns}
+    took: dict[str, list[float]] = {name: [] for name in turns}
+    for _ in range(rounds):
+        for name, turn in turns.items():
+            start = time.perf_counter()
+            draws[name].append(turn())
+            took[name].append(time.perf_counter() - start)
+    out = {}
+    for name, parts in draws.items():
+        chain = np.concatenate(parts)
+        tau = float(np.max(emcee.autocorr.integrated_time(chain, quiet=True, tol=0)))
+        steps, chains, _ = chain.shape
+        out[name] = Speed(tau, steps / tau, steps * chains, rounds * float(np.median(took[name])))
+    return out

@@ -1,0 +1,113 @@
+"""The same posterior in JAX: the chain unrolled over its frames, only what a term moves computed.
+
+What is constant is a constant of the trace; sines and cosines of the nominal angles are known, as in
+the kernel. XLA fuses the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from analysis.benchmarks.problem import Problem
+from analysis.benchmarks.walls import contact_residuals, place, tie_residuals
+from bayescal.arm.transforms import AXES
+from bayescal.estimate import STATED_WORTH
+from bayescal.posterior import Density
+
+jax.config.update("jax_enable_x64", True)
+
+PAIRS = ((1, 4, 5), (0, 2, 3), (2, 0, 1))  # axis, turn and slide, from Ry Ty outward
+
+
+def _turn(p: list[Any], axis: int, c: Any, s: Any) -> list[Any]:
+    out = list(p)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    out[i], out[j] = c * p[i] - s * p[j], s * p[i] + c * p[j]
+    return out
+
+
+def _map(p: list[Any], m: np.ndarray) -> list[Any]:
+    """Points mapped by a constant matrix whose zeros and ones cost nothing."""
+    if np.array_equal(m, np.eye(4)):
+        return p
+    out = []
+    for row in m[:3]:
+        terms = [x if k == 1.0 else k * x for k, x in zip(row[:3], p, strict=True) if k != 0.0]
+        total = sum(terms[1:], start=terms[0])
+        out.append(total if row[3] == 0.0 else total + row[3])
+    return out
+
+
+def points_function(problem: Problem) -> Callable[[Any], list[Any]]:
+    """Ball centres, three rows (C,), m, at the arm's deviations (P,)."""
+    motion = problem.motion
+    chain, n = motion.chain, motion.chain.n
+    sites: dict[tuple[int, int], list[tuple[int, Any]]] = {}
+    for parameter, term in motion.terms:
+        driver = np.asarray(term.driver, float)
+        constant = driver.ndim == 0 or bool(np.all(driver == driver[0]))
+        sites.setdefault((term.frame, AXES.index(term.axis)), []).append(
+            (parameter, float(driver.flat[0]) if constant else driver)
+        )
+    sines, cosines, tool = np.sin(motion.q), np.cos(motion.q), motion.tool
+
+    def moved(values: Any, frame: int, component: int) -> Any:
+        terms = [values[k] * driver for k, driver in sites.get((frame, component), [])]
+        return sum(terms[1:], start=terms[0]) if terms else None
+
+    def points(values: Any) -> list[Any]:
+        p: list[Any] = [jnp.zeros(len(tool)) for _ in range(3)]
+        for frame in range(n + 1, -1, -1):
+            joint = 1 <= frame <= n
+            if joint:
+                p = _map(p, chain.link[frame])
+            for axis, turn, slide in PAIRS:
+                shift, angle = moved(values, frame, slide), moved(values, frame, turn)
+                if joint and axis == 2:
+                    shift = chain.d[frame - 1] + (0.0 if shift is None else shift)
+                if shift is not None:
+                    p = [x + shift if k == axis else x for k, x in enumerate(p)]
+                if joint and axis == 2:
+                    s, c = sines[:, frame - 1], cosines[:, frame - 1]
+                    if angle is not None:
+                        ds, dc = jnp.sin(angle), jnp.cos(angle)
+                        s, c = s * dc + c * ds, c * dc - s * ds
+                    p = _turn(p, 2, c, s)
+                elif angle is not None:
+                    p = _turn(p, axis, jnp.cos(angle), jnp.sin(angle))
+            if frame == n + 1:
+                p = [x + tool[:, k] for k, x in enumerate(p)]
+        return _map(_map(p, chain.link[0]), chain.base)
+
+    return points
+
+
+def density_function(problem: Problem, density: Density) -> Callable[[Any], Any]:
+    """Log density at one point (D + 1,), equal to `Density` up to rounding."""
+    model = problem.model
+    ratio = np.concatenate([np.full(len(b.rows), density.ratio[b.group]) for b in model.blocks])
+    sigma = np.concatenate([density.estimate.weights.sigma[b.target] for b in model.blocks]) * ratio
+    walls = problem.walls(sigma)
+    points = points_function(problem)
+    sd = np.array([p.sd for p in model.parameters])
+    nominal = np.array([p.nominal for p in model.parameters])
+    positive = np.array([p.median is not None for p in model.parameters])
+    median = np.array([1.0 if p.median is None else p.median for p in model.parameters])
+    size, faces = len(sd), np.concatenate([np.arange(model.size)[model.slices[b.target]] for b in model.blocks])
+
+    def log_density(x: Any) -> Any:
+        z, log_kappa = x[:-1], x[-1]
+        step = z[:size] * sd
+        values = jnp.where(positive, median * jnp.exp(jnp.where(positive, step, 0.0)) - nominal, step)
+        normal, shift = place(jnp, walls, z[faces].reshape(-1, 3))
+        contacts = jnp.sum(contact_residuals(jnp, walls, normal, shift, points(values)) ** 2)
+        rest = jnp.sum(tie_residuals(jnp, walls, normal, shift) ** 2) + jnp.sum(z**2)
+        half = 0.5 * (contacts + STATED_WORTH) * jnp.exp(-2.0 * log_kappa)
+        return -(density.count + STATED_WORTH) * log_kappa - 0.5 * rest - half
+
+    return log_density

@@ -1,0 +1,50 @@
+"""Plane form: faces that are not flat, as Legendre polynomials of the place on the face.
+
+Degrees 2 to 4, each degree as a whole half as large as the one before: a face bends more than it
+ripples. Prior scale: the certificate's u_form, else granite's 3 um (assumed: two to three um are
+usual of a workshop's granite); `fit` estimates it where contacts show more.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.polynomial.legendre import legvander2d
+
+from bayescal.arm.motion import CONTACT, Term
+from bayescal.effects.vocabulary import Circumstances, Effect, Face, Parameter
+
+GRANITE = 3e-6  # m, root mean square
+DEGREES = (2, 3, 4)
+
+
+def shapes(face: Face) -> list[tuple[str, float, np.ndarray]]:
+    """Name, share of the form's root mean square, and values (N,) of every shape of a face."""
+    weight = np.array([0.5 ** (degree - 2) for degree in DEGREES])
+    weight /= np.sqrt(np.sum(weight**2))
+    top = DEGREES[-1]
+    every = legvander2d(face.place[:, 0], face.place[:, 1], [top, top]).reshape(-1, top + 1, top + 1)
+    out = []
+    for degree, share in zip(DEGREES, weight, strict=True):
+        for i in range(degree, -1, -1):
+            j = degree - i
+            # unit root mean square over the square from -1 to 1
+            values = every[:, i, j] * np.sqrt((2 * i + 1) * (2 * j + 1)) * face.rows
+            out.append((f"{face.name} form {'u' * i}{'v' * j}", share / np.sqrt(degree + 1), values))
+    return out
+
+
+def _parameters(c: Circumstances) -> list[Parameter]:
+    out = []
+    for face in c.faces:
+        scale = GRANITE if face.u_form is None else face.u_form
+        for name, share, values in shapes(face):
+            # material that stands out meets the ball early: the arm's own residual is larger by it
+            out.append(Parameter(name, "m", (Term(CONTACT, "normal", -values),), scale * share))
+    return out
+
+
+def _missing(c: Circumstances) -> str:
+    return "" if c.faces else "no plane is fitted"
+
+
+PLANE_FORM = Effect("plane-form", "faces that are not flat", _parameters, _missing)

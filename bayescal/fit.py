@@ -1,0 +1,196 @@
+"""The calibration, end to end: models side by side, the posterior of the last, what it predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.dataset import Dataset
+from bayescal.errors import BayescalError
+from bayescal.estimate import Estimate, estimate
+from bayescal.flatness import FORM, FaceCheck, check_faces, with_form
+from bayescal.identify import Identifiability, identifiability
+from bayescal.latent import with_latent_readings
+from bayescal.model import Model, build, with_parameters
+from bayescal.posterior import Draws, gaussian, sample
+from bayescal.scene import Scene
+from bayescal.unexplained import Unexplained, unexplained
+from bayescal.validate import Validation, validate
+
+VALIDATION_DRAWS = 2000
+NOMINAL = ("nominal",)
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One model of the ladder: its estimate and what it says of the held-out rows."""
+
+    effects: tuple[str, ...]
+    estimate: Estimate
+    unexplained: Unexplained
+    validation: Validation
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A calibration and all that is to be said of it."""
+
+    dataset: Dataset
+    seed: int
+    prior_width: float
+    ladder: tuple[Rung, ...]  # nominal first, the fitted model last
+    draws: Draws
+    identifiability: Identifiability
+    faces: tuple[FaceCheck, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def final(self) -> Rung:
+        """The model that was asked for."""
+        return self.ladder[-1]
+
+
+def fit(
+    dataset: Dataset,
+    effects: tuple[str, ...] = ("geometry", "compliance"),
+    samples: int = 5000,
+    seed: int = 0,
+    robust: bool = True,
+    prior_width: float = 1.0,
+    latent_joints: bool = False,
+    progress: Callable[[str, float], None] = lambda stage, fraction: None,
+) -> Fit:
+    """Calibrate an arm from a session.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    effects : tuple of str
+        The model: names of `effects.EFFECTS`.
+    samples : int
+        Effective draws wanted of every parameter; 0 stops at the Gaussian approximation.
+    seed : int
+        One seed, one result.
+    robust : bool
+        Leave outliers out.
+    prior_width : float
+        Factor on the prior standard deviations of the arm.
+    latent_joints : bool
+        Keep the joint readings as variables of the graph.
+    progress : callable
+        Told the stage and the fraction of it that is done.
+
+    Raises
+    ------
+    BayescalError
+        Where the session cannot be fitted, with the reason.
+    """
+    if not 0 < prior_width < float("inf"):
+        raise BayescalError(
+            "a model without priors would shrink the arm to fit its contacts", "--prior-width", "give a number above 0"
+        )
+    scene = Scene(dataset)
+    steps = [with_parameters(scene, (), ())]
+    steps += [build(scene, effects[: k + 1], prior_width) for k in range(len(effects))]
+    ladder: list[Rung] = []
+    faces: tuple[FaceCheck, ...] = ()
+    for k, model in enumerate(steps):
+        progress("estimate", k / len(steps))
+        found = estimate(model, robust=robust)
+        last = k == len(steps) - 1
+        if last:
+            faces = check_faces(found)
+            uneven = tuple(f.target for f in faces if f.uneven)
+            if uneven and FORM not in effects and effects:
+                found = with_form(scene, found, uneven, robust)
+            if latent_joints:
+                found = with_latent_readings(found)
+        left = unexplained(found)
+        draws = gaussian(found, seed, VALIDATION_DRAWS)
+        if last:
+            progress("sample", 0.0)
+            if samples:
+                draws = sample(found, samples, seed, lambda fraction: progress("sample", fraction))
+        z, kappa = _spread(draws)
+        checked = validate(found, z, kappa, left.excess, seed)
+        ladder.append(Rung(found.model.effects or NOMINAL, found, left, checked))
+    progress("done", 1.0)
+    known = identifiability(found)
+    return Fit(
+        dataset, seed, prior_width, tuple(ladder), draws, known, faces,
+        _warnings(ladder[-1], known, faces, prior_width),
+    )  # fmt: skip
+
+
+def _spread(draws: Draws) -> tuple[np.ndarray, np.ndarray]:
+    """At most `VALIDATION_DRAWS` draws, evenly out of all."""
+    pick = np.linspace(0, len(draws.flat) - 1, min(VALIDATION_DRAWS, len(draws.flat))).astype(int)
+    return draws.flat[pick], draws.kappa[pick]
+
+
+def _warnings(rung: Rung, known: Identifiability, faces: tuple[FaceCheck, ...], prior_width: float) -> tuple[str, ...]:
+    """What a reader must know before believing a number, in words."""
+    found, left = rung.estimate, rung.unexplained
+    model, out = found.model, []
+    uneven = [f for f in faces if f.uneven]
+    if uneven:
+        listed = ", ".join(f"{f.target} by {1e6 * f.form:.0f} um rms" for f in uneven)
+        out.append(
+            f"these planes are not flat, or the arm errs across them as if they were not: {listed}; "
+            "their form is fitted along with the arm"
+        )
+    if left.excess:
+        base = "repeated contacts scatter by" if left.repeats is not None else "the stated noise is"
+        out.append(
+            f"the fit leaves {1e6 * left.fitted:.1f} um where {base} {1e6 * left.floor:.1f} um: "
+            f"{1e6 * left.excess:.1f} um is unexplained and added to every predicted point"
+        )
+    if len(known.weak) > 1:
+        out.append(
+            f"{len(known.weak)} directions of the arm are not identifiable from these contacts: there the prior decides"
+        )
+    if _rank_of_directions(model) < 3:
+        out.append("the contacts probe fewer than three directions: the arm is told only along those")
+    if not _certified_length(model):
+        out.append("no certified length among the fitted targets: the arm's size rests on the tolerance priors alone")
+    count = sum(len(b.rows) for b in model.blocks)
+    if len(found.rejected) > 0.05 * count:
+        out.append(f"{len(found.rejected)} of {count} rows were rejected as outliers: more than a session should have")
+    far = [p.name for p, z in zip(model.parameters, found.z, strict=False) if abs(z) > 4 * max(1.0, 1 / prior_width)]
+    if far:
+        out.append(f"{', '.join(far)}: more than 4 prior standard deviations off the drawing; check the robot file")
+    poses = dataset_poses(model)
+    if poses:
+        out.append(f"{poses} rows also read an orientation, which this model does not use")
+    return tuple(out)
+
+
+def dataset_poses(model: Model) -> int:
+    """Number of rows that read a whole pose."""
+    rpy = model.scene.dataset.measurements.rpy
+    return 0 if rpy is None else int(np.sum(~np.isnan(rpy).any(axis=1)))
+
+
+def _rank_of_directions(model: Model) -> int:
+    """How many independent directions in space the fitted residuals look along."""
+    directions = []
+    for block in model.blocks:
+        _, u, _ = block.kind.linearise(np.zeros(len(block.kind.sd)), model.scene.points[block.rows].T)
+        directions.append(np.moveaxis(u, 1, 2).reshape(-1, 3))
+    values = np.linalg.svd(np.concatenate(directions), compute_uv=False)
+    return int(np.sum(values > 0.05 * values[0]))
+
+
+def _certified_length(model: Model) -> bool:
+    """Whether anything but the priors says how long the arm is."""
+    kinds = {t.name: t.kind for t in model.scene.dataset.targets}
+    fitted = {b.target for b in model.blocks}
+    measured = any(kinds[name] in ("instrument", "distance") for name in fitted)
+    certified = any(
+        c.kind in ("parallel", "distance", "diameter") and c.distance is not None or c.kind == "diameter"
+        for c in model.scene.dataset.certificates
+        if all(t in fitted for t in c.targets)
+    )
+    return measured or certified

@@ -1,0 +1,167 @@
+"""The terminal's summary of a fit: what a metrologist reads in ten seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from bayescal.fit import Fit, Rung
+from bayescal.report.record import interval
+from bayescal.validate import Validation
+
+LABELS = {
+    ("nominal",): "as drawn",
+    ("geometry",): "kinematic",
+    ("geometry", "compliance"): "kinematic + stiffness",
+}
+MOST_PAIRS = 15
+UM = 1e6
+
+
+def fit_summary(fit: Fit) -> RenderableType:
+    """Headline, ladder of models, distances, parameters, sampler, warnings."""
+    parts: list[RenderableType] = [_headline(fit), "", _ladder(fit)]
+    if fit.final.validation.distances:
+        parts += ["", _distances(fit.final.validation, fit.ladder[0].validation)]
+    parts += ["", *_knowledge(fit), _sampler(fit)]
+    parts += [Text.assemble(("warning ", "bold yellow"), w) for w in fit.warnings]
+    return Group(*parts)
+
+
+def _headline(fit: Fit) -> Text:
+    rung, found = fit.final, fit.final.estimate
+    left = rung.unexplained
+    contacts = sum(len(b.rows) for b in found.model.blocks)
+    out = Text.assemble((f"{fit.dataset.name}", "bold"), f"  {fit.dataset.robot.name}\n")
+    predicted = _predicted(rung)
+    if predicted:
+        out.append("predicted error  ", style="dim").append(f"{predicted}\n", style="bold")
+    targets = f"{len(found.model.blocks)} target{'s' if len(found.model.blocks) > 1 else ''}"
+    out.append("fitted           ", style="dim")
+    out.append(
+        f"{', '.join(rung.effects)}: {len(found.model.parameters)} arm parameters from {contacts} rows on {targets}\n"
+    )
+    out.append("one contact      ", style="dim")
+    out.append(f"fitted {UM * left.fitted:.1f} um, stated {UM * left.stated:.1f} um")
+    if left.repeats is not None:
+        out.append(f", repeats {UM * left.repeats:.1f} um ({left.repeats_dof} degrees of freedom)")
+    if len(found.rejected):
+        ids = [fit.dataset.measurements.ids[row] for row in found.rejected]
+        shown = ", ".join(ids[:8]) + (", ..." if len(ids) > 8 else "")
+        out.append("\nrejected         ", style="dim").append(f"{len(ids)} rows as outliers: {shown}")
+    return out
+
+
+def _predicted(rung: Rung) -> str:
+    """The predicted error, k = 2 in spirit: the central 95 % over all held-out distances, or points."""
+    v = rung.validation
+    if v.distances:
+        low, high = interval(np.concatenate([d.predicted for d in v.distances]))
+        inside = sum(lo <= d.error <= hi for d in v.distances for lo, hi in [interval(d.predicted)])
+        return (
+            f"of a distance {UM * low:+.0f} to {UM * high:+.0f} um (95 %); measured: worst {UM * v.worst_distance:.0f} um, "
+            f"{inside} of {len(v.distances)} inside"
+        )
+    if v.points:
+        lengths = np.concatenate([np.linalg.norm(p.predicted, axis=1).ravel() for p in v.points])
+        measured = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])
+        return (
+            f"of a point up to {UM * float(np.quantile(lengths, 0.95)):.0f} um (95 %); "
+            f"measured: mean {UM * measured.mean():.0f} um, worst {UM * measured.max():.0f} um"
+        )
+    return ""
+
+
+def _ladder(fit: Fit) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
+    table.add_column("held out (um)")
+    for heading in ("planes rms", "distance rms", "distance worst", "predicted 95 %", "points mean", "inside 95 %"):
+        table.add_column(heading, justify="right")
+    for rung in fit.ladder:
+        v = rung.validation
+        label = LABELS.get(rung.effects, " + ".join(rung.effects))
+        planes = [p.residuals for p in v.planes]
+        errors = np.array([d.error for d in v.distances])
+        band = interval(np.concatenate([d.predicted for d in v.distances])) if v.distances else None
+        points = [np.linalg.norm(p.residuals, axis=0) for p in v.points]
+        table.add_row(
+            label,
+            _um(np.sqrt(np.mean(np.concatenate(planes) ** 2))) if planes else "-",
+            _um(np.sqrt(np.mean(errors**2))) if len(errors) else "-",
+            _um(v.worst_distance) if len(errors) else "-",
+            f"{UM * band[0]:+.0f} .. {UM * band[1]:+.0f}" if band else "-",
+            _um(np.mean(np.concatenate(points))) if points else "-",
+            _inside(v),
+        )
+    return table
+
+
+def _um(value: float) -> str:
+    return f"{UM * value:.1f}" if UM * value < 100 else f"{UM * value:.0f}"
+
+
+def _inside(v: Validation) -> str:
+    """How many held-out values lie inside their predicted intervals, in per cent."""
+    hits: list[np.ndarray] = []
+    for d in v.distances:
+        low, high = interval(d.predicted)
+        hits.append(np.array([low <= d.error <= high]))
+    for check in (*v.planes, *v.points):
+        low, high = np.quantile(check.predicted, [0.025, 0.975], axis=0)
+        hits.append(((low <= check.residuals) & (check.residuals <= high)).ravel())
+    return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else "-"
+
+
+def _distances(v: Validation, nominal: Validation) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
+    table.add_column("sphere distance")
+    for heading in ("certified mm", "as drawn um", "calibrated um", "predicted 95 % um", ""):
+        table.add_column(heading, justify="right")
+    order = sorted(range(len(v.distances)), key=lambda k: -abs(v.distances[k].error))
+    for k in sorted(order[:MOST_PAIRS]):
+        d, n = v.distances[k], nominal.distances[k]
+        low, high = interval(d.predicted)
+        inside = low <= d.error <= high
+        table.add_row(
+            " - ".join(d.between),
+            f"{1e3 * d.certified:.3f}",
+            f"{UM * n.error:+.0f}",
+            f"{UM * d.error:+.1f}",
+            f"{UM * low:+.1f} .. {UM * high:+.1f}",
+            Text("inside", style="green") if inside else Text("outside", style="yellow"),
+        )
+    if len(order) > MOST_PAIRS:
+        table.caption = f"the {MOST_PAIRS} largest of {len(order)}"
+    return table
+
+
+def _knowledge(fit: Fit) -> Iterable[Text]:
+    known = fit.identifiability
+    for heading, names, style in (
+        ("data decide      ", known.determined, ""),
+        ("data and prior   ", known.partly, ""),
+        ("only the prior   ", known.prior_only, "yellow"),
+    ):
+        if names:
+            yield Text.assemble((heading, "dim"), (", ".join(names), style))
+    for direction in known.weak[:6]:
+        yield Text.assemble(("                 ", "dim"), (direction.words, "yellow"))
+    if len(known.weak) > 6:
+        yield Text(f"                 and {len(known.weak) - 6} more weak directions: see fit.json", style="yellow")
+
+
+def _sampler(fit: Fit) -> Text:
+    draws = fit.draws
+    if not draws.acceptance:
+        return Text.assemble(("posterior        ", "dim"), "Gaussian approximation (--samples 0)")
+    state = "converged" if draws.converged else f"NOT CONVERGED: {draws.complaint}"
+    moves = ", ".join(f"{name} {rate:.2f}" for name, rate in draws.acceptance.items())
+    return Text.assemble(
+        ("posterior        ", "dim"),
+        f"{state}: at least {draws.ess.min():.0f} effective draws of every parameter, "
+        f"R-hat up to {np.nanmax(draws.rhat):.4f}, acceptance {moves}",
+    )

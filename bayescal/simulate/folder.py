@@ -1,0 +1,85 @@
+"""A simulated session on disk: a dataset folder with its truth.json, whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections import Counter
+from pathlib import Path
+
+from bayescal.dataset import write_dataset
+from bayescal.errors import BayescalError
+from bayescal.simulate import Simulation
+
+TRUTH = "truth.json"
+
+
+def check_free(folder: Path) -> None:
+    """Refuse a folder that holds anything but an earlier simulated session.
+
+    Raises
+    ------
+    BayescalError
+        If something else is there.
+    """
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise BayescalError("a file of that name is there already", str(folder), "give another --out")
+    if any(folder.iterdir()) and not (folder / TRUTH).is_file():
+        what = "the folder is there already and holds no simulated session"
+        raise BayescalError(what, str(folder), "give another --out")
+
+
+def write(simulation: Simulation, folder: Path) -> None:
+    """Write dataset.yaml, measurements.csv, robot.yaml where it is no built-in one, and truth.json.
+
+    Raises
+    ------
+    BayescalError
+        As `check_free`, or where the folder cannot be written.
+    """
+    folder = folder.resolve()
+    check_free(folder)
+    stage = folder.parent / f".{folder.name}.{os.getpid()}.simulated"
+    old = folder.parent / f".{folder.name}.{os.getpid()}.old"
+    try:
+        write_dataset(simulation.dataset, stage)
+        text = json.dumps(simulation.truth, indent=1) + "\n"
+        (stage / TRUTH).write_text(text, encoding="utf-8", newline="")
+        if folder.exists():
+            folder.rename(old)
+        stage.rename(folder)
+    except OSError as error:
+        raise BayescalError(
+            error.strerror or "cannot be written", str(folder), "give another --out"
+        ) from None
+    finally:
+        if old.exists() and not folder.exists():
+            old.rename(folder)
+        shutil.rmtree(old, ignore_errors=True)
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def summary(simulation: Simulation) -> str:
+    """A few lines: contacts a target and how wrong the nominal arm is."""
+    dataset, truth = simulation.dataset, simulation.truth
+    rows = dataset.measurements
+    names = [dataset.targets[i].name for i in rows.target]
+    counts = Counter(zip(names, rows.role, strict=True))
+    lines = [f"{dataset.name}: {dataset.robot.name}, {', '.join(truth['effects']) or 'as drawn'}"]
+    for target in dataset.targets:
+        if target.kind == "plane":
+            fitted, held = counts[target.name, "calibrate"], counts[target.name, "validate"]
+            lines.append(f"  {target.name}: {fitted} contacts to calibrate, {held} to validate")
+    balls = [t.name for t in dataset.targets if t.kind == "sphere"]
+    if balls:
+        each = counts[balls[0], "validate"]
+        lines.append(f"  {len(balls)} spheres ({balls[0]} to {balls[-1]}): {each} contacts each")
+    if truth["distances"]:
+        worst = truth["worst_distance_um"]["nominal"]
+        lines.append(
+            f"  the nominal arm is wrong by up to {worst:.0f} um over {len(truth['distances'])} distances"
+        )
+    return "\n".join(lines)

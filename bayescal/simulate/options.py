@@ -1,0 +1,86 @@
+"""What a simulated session is asked to be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.errors import BayescalError
+
+GROUP = 4  # contacts of a repeat group
+FEWEST_ON_SPHERE = 6
+
+
+@dataclass(frozen=True)
+class Options:
+    """A session to simulate. Counts are of contacts but for `spheres` of one artefact and its `placements`.
+
+    `contacts` are those to calibrate with, the repeats (groups of four) among them; `later` are on
+    the same faces, to validate. `error_scale` multiplies every deviation of the true arm. `noise` (m)
+    is that of a contact, `joint_noise` (rad) that of a reading, `outliers` the fraction of contacts
+    that are grossly wrong, `payload` (kg) hangs on half of the plane contacts.
+    """
+
+    robot: str = "fanuc-lrmate200ic"
+    effects: tuple[str, ...] = ("geometry", "compliance")
+    name: str = "simulated"
+    seed: int = 0
+    error_scale: float = 1.0
+    contacts: int = 500
+    later: int = 60
+    repeats: int = 15
+    spheres: int = 3
+    placements: int = 4
+    sphere_contacts: int = 11
+    noise: float = 5e-6
+    joint_noise: float = 0.0
+    outliers: float = 0.0
+    payload: float = 0.0
+
+    def check(self) -> None:
+        """Refuse what cannot be.
+
+        Raises
+        ------
+        BayescalError
+            Naming the option.
+        """
+        for option in (
+            "seed",
+            "error_scale",
+            "later",
+            "repeats",
+            "spheres",
+            "placements",
+            "noise",
+            "joint_noise",
+            "payload",
+        ):
+            value = getattr(self, option)
+            if not (np.isfinite(value) and value >= 0):
+                raise BayescalError(f"{value:g} is not allowed", flag(option), "give 0 or more")
+        if not 0 <= self.outliers < 0.5:
+            raise BayescalError(f"{self.outliers:g} is no fraction of contacts", "--outliers", "0 to 0.5")
+        if self.contacts < 16:
+            raise BayescalError(f"{self.contacts} contacts are too few", "--contacts", "give 16 or more")
+        if GROUP * self.repeats > self.contacts:
+            what = f"{self.repeats} groups of {GROUP} are more than the {self.contacts} contacts"
+            raise BayescalError(what, "--repeats", "give fewer repeats or more contacts")
+        if self.spheres and self.placements and self.sphere_contacts < FEWEST_ON_SPHERE:
+            what = f"{self.sphere_contacts} contacts cannot locate a sphere"
+            raise BayescalError(what, "--sphere-contacts", f"give {FEWEST_ON_SPHERE} or more")
+        if self.spheres > 8:
+            raise BayescalError(f"{self.spheres} spheres crowd one artefact", "--spheres", "give 8 or fewer")
+
+
+def flag(option: str) -> str:
+    """Name of an option on the command line."""
+    unit = {"noise": "-um", "joint_noise": "-deg"}.get(option, "")
+    return f"--{option.replace('_', '-')}{unit}"
+
+
+def stream(seed: int, *names: str) -> np.random.Generator:
+    """A generator of its own for each name, so that one part's draws never shift another's."""
+    words = [int.from_bytes(name.encode(), "little") for name in names]
+    return np.random.default_rng(np.random.SeedSequence([seed, *words]))

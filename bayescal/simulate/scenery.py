@@ -1,0 +1,83 @@
+"""What stands in the workspace: a cube of granite and an artefact of spheres, nominal and true."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SIZE = 0.2286  # m, the cube's edge: 9 inches
+DIAMETER = 0.0508  # m, of the spheres: 2 inches
+U_DISTANCE, U_ANGLE = 3e-6, 1.2e-5  # m, rad: of the cube's certificate
+U_SPHERE = 1e-6  # m: of a sphere's diameter, and of a distance between spheres
+LONGEST = 0.3  # m, between spheres of the artefact
+CLEAR = 0.025  # m: what an arm keeps away from things, its axes being thinner than it is
+
+FACES = {
+    "+x": (0, 1.0), "-x": (0, -1.0), "+y": (1, 1.0), "-y": (1, -1.0), "+z": (2, 1.0)
+}  # fmt: skip
+"""Axis and sign of the faces that can be touched: the cube stands on the sixth."""
+
+
+@dataclass(frozen=True)
+class Cube:
+    """A cube by its centre (3,), m, and the directions of its edges: columns of `axes` (3, 3), in F0."""
+
+    centre: np.ndarray
+    axes: np.ndarray
+
+    def normal(self, face: str) -> np.ndarray:
+        """Outward unit normal (3,) of a face."""
+        axis, sign = FACES[face]
+        return sign * self.axes[:, axis]
+
+    def offset(self, face: str) -> float:
+        """Distance of a face from the origin of F0 along its normal, m."""
+        return float(self.normal(face) @ self.centre) + SIZE / 2
+
+    def on(self, face: str, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Points (count, 3), m, spread over a face, away from its edges."""
+        axis, _ = FACES[face]
+        flat = rng.uniform(-0.43, 0.43, (count, 3)) * SIZE
+        flat[:, axis] = 0.0
+        return self.centre + flat @ self.axes.T + 0.5 * SIZE * self.normal(face)
+
+    def inside(self, points: np.ndarray, margin: float) -> np.ndarray:
+        """Which of points (..., 3) are in the cube, or nearer to it than the margin, m."""
+        return np.all(np.abs((points - self.centre) @ self.axes) < SIZE / 2 + margin, axis=-1)
+
+
+def layout(spheres: int, longest: float) -> np.ndarray:
+    """Sphere centres (spheres, 3), m, on the artefact: two at its ends, the others between and beside."""
+    turn = np.concatenate([[np.pi, 0.0], np.linspace(0, 2 * np.pi, max(spheres - 1, 1))[:-1] + np.pi / 2])
+    turn = turn[:spheres]
+    return 0.5 * longest * np.stack([np.cos(turn), 0.45 * np.sin(turn), 0 * turn], axis=1)
+
+
+def clear(pose: np.ndarray, ball: np.ndarray, cube: Cube, spheres: np.ndarray) -> np.ndarray:
+    """Whether arms stay outside of the cube and the spheres. Coarse: an arm is the line of its frames.
+
+    Parameters
+    ----------
+    pose : np.ndarray, shape (M, n + 2, 4, 4)
+        Frames and flange in F0.
+    ball : np.ndarray, shape (M, 3)
+        Ball centres, m.
+    cube : Cube
+        To stay out of.
+    spheres : np.ndarray, shape (K, 3)
+        Their centres, m.
+
+    Returns
+    -------
+    np.ndarray, shape (M,), bool
+    """
+    flange = pose[:, -1, :3, 3]
+    stops = np.concatenate([pose[:, 1:, :3, 3], (flange + 0.6 * (ball - flange))[:, None]], axis=1)
+    part = np.linspace(0, 1, 6)[:, None, None, None]
+    line = (1 - part) * stops[:, :-1] + part * stops[:, 1:]
+    hit = np.any(cube.inside(line, CLEAR), axis=(0, 2))
+    for centre in spheres:
+        near = np.linalg.norm(line - centre, axis=-1) < DIAMETER / 2 + CLEAR
+        hit = hit | near.any(axis=(0, 2))
+    return np.logical_not(hit)

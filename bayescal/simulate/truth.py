@@ -1,0 +1,182 @@
+"""What is true of a simulated session, drawn apart from its plan, and how it is written down."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from bayescal.arm.transforms import rpy_matrix
+from bayescal.dataset import Certificate, Dataset, Target
+from bayescal.effects import UNITS
+from bayescal.model import Model
+from bayescal.scene import Scene
+from bayescal.simulate.options import Options, stream
+from bayescal.simulate.scenery import DIAMETER, SIZE, U_ANGLE, U_DISTANCE, U_SPHERE
+from bayescal.simulate.session import Scenery, sphere_names
+
+SCHEMA = "bayescal-truth/1"
+TOOL_SD = 0.5e-3  # m: of a ball's place that nothing is stated of
+PLACE_SD, ANGLE_SD = 1e-3, 2e-3  # m, rad: how well a cube or an artefact is put where it is said to be
+OUTLIER = 30e-6, 1e-3  # m: least and most of a gross contact
+
+
+def draws(options: Options, model: Model) -> np.ndarray:
+    """The true arm's deviations from its drawing (P,), SI, times the error scale.
+
+    Each parameter is drawn from its prior by a generator of its own name: the same seed gives the
+    same arm, whichever effects are added to it.
+    """
+    z = np.empty(len(model.parameters))
+    for k, p in enumerate(model.parameters):
+        z[k] = stream(options.seed, "truth", p.effect, p.name).normal()
+        if p.effect == "tool":
+            z[k] *= min(1.0, TOOL_SD / p.sd)
+    return options.error_scale * model.deviations(z)
+
+
+def true_targets(options: Options, scenery: Scenery) -> tuple[Target, ...]:
+    """The targets where they truly are: put down a little wrong, and made as well as their papers say."""
+    rng = stream(options.seed, "targets")
+    cube, out = scenery.cube, []
+    turn, shift = rpy_matrix(rng.normal(0, ANGLE_SD, 3)), rng.normal(0, PLACE_SD, 3)
+    for face in scenery.faces:
+        tilt = rpy_matrix(rng.normal(0, U_ANGLE / np.sqrt(2), 3))
+        normal = tilt @ turn @ cube.normal(face)
+        middle = SIZE / 2 + rng.normal(0, U_DISTANCE / np.sqrt(2))
+        offset = normal @ (cube.centre + shift) + middle * (normal @ (turn @ cube.normal(face)))
+        out.append(Target(f"cube.{face}", "plane", {"normal": normal, "offset": float(offset)}))
+    placements, spheres = scenery.spheres.shape[:2]
+    made = rng.normal(0, 50e-6, (spheres, 3))  # the artefact is no better than its drawing; it is measured
+    diameters = rng.normal(DIAMETER, U_SPHERE, (spheres,))
+    names = iter(sphere_names(placements, spheres))
+    # the drawing's own frame: that of the first placement
+    drawing = scenery.spheres[:1].sum(axis=0)
+    drawing = drawing - drawing.mean(axis=0, keepdims=True) if spheres else drawing
+    for centres in scenery.spheres:
+        middle = centres.mean(axis=0)
+        turn = rpy_matrix(rng.normal(0, ANGLE_SD, 3)) @ _turn(drawing, centres - middle)
+        shift = rng.normal(0, PLACE_SD, 3)
+        for k in range(spheres):
+            centre = middle + shift + turn @ (drawing[k] + made[k])
+            out.append(Target(next(names), "sphere", {"centre": centre, "diameter": float(diameters[k])}))
+    return tuple(out)
+
+
+def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) that best brings points a (K, 3) to b (K, 3)."""
+    left, _, right = np.linalg.svd(b.T @ a)
+    return left @ np.diag([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)]) @ right
+
+
+def distance_certificates(
+    options: Options, scenery: Scenery, targets: Sequence[Target]
+) -> tuple[Certificate, ...]:
+    """What the artefact's paper says of its spheres: one value a pair, for all placements."""
+    placements, spheres = scenery.spheres.shape[:2]
+    names, rng = sphere_names(placements, spheres), stream(options.seed, "paper")
+    at = {t.name: np.asarray(t.values["centre"]) for t in targets if t.kind == "sphere"}
+    pairs = list(combinations(range(spheres), 2)) if placements else []
+    said = [
+        round(float(np.linalg.norm(at[names[a]] - at[names[b]])) + rng.normal(0, U_SPHERE), 9)
+        for a, b in pairs
+    ]
+    return tuple(
+        Certificate("distance", (names[p * spheres + a], names[p * spheres + b]), length, U_SPHERE)
+        for p in range(placements)
+        for (a, b), length in zip(pairs, said, strict=True)
+    )
+
+
+def noise(options: Options, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """How far outside of the surface each contact triggers (N,), m, and which of them are gross."""
+    rng = stream(options.seed, "noise")
+    shift = options.noise * rng.normal(size=count)
+    gross = np.sort(rng.choice(count, round(options.outliers * count), replace=False))
+    size = np.exp(rng.uniform(np.log(OUTLIER[0]), np.log(OUTLIER[1]), len(gross)))
+    shift[gross] += size * rng.choice([-1.0, 1.0], len(gross))
+    return shift, gross
+
+
+def nominal_errors(dataset: Dataset) -> dict[tuple[str, ...], float]:
+    """Error, m, of each certified distance as the nominal arm measures it: centres fitted, diameters held."""
+    p, rows = Scene(dataset).points, dataset.measurements
+    radius = np.array([t.ball_radius for t in dataset.tools], float)[rows.tool]
+    centres = {}
+    for index, target in enumerate(dataset.targets):
+        at = np.flatnonzero(rows.target == index)
+        if target.kind != "sphere" or not len(at):
+            continue
+        centre = np.asarray(target.values["centre"], float)
+        for _ in range(20):
+            out = p[at] - centre
+            length = np.linalg.norm(out, axis=1)
+            off = length - (0.5 * float(target.values["diameter"]) + radius[at])
+            centre = centre + np.linalg.lstsq(out / length[:, None], off, rcond=None)[0]
+        centres[target.name] = centre
+    return {
+        c.targets: float(np.linalg.norm(centres[c.targets[0]] - centres[c.targets[1]])) - c.distance
+        for c in dataset.certificates
+        if c.kind == "distance" and c.distance is not None
+    }
+
+
+def key_of(unit: str) -> tuple[str, float]:
+    """Key of a value in a file, its unit in its name, and the factor to it from SI."""
+    name, factor = UNITS.get(unit, (unit, 1.0))
+    suffix = re.sub(r"[^a-z0-9_]+", "", name.lower().replace("/", "_per_"))
+    return ("value" if suffix in ("", "1") else f"value_{suffix}"), factor
+
+
+def document(
+    options: Options,
+    dataset: Dataset,
+    model: Model,
+    targets: Sequence[Target],
+    gross: np.ndarray,
+) -> dict[str, Any]:
+    """The content of truth.json."""
+    arm = []
+    for p, deviation in zip(model.parameters, draws(options, model), strict=True):
+        key, factor = key_of(p.unit)
+        nominal = key.replace("value", "nominal")
+        item = {
+            "name": p.name,
+            "effect": p.effect,
+            key: (p.nominal + deviation) * factor,
+            nominal: p.nominal * factor,
+        }
+        arm.append(item)
+    places = []
+    for t in targets:
+        place: dict[str, Any] = {"name": t.name, "kind": t.kind}
+        for key, value in t.values.items():
+            in_file = np.asarray(value, float) if key == "normal" else 1e3 * np.asarray(value, float)
+            place[key if key == "normal" else f"{key}_mm"] = in_file.tolist()
+        places.append(place)
+    at = {t.name: np.asarray(t.values["centre"]) for t in targets if t.kind == "sphere"}
+    errors = nominal_errors(dataset)
+    distances = [
+        {
+            "between": list(pair),
+            "certified_mm": next(1e3 * (c.distance or 0) for c in dataset.certificates if c.targets == pair),
+            "true_mm": 1e3 * float(np.linalg.norm(at[pair[0]] - at[pair[1]])),
+            "nominal_error_um": 1e6 * error,
+        }
+        for pair, error in errors.items()
+    ]
+    return {
+        "schema": SCHEMA,
+        "seed": options.seed,
+        "effects": list(options.effects),
+        "error_scale": options.error_scale,
+        "noise": {"contact_um": 1e6 * options.noise, "joint_deg": float(np.degrees(options.joint_noise))},
+        "outliers": [dataset.measurements.ids[i] for i in gross],
+        "parameters": arm,
+        "targets": places,
+        "distances": distances,
+        "worst_distance_um": {"nominal": 1e6 * max(map(abs, errors.values()), default=0.0)},
+    }

@@ -1,0 +1,174 @@
+"""The chain and its statics against Pinocchio, on tables of both conventions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bayescal.arm.chain import chain_of, frames, link_angles, points
+from bayescal.arm.robot import Robot
+from bayescal.arm.statics import gravity_moments
+
+LOAD, AT = 1.3, np.array([0.02, -0.03, 0.06])
+
+
+def screw(axis: str, angle: float, slide: float) -> pin.SE3:
+    """A turn about and a slide along one axis, in Pinocchio's own words."""
+    return pin.SE3(pin.utils.rotate(axis, angle), slide * np.eye(3)["xyz".index(axis)])
+
+
+def pinocchio_of(robot: Robot) -> tuple[pin.Model, pin.SE3]:
+    """The same table as a Pinocchio model, links as point masses, and the flange behind its last joint."""
+    model = pin.Model()
+    parent, placed = 0, pin.SE3(robot.base)
+    for i in range(robot.n):
+        hayati = pin.SE3(pin.utils.rotate("y", robot.beta[i]), np.zeros(3))
+        row = screw("x", robot.alpha[i], robot.a[i]) * hayati
+        height = pin.SE3(np.eye(3), np.array([0, 0, robot.d[i]]))
+        before, behind = (row, height) if robot.convention == "mdh" else (pin.SE3.Identity(), height * row)
+        parent = model.addJoint(parent, pin.JointModelRZ(), placed * before, f"j{i}")
+        if robot.masses is not None:
+            own = pin.Inertia(robot.masses[i], robot.centres_of_mass[i], np.zeros((3, 3)))
+            model.appendBodyToJoint(parent, own, behind)
+        placed = behind
+    if robot.masses is not None:
+        model.appendBodyToJoint(parent, pin.Inertia(LOAD, AT, np.zeros((3, 3))), placed)
+    return model, placed
+
+
+@st.composite
+def robots(draw, least: int = 1) -> Robot:
+    """Arms of 1 to 7 joints in either convention, with masses, a base anywhere and coupled readings."""
+    n = draw(st.integers(least, 7))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    base = pin.SE3.Random()
+    base.rotation = pin.rpy.rpyToMatrix(rng.uniform(-3, 3, 3))
+    base.translation = rng.uniform(-1, 1, 3)
+    return Robot(
+        name="any",
+        convention=draw(st.sampled_from(("mdh", "dh"))),
+        joint_names=tuple(f"J{i + 1}" for i in range(n)),
+        alpha=draw(st.sampled_from((rng.uniform(-3, 3, n), rng.choice([0, np.pi / 2, -np.pi / 2], n)))),
+        a=rng.uniform(-0.5, 0.5, n),
+        d=rng.uniform(-0.5, 0.5, n),
+        offset=rng.uniform(-3, 3, n),
+        beta=draw(st.sampled_from((0.0, 0.1))) * rng.standard_normal(n),
+        limits=np.tile([-3.0, 3.0], (n, 1)),
+        link_from_reading=np.eye(n) + np.tril(rng.uniform(-1, 1, (n, n)), -1),
+        base=base.homogeneous,
+        masses=rng.uniform(0, 10, n),
+        centres_of_mass=rng.uniform(-0.2, 0.2, (n, 3)),
+    )
+
+
+def check_kinematics(robot: Robot, readings: np.ndarray, tool: np.ndarray) -> None:
+    model, flange = pinocchio_of(robot)
+    data = model.createData()
+    q = link_angles(robot, readings)
+    chain = chain_of(robot)
+    found, ball = frames(chain, q), points(chain, q, tool)
+    for k, reading in enumerate(readings):
+        pin.forwardKinematics(model, data, robot.link_from_reading @ reading + robot.offset)
+        pose = data.oMi[robot.n] * flange
+        np.testing.assert_allclose(found[k, -1], pose.homogeneous, atol=2e-13)
+        np.testing.assert_allclose(ball[k], pose.act(tool), atol=2e-13)
+        for i in range(robot.n):  # ours stand behind the joint's Tz, Pinocchio's before it
+            ours = data.oMi[i + 1] * pin.SE3(np.eye(3), np.array([0, 0, robot.d[i]]))
+            np.testing.assert_allclose(found[k, i + 1], ours.homogeneous, atol=2e-13)
+        np.testing.assert_allclose(found[k, 0], robot.base, atol=0)
+
+
+def moments_of(robot: Robot, q: np.ndarray, gravity: np.ndarray) -> np.ndarray:
+    count = len(q)
+    return gravity_moments(robot, chain_of(robot), q, gravity, np.full(count, LOAD), np.tile(AT, (count, 1)))
+
+
+def check_statics(robot: Robot, q: np.ndarray, gravity: np.ndarray) -> None:
+    """Torques by Pinocchio's gravity, all three components by the forces that its joints bear at rest."""
+    model, _ = pinocchio_of(robot)
+    model.gravity.linear = gravity
+    data = model.createData()
+    ours = moments_of(robot, q, gravity)
+    still = np.zeros(robot.n)
+    for k, angles in enumerate(q):
+        held = pin.computeGeneralizedGravity(model, data, angles)
+        np.testing.assert_allclose(ours[k, 1:, 2], -held, atol=1e-11)  # the weight pulls, the motor holds
+        pin.rnea(model, data, angles, still, still)
+        for i in range(robot.n):
+            force = data.f[i + 1]
+            about = force.angular - np.cross([0, 0, robot.d[i]], force.linear)
+            np.testing.assert_allclose(ours[k, i + 1], -about, atol=1e-11)
+
+
+@settings(max_examples=40, deadline=None)
+@given(robots(), st.integers(0, 2**32 - 1))
+def test_random_arms(robot, seed):
+    rng = np.random.default_rng(seed)
+    check_kinematics(robot, rng.uniform(-3, 3, (3, robot.n)), rng.uniform(-0.2, 0.2, 3))
+    check_statics(robot, rng.uniform(-3, 3, (3, robot.n)), np.array([1.0, -2.0, -9.0]))
+
+
+def test_lrmate(lrmate):
+    rng = np.random.default_rng(1)
+    assert lrmate.convention == "mdh"
+    assert lrmate.link_from_reading[2, 1] == -1.0  # coupled
+    check_kinematics(lrmate, rng.uniform(-3, 3, (50, 6)), np.array([0.06, 0.0, 0.12]))
+    check_statics(lrmate, rng.uniform(-3, 3, (50, 6)), np.array([0, 0, -9.81]))
+
+
+def test_lrmate_at_zero(lrmate):
+    model, flange = pinocchio_of(lrmate)
+    data = model.createData()
+    pin.forwardKinematics(model, data, lrmate.offset)
+    pose = data.oMi[6] * flange
+    ours = frames(chain_of(lrmate), link_angles(lrmate, np.zeros((1, 6))))[0, -1]
+    for found in (pose.homogeneous, ours):
+        np.testing.assert_allclose(found[:3, 3], [0.475, 0.0, 0.375], atol=1e-15)
+        np.testing.assert_allclose(found[:3, 2], [1, 0, 0], atol=1e-15)
+
+
+def test_lrmate_against_the_published_table():
+    """Typed in from the published table, not read from the built-in file."""
+    rows = [(0, 0, 0), (-90, 75, 0), (0, 300, 0), (-90, 75, 320), (90, 0, 0), (-90, 0, 80)]
+    from bayescal.robots import load_robot
+
+    robot, _ = load_robot("fanuc-lrmate200ic")
+    rng = np.random.default_rng(2)
+    for degrees in rng.uniform(-180, 180, (100, 6)):
+        j1, j2, j3, j4, j5, j6 = degrees
+        pose = pin.SE3.Identity()
+        for (alpha, a, d), theta in zip(rows, (j1, j2 - 90, -(j3 + j2), -j4, -j5, -j6), strict=True):
+            pose = pose * screw("x", np.radians(alpha), a / 1e3) * screw("z", np.radians(theta), d / 1e3)
+        ours = frames(chain_of(robot), link_angles(robot, np.radians(degrees)[None]))[0, -1]
+        np.testing.assert_allclose(ours, pose.homogeneous, atol=1e-14)
+
+
+@pytest.mark.parametrize("convention", ["mdh", "dh"])
+def test_moments_are_the_slopes_of_potential_energy(lrmate, convention):
+    """Turn all that a frame carries by a little about each of its axes: the energy says the moment."""
+    robot = replace(lrmate, convention=convention)
+    rng = np.random.default_rng(3)
+    q, gravity, h = rng.uniform(-3, 3, (4, 6)), np.array([0.5, 1.0, -9.7]), 1e-5
+    model, flange = pinocchio_of(robot)
+    data = model.createData()
+    ours = moments_of(robot, q, gravity)
+    for k, angles in enumerate(q):
+        pin.forwardKinematics(model, data, angles)
+        masses = [*((inertia.mass, pose.act(inertia.lever)) for inertia, pose in zip(model.inertias, data.oMi, strict=True))]
+        for frame in range(7):
+            if frame:
+                at = data.oMi[frame] * pin.SE3(np.eye(3), np.array([0, 0, robot.d[frame - 1]]))
+            else:
+                at = pin.SE3(robot.base)
+            beyond = masses[max(frame, 1) :]
+            for axis in range(3):
+
+                def energy(angle, at=at, axis=axis, beyond=beyond):
+                    turn = at * pin.SE3(pin.exp3(angle * np.eye(3)[axis]), np.zeros(3)) * at.inverse()
+                    return -sum(m * gravity @ turn.act(x) for m, x in beyond)
+
+                slope = (energy(h) - energy(-h)) / (2 * h)
+                assert ours[k, frame, axis] == pytest.approx(-slope, abs=1e-8)

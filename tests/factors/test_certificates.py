@@ -1,0 +1,193 @@
+"""One oracle for every certificate: nothing left where it holds, the stated share where not, slopes, draws."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from factors.certificate import Certificate, diameter, distance, parallel, perpendicular
+from factors.kind import tangents
+from factors.plane import Plane
+from factors.sphere import Sphere
+
+U_ANGLE, U_DISTANCE, SIDE = 1.2e-5, 3e-6, 0.2286
+RADIUS = np.zeros(0)
+
+
+def face(normal, point) -> Plane:
+    n = np.array(normal, float) / np.linalg.norm(normal)
+    return Plane(n, np.array(point, float), RADIUS, np.array([0.2, 0.2, 0.05]))
+
+
+RIGHT = face([0, 1, 0], [0.45, SIDE / 2, 0.1])
+LEFT = face([0, -1, 0], [0.40, -SIDE / 2, 0.2])  # its contacts lay elsewhere
+LOW = face([0, 0, 1], [0.45, 0.02, 0.1])
+HIGH = face([0, 0, 1], [0.40, -0.05, 0.15])
+FRONT = face([-1, 0, 0], [0.3357, 0.0, 0.15])
+A = Sphere(np.array([0.43, -0.06, 0.09]), 50.8e-3, RADIUS, np.full(4, 0.05))
+B = Sphere(np.array([0.53, 0.05, 0.11]), 50.8e-3, RADIUS, np.full(4, 0.05))
+APART = float(np.linalg.norm(A.centre - B.centre))
+
+
+def leaning(plane: Plane, normal: np.ndarray, offset: float) -> np.ndarray:
+    """The state (3,) of a face whose unit normal and offset are these."""
+    n = normal / (normal @ plane.normal)
+    return np.append(plane.tangents @ n, offset - normal @ plane.pivot)
+
+
+def turned(*planes: Plane) -> tuple[np.ndarray, ...]:
+    """States of faces that turned and moved together, as a rigid body."""
+    rng = np.random.default_rng(3)
+    turn = np.linalg.qr(np.eye(3) + 0.005 * rng.standard_normal((3, 3)))[0]
+    turn *= np.sign(np.diag(turn))
+    shift = 2e-3 * rng.standard_normal(3)
+    return tuple(leaning(p, turn @ p.normal, turn @ p.normal @ (turn @ p.pivot + shift)) for p in planes)
+
+
+def shifted(a: Sphere, b: Sphere) -> tuple[np.ndarray, ...]:
+    """States of spheres moved as one, their diameters too, which does not matter."""
+    return np.array([1e-3, -2e-3, 3e-3, 4e-4]), np.array([1e-3, -2e-3, 3e-3, -1e-4])
+
+
+def between(a, b, length, u):
+    return distance(a.centre, b.centre, length, u)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A certificate, states where it holds, and the residuals it should have."""
+
+    function: Certificate
+    holds: tuple[np.ndarray, ...]
+    rows: int
+    atol: float = 1e-7  # rounding of the angles over U_ANGLE
+
+
+CASES = {
+    "block": Case(parallel(RIGHT, LEFT, SIDE, U_DISTANCE, U_ANGLE), turned(RIGHT, LEFT), 3),
+    "block, named the other way": Case(parallel(LEFT, RIGHT, SIDE, U_DISTANCE, U_ANGLE), turned(LEFT, RIGHT), 3),
+    "step": Case(parallel(LOW, HIGH, 0.05, U_DISTANCE, U_ANGLE), turned(LOW, HIGH), 3),
+    "step, named the other way": Case(parallel(HIGH, LOW, 0.05, U_DISTANCE, U_ANGLE), turned(HIGH, LOW), 3),
+    "square": Case(perpendicular(RIGHT, FRONT, U_ANGLE), turned(RIGHT, FRONT), 1),
+    "centres": Case(between(A, B, APART, U_DISTANCE), shifted(A, B), 1),
+    "diameter": Case(diameter(A, 50.81e-3, U_DISTANCE), (np.array([1e-3, 0, 0, 1e-5]),), 1),
+}
+
+
+@pytest.fixture(params=CASES.values(), ids=CASES.keys())
+def case(request) -> Case:
+    return request.param
+
+
+def off(case: Case, *lead: int) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(4)
+    return tuple(x + 1e-3 * rng.standard_normal((*lead, len(x))) for x in case.holds)
+
+
+def test_zero_where_it_holds(case):
+    r, _ = case.function(*case.holds)
+    assert r.shape == (case.rows,)
+    np.testing.assert_allclose(r, 0, atol=case.atol)
+
+
+def test_slopes(case):
+    x, h = off(case), 1e-7
+    r, slopes = case.function(*x)
+    assert len(slopes) == len(x)
+    assert np.max(np.abs(r)) > 1
+    for k, part in enumerate(x):
+        assert slopes[k].shape == (case.rows, len(part))
+        for i in range(len(part)):
+            step = h * np.eye(len(part))[i]
+            up, _ = case.function(*x[:k], part + step, *x[k + 1 :])
+            down, _ = case.function(*x[:k], part - step, *x[k + 1 :])
+            np.testing.assert_allclose(slopes[k][:, i], (up - down) / (2 * h), atol=1e-3 + 1e-6 * abs(r).max())
+
+
+@pytest.mark.parametrize("lead", [(4,), (2, 3)])
+def test_draws(case, lead):
+    x = off(case, *lead)
+    r, slopes = case.function(*x)
+    for at in np.ndindex(*lead):
+        one, own = case.function(*(part[at] for part in x))
+        np.testing.assert_allclose(r[at], one, atol=1e-9)
+        for many, single in zip(slopes, own, strict=True):
+            np.testing.assert_allclose(many[at], single, rtol=1e-12)
+
+
+def test_one_uncertainty_off_is_one(case):
+    """Of each residual by itself: further apart by u, or turned by u about either direction."""
+    name = next(key for key, value in CASES.items() if value is case)
+    for row, move in enumerate(MOVES[name]):
+        r, _ = case.function(*move(case.holds))
+        np.testing.assert_allclose(np.abs(r[row]), 1, rtol=1e-3)
+
+
+def push(part: int, component: int, by: float) -> Callable:
+    def move(holds: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+        step = by * np.eye(len(holds[part]))[component]
+        return tuple(x + step if k == part else x for k, x in enumerate(holds))
+
+    return move
+
+
+def turn_by(part: int, plane: Plane, tangent: int) -> Callable:
+    """The face's present normal turned by U_ANGLE towards a nominal tangent of the other one or itself."""
+
+    def move(holds: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+        x = holds[part]
+        normal, _ = plane.at(x)
+        towards = tangents(plane.normal)[tangent]
+        towards = towards - normal * (normal @ towards)
+        new = normal + U_ANGLE * towards / np.linalg.norm(towards)
+        new /= np.linalg.norm(new)
+        moved = np.append(leaning(plane, new, 0.0)[:2], x[2])
+        return tuple(moved if k == part else value for k, value in enumerate(holds))
+
+    return move
+
+
+MOVES = {
+    "block": [turn_by(0, RIGHT, 0), turn_by(0, RIGHT, 1), push(0, 2, U_DISTANCE)],
+    "block, named the other way": [turn_by(0, LEFT, 0), turn_by(0, LEFT, 1), push(1, 2, U_DISTANCE)],
+    "step": [turn_by(0, LOW, 0), turn_by(0, LOW, 1), push(0, 2, -U_DISTANCE)],
+    "step, named the other way": [turn_by(0, HIGH, 0), turn_by(0, HIGH, 1), push(0, 2, U_DISTANCE)],
+    "square": [lambda holds: (holds[0], lean_towards(RIGHT, FRONT, *holds))],
+    "centres": [lambda holds: (holds[0] + np.append(U_DISTANCE * (A.centre - B.centre) / APART, 0), holds[1])],
+    "diameter": [push(0, 3, U_DISTANCE)],
+}
+
+
+def lean_towards(a: Plane, b: Plane, xa: np.ndarray, xb: np.ndarray) -> np.ndarray:
+    """The state of b turned by U_ANGLE towards a."""
+    new = b.at(xb)[0] + U_ANGLE * a.at(xa)[0]
+    return np.append(leaning(b, new / np.linalg.norm(new), 0.0)[:2], xb[2])
+
+
+@pytest.mark.parametrize(("further", "a", "b", "length"), [(0, RIGHT, LEFT, SIDE), (1, HIGH, LOW, 0.05)])
+def test_too_far_apart_is_positive(further, a, b, length):
+    certificate = parallel(a, b, length, U_DISTANCE, U_ANGLE)
+    r, _ = certificate(np.array([0, 0, 2 * U_DISTANCE]), np.zeros(3))
+    np.testing.assert_allclose(r, [0, 0, 2], atol=1e-9)
+
+
+def test_distance_of_faces_is_taken_at_their_middle():
+    """Two faces leaning in opposite ways about the middle are as far apart there as before."""
+    a, b = face([0, 1, 0], [0.5, 0.1, 0.1]), face([0, -1, 0], [0.3, -0.1, 0.1])
+    middle = np.array([0.4, 0.0, 0.1])
+    lean = np.array([1e-3, 1, 0]) / np.sqrt(1 + 1e-6)
+    states = [
+        leaning(a, lean, lean @ (middle + [0, 0.1, 0])),
+        leaning(b, -lean * [-1, 1, 1], (-lean * [-1, 1, 1]) @ (middle - [0, 0.1, 0])),
+    ]
+    r, _ = parallel(a, b, 0.2, U_DISTANCE, U_ANGLE)(*states)
+    assert r[2] == pytest.approx(0, abs=0.05)  # 0.1 um of a cosine over 3 um
+    assert np.max(np.abs(r[:2])) == pytest.approx(2e-3 / U_ANGLE, rel=1e-3)
+
+
+def test_a_certificate_of_another_length_pulls():
+    r, _ = replace(CASES["centres"], function=between(A, B, APART + 5e-6, 1e-6)).function(*CASES["centres"].holds)
+    np.testing.assert_allclose(r, -5, rtol=1e-6)
+    r, _ = diameter(A, 50.8e-3 + 5e-6, 1e-6)(np.zeros(4))
+    np.testing.assert_allclose(r, -5, rtol=1e-6)

@@ -1,0 +1,251 @@
+"""One oracle for every measurement kind: a true contact, slopes, draws, its own description, noise."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from factors.cylinder import Cylinder
+from factors.distance import Distance
+from factors.fixed_point import FixedPoint
+from factors.instrument import Instrument
+from factors.kind import Kind, dot, tangents, tilted
+from factors.plane import Plane
+from factors.sphere import Sphere
+
+COUNT = 40
+RADIUS = np.where(np.arange(COUNT) % 2 == 0, 3e-3, 1.5e-3)  # two tools
+
+
+def unit(*v: float) -> np.ndarray:
+    return np.array(v) / np.linalg.norm(v)
+
+
+def directions(rng: np.random.Generator) -> np.ndarray:
+    """(3, C) unit vectors all over the sphere."""
+    v = rng.standard_normal((3, COUNT))
+    return v / np.linalg.norm(v, axis=0)
+
+
+def on_plane(true: dict, gap: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    across = rng.uniform(-0.1, 0.1, (3, COUNT))
+    across -= np.outer(true["normal"], true["normal"] @ across)
+    return true["normal"][:, None] * (true["offset"] + RADIUS + gap[0]) + across
+
+
+def on_sphere(true: dict, gap: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return true["centre"][:, None] + directions(rng) * (true["diameter"] / 2 + RADIUS + gap[0])
+
+
+def on_cylinder(true: dict, gap: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    axis = true["axis"]
+    out = directions(rng)
+    out -= np.outer(axis, axis @ out)
+    out /= np.linalg.norm(out, axis=0)
+    along = np.outer(axis, rng.uniform(-0.05, 0.05, COUNT))
+    return true["point"][:, None] + along + out * (true["diameter"] / 2 + RADIUS + gap[0])
+
+
+def at_point(true: dict, gap: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return true["centre"][:, None] + gap
+
+
+LENGTHS = np.linspace(0.25, 0.35, COUNT)
+
+
+def at_length(true: dict, gap: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return true["centre"][:, None] + directions(rng) * (LENGTHS + gap[0])
+
+
+XYZ = np.random.default_rng(9).uniform(-0.3, 0.3, (COUNT, 3)) + [1.5, 0, 0]
+
+
+def as_read(true: dict, gap: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return true["frame"][:3, :3] @ (XYZ.T + gap) + true["frame"][:3, 3:]
+
+
+FRAME = np.eye(4)
+FRAME[:3, :3] = np.array([unit(0.1, -1, 0.2), unit(1, 0.1, 0), np.cross(unit(0.1, -1, 0.2), unit(1, 0.1, 0))])
+FRAME[:3, :3] = np.linalg.qr(FRAME[:3, :3])[0]
+FRAME[:3, :3] *= np.linalg.det(FRAME[:3, :3])
+FRAME[:3, 3] = [2.0, 0.1, 0.5]
+
+
+@dataclass(frozen=True)
+class Case:
+    kind: Kind
+    contacts: Callable  # (what `describe` says, gap (rows, C), rng) -> (3, C)
+    rebuild: Callable  # what `describe` says -> the kind nominally there
+    size: int
+
+
+def plane_case(normal: np.ndarray) -> Case:
+    kind = Plane(normal, normal * 0.56 + 0.2 * tangents(normal)[0], RADIUS, np.array([0.2, 0.2, 0.05]))
+    return Case(kind, on_plane, lambda d: replace(kind, normal=d["normal"], pivot=d["normal"] * d["offset"]), 3)
+
+
+_sphere = Sphere(np.array([0.43, -0.06, 0.09]), 50.8e-3, RADIUS, np.array([0.05] * 3 + [1e-3]))
+_cylinder = Cylinder(
+    np.array([0.4, 0.1, 0.2]), unit(0.2, 0.3, 1), 20e-3, RADIUS, np.array([0.2, 0.2, 0.05, 0.05, 1e-3])
+)
+_cone = FixedPoint(np.array([0.4, 0.0, 0.05]), np.full(3, 0.05))
+_bar = Distance(np.array([0.4, 0.0, 0.05]), LENGTHS, np.full(3, 0.05))
+_tracker = Instrument(FRAME, np.array([0.5, 0.0, 0.3]), XYZ, np.array([0.2] * 3 + [0.05] * 3))
+
+CASES = {
+    "plane": plane_case(unit(1, 0, 0)),
+    "slanted plane": plane_case(unit(-1, 2, 0.5)),
+    "sphere": Case(_sphere, on_sphere, lambda d: replace(_sphere, **d), 4),
+    "cylinder": Case(_cylinder, on_cylinder, lambda d: replace(_cylinder, **d), 5),
+    "fixed point": Case(_cone, at_point, lambda d: replace(_cone, **d), 3),
+    "distance": Case(_bar, at_length, lambda d: replace(_bar, **d), 3),
+    "instrument": Case(_tracker, as_read, lambda d: replace(_tracker, frame=d["frame"]), 6),
+}
+
+
+@pytest.fixture(params=CASES.values(), ids=CASES.keys())
+def case(request) -> Case:
+    return request.param
+
+
+def states(case: Case, *lead: int, seed: int = 0) -> np.ndarray:
+    """States as far off as tilts of 0.1 rad and shifts of millimetres."""
+    scale = np.array([0.1 if unit == "rad" else 3e-3 for _, unit in case.kind.parts])
+    return scale * np.random.default_rng(seed).uniform(-1, 1, (*lead, case.size))
+
+
+def touching(case: Case, x: np.ndarray, noise: float = 0.0, seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    gap = noise * rng.standard_normal((case.kind.rows, COUNT))
+    return case.contacts(case.kind.describe(x), gap, rng)
+
+
+def nearby(case: Case, *lead: int) -> np.ndarray:
+    """Points (..., 3, C) some millimetres off the nominal surface."""
+    p = touching(case, np.zeros(case.size))
+    return p + 3e-3 * np.random.default_rng(2).standard_normal((*lead, 3, COUNT))
+
+
+def test_declared_parts(case):
+    assert len(case.kind.parts) == len(case.kind.sd) == case.size
+    assert {unit for _, unit in case.kind.parts} <= {"m", "rad"}
+    assert len({name for name, _ in case.kind.parts}) == case.size
+
+
+def test_zero_at_a_true_contact(case):
+    for x in (np.zeros(case.size), states(case)):
+        r = case.kind.residual(x, touching(case, x))
+        assert r.shape == (case.kind.rows, COUNT)
+        np.testing.assert_allclose(r, 0, atol=1e-14)
+
+
+def test_residual_is_a_length(case):
+    """A contact off by a signed gap has that residual: outward is positive."""
+    x = states(case)
+    rng = np.random.default_rng(3)
+    gap = 1e-3 * rng.standard_normal((case.kind.rows, COUNT))
+    p = case.contacts(case.kind.describe(x), gap, rng)
+    np.testing.assert_allclose(case.kind.residual(x, p), gap, atol=1e-14)
+
+
+def test_state_zero_is_the_drawing(case):
+    told = case.rebuild(case.kind.describe(np.zeros(case.size)))
+    p = nearby(case)
+    zero = np.zeros(case.size)
+    np.testing.assert_allclose(told.residual(zero, p), case.kind.residual(zero, p), atol=1e-14)
+
+
+def test_description_has_the_same_residuals(case):
+    x, p = states(case), nearby(case)
+    told = case.rebuild(case.kind.describe(x))
+    np.testing.assert_allclose(told.residual(np.zeros(case.size), p), case.kind.residual(x, p), atol=1e-14)
+
+
+def test_residual_is_that_of_linearise(case):
+    x, p = states(case, 5), nearby(case, 5)
+    r, u, dx = case.kind.linearise(x, p)
+    np.testing.assert_allclose(r, case.kind.residual(x, p), atol=1e-15)
+    assert u.shape == (5, case.kind.rows, 3, COUNT)
+    assert dx.shape == (5, case.kind.rows, COUNT, case.size)
+
+
+@pytest.mark.parametrize("far", [0.0, 1e-7, 1.0, 10.0])
+def test_slopes(case, far):
+    """Gradients by the point and by the state, at the drawing, a hair off it and well off it."""
+    x, p, h = far * states(case), nearby(case), 1e-6
+    _, u, dx = case.kind.linearise(x, p)
+    for k in range(3):
+        step = h * np.eye(3)[k][:, None]
+        slope = (case.kind.residual(x, p + step) - case.kind.residual(x, p - step)) / (2 * h)
+        np.testing.assert_allclose(u[:, k], slope, atol=2e-9)
+    for k in range(case.size):
+        step = h * np.eye(case.size)[k]
+        slope = (case.kind.residual(x + step, p) - case.kind.residual(x - step, p)) / (2 * h)
+        np.testing.assert_allclose(dx[..., k], slope, atol=2e-9)
+
+
+@pytest.mark.parametrize("lead", [(4,), (2, 3)])
+@pytest.mark.parametrize("of", ["state and points", "state", "points"])
+def test_draws(case, lead, of):
+    """Leading axes give what a loop gives, of both or of one alone."""
+    x = states(case, *lead) if "state" in of else states(case)
+    p = nearby(case, *lead) if "points" in of else nearby(case)
+    r, u, dx = case.kind.linearise(x, p)
+    alone = case.kind.residual(x, p)
+    xs, ps = np.broadcast_to(x, (*lead, case.size)), np.broadcast_to(p, (*lead, 3, COUNT))
+    for at in np.ndindex(*lead):
+        one = case.kind.linearise(xs[at], ps[at])
+        np.testing.assert_allclose(alone[at], one[0], atol=1e-15)
+        np.testing.assert_allclose(r[at], one[0], atol=1e-15)
+        # a gradient that does not vary may lack the axis and broadcast instead
+        np.testing.assert_allclose(np.broadcast_to(u, (*lead, *one[1].shape))[at], one[1], atol=1e-14)
+        np.testing.assert_allclose(np.broadcast_to(dx, (*lead, *one[2].shape))[at], one[2], atol=1e-14)
+
+
+def test_whitened_residuals_are_standard_normal(case):
+    """At the truth, of noise along the contact: a wrong factor in a residual shows here."""
+    noise, total, count = 5e-6, 0.0, 0
+    for seed in range(25):
+        x = states(case, seed=seed)
+        r = case.kind.residual(x, touching(case, x, noise, seed)) / noise
+        total += float(np.sum(r**2))
+        count += r.size
+        assert abs(r.mean()) < 5 / np.sqrt(r.size)
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], count)
+    assert low < total < high
+
+
+def test_far_turns_of_an_instrument():
+    """Its turn is a rotation vector, of any size."""
+    case = CASES["instrument"]
+    x = np.array([1.0, -2.0, 0.5, 0.1, 0.2, -0.3])
+    np.testing.assert_allclose(case.kind.residual(x, touching(case, x)), 0, atol=1e-14)
+    frame = case.kind.describe(x)["frame"]
+    np.testing.assert_allclose(frame[:3, :3] @ frame[:3, :3].T, np.eye(3), atol=1e-14)
+    angle = np.arccos((np.trace(frame[:3, :3] @ FRAME[:3, :3].T) - 1) / 2)
+    assert angle == pytest.approx(np.linalg.norm(x[:3]), abs=1e-12)
+
+
+@pytest.mark.parametrize("normal", [(1, 0, 0), (0, -1, 0), (0, 0, 1), (1, 2, -3), (1, 1, 1)])
+def test_tangents(normal):
+    n = unit(*normal)
+    basis = np.vstack([tangents(n), n])
+    np.testing.assert_allclose(basis @ basis.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(basis) == pytest.approx(1.0)
+    tilt = np.array([[0.2, -0.3], [0.0, 0.0]])
+    turned, slopes = tilted(n, tangents(n), tilt)
+    np.testing.assert_allclose(np.linalg.norm(turned, axis=1), 1.0, atol=1e-15)
+    np.testing.assert_allclose(turned[1], n, atol=1e-15)
+    h = 1e-6
+    for k in range(2):
+        step = h * np.eye(2)[k]
+        slope = (tilted(n, tangents(n), tilt + step)[0] - tilted(n, tangents(n), tilt - step)[0]) / (2 * h)
+        np.testing.assert_allclose(slopes[:, k], slope, atol=1e-9)
+
+
+def test_dot():
+    rng = np.random.default_rng(0)
+    v, p = rng.standard_normal((4, 3)), rng.standard_normal((4, 3, 5))
+    np.testing.assert_allclose(dot(v, p), np.einsum("sk,skc->sc", v, p), atol=1e-15)
