@@ -24,6 +24,8 @@ LARGEST_SCALE_SD = 5e-3
 """Relative standard deviation of the arm's size beyond which no length counts as known."""
 ROUNDS = 25
 """At most so many reweightings."""
+MEDIAN_SIZE = {1: 0.6745, 3: 0.8881}
+"""Median of the root mean square of one, or three, standard normal residuals."""
 FALSE_REJECTIONS = 0.01
 """Contacts of clean normal noise that a session loses as outliers on average."""
 
@@ -96,13 +98,13 @@ def linearise(model: Model, z: np.ndarray, weights: Weights) -> Linear:
     """Whitened residuals and Jacobian at z, in NumPy arrays."""
     residuals, jacobians, of_block, at = [], [], {}, 0
     arm = z[model.slices[ARM]]
-    values, slopes = model.deviations(arm), model.slopes(arm)
+    values = model.deviations(arm)
     for block in model.blocks:
         own = model.slices[block.target]
         r, by_arm, by_target = block.linearise(values, z[own])
         whiten = weights.whitening(block)
         jacobian = np.zeros((len(r), model.size))
-        jacobian[:, model.slices[ARM]] = by_arm * slopes * whiten[:, None]
+        jacobian[:, model.slices[ARM]] = by_arm * model.sd * whiten[:, None]
         jacobian[:, own] = by_target * whiten[:, None]
         residuals.append(r * whiten)
         jacobians.append(jacobian)
@@ -164,7 +166,7 @@ def add_block(graph: Graph, model: Model, block: Block, whiten: np.ndarray) -> N
         r, by_arm, by_target = block.linearise(model.deviations(arm), own)
         slopes = []
         if model.parameters:
-            by_arm *= model.slopes(arm)
+            by_arm *= model.sd
             by_arm *= across
             slopes.append(by_arm)
         if block.size:
@@ -213,9 +215,9 @@ def estimate(model: Model, robust: bool = True, start: np.ndarray | None = None)
     BayescalError
         Where no length is known, or the solution lies outside of what the model can say.
     """
+    check_length(model)
     z = np.zeros(model.size) if start is None else start
     weights = unit_weights(model, z)
-    check_length(model, linearise(model, z, weights))
     z, covariance, iterations = solve(model, weights, z)
     weights = replace(unit_weights(model, z), scale=weights.scale)
     if robust:
@@ -274,14 +276,13 @@ def _row_sizes(model: Model, weights: Weights, z: np.ndarray) -> dict[str, np.nd
 
 
 def _scatter(model: Model, sizes: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Robust noise scales by group: the median size over that of a normal's root mean square."""
+    """Robust noise scales by group: the median size of a row over that of normal noise."""
     out = {}
     for group, blocks in _groups(model).items():
-        # the median of the root mean square of 1 normal is .6745, of 3 it is .8881
-        usual = 0.6745 if blocks[0].kind.rows == 1 else 0.8881
-        size = np.concatenate([sizes[b.target] for b in blocks])
-        spare = max(len(size) - model.size, 0.25 * len(size))
-        out[group] = max(float(np.median(size)) / usual * np.sqrt(len(size) / spare), 1e-3)
+        size = np.concatenate([sizes[b.target] / MEDIAN_SIZE[b.kind.rows] for b in blocks])
+        count = sum(b.residuals for b in blocks)
+        spare = max(count - model.size, 0.25 * count)
+        out[group] = max(float(np.median(size)) * np.sqrt(count / spare), 1e-3)
     return out
 
 
@@ -317,21 +318,18 @@ def _without_outliers(model: Model, z: np.ndarray, weights: Weights) -> tuple[np
     return z, weights, iterations
 
 
-def check_length(model: Model, linear: Linear) -> None:
+def check_length(model: Model) -> None:
     """Refuse a model in which nothing fixes the arm's size: it would shrink to fit, and report no error."""
-    size, direction = 0.0, np.zeros(model.size)
-    for k, p in enumerate(model.parameters):
-        if p.unit == "m" and p.effect == "geometry":
-            size += p.nominal**2
-            direction[k] = p.nominal * p.sd
-    if size == 0.0:
+    lengths = [p for p in model.parameters if p.unit == "m" and p.effect == "geometry" and p.nominal]
+    if model.knows_length or not lengths:
         return
-    information = linear.jacobian.T @ linear.jacobian + np.eye(model.size)
-    direction /= size
-    sd = float(np.sqrt(direction @ np.linalg.solve(information, direction)))
+    # least squares of a common factor on the lengths, by their priors alone: a ball's radius is no yardstick
+    size = sum(p.nominal**2 for p in lengths)
+    sd = float(np.sqrt(sum((p.nominal * p.sd) ** 2 for p in lengths)) / size)
     if not sd < LARGEST_SCALE_SD:
         raise BayescalError(
-            f"no length is known: the size of the arm is uncertain to {100 * sd:.2g} %, and a fit would shrink it",
+            f"no length is known: the priors leave the size of the arm uncertain to {100 * sd:.2g} %, "
+            "and a fit would shrink it",
             "dataset.yaml",
             "certify a distance between two fitted targets (certificates: parallel or distance), "
             "or keep the priors (--prior-width 1)",

@@ -21,6 +21,7 @@ from bayescal.validate import Validation, validate
 
 VALIDATION_DRAWS = 2000
 NOMINAL = ("nominal",)
+WILD_SCALE = 100.0  # times the stated noise: no calibration any more
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ def _warnings(rung: Rung, known: Identifiability, faces: tuple[FaceCheck, ...], 
         )
     if _rank_of_directions(model) < 3:
         out.append("the contacts probe fewer than three directions: the arm is told only along those")
-    if not _certified_length(model):
+    if not model.knows_length:
         out.append("no certified length among the fitted targets: the arm's size rests on the tolerance priors alone")
     count = sum(len(b.rows) for b in model.blocks)
     if len(found.rejected) > 0.05 * count:
@@ -161,6 +162,15 @@ def _warnings(rung: Rung, known: Identifiability, faces: tuple[FaceCheck, ...], 
     far = [p.name for p, z in zip(model.parameters, found.z, strict=False) if abs(z) > 4 * max(1.0, 1 / prior_width)]
     if far:
         out.append(f"{', '.join(far)}: more than 4 prior standard deviations off the drawing; check the robot file")
+    if max(found.weights.scale.values()) > WILD_SCALE:
+        out.append(
+            f"the rows miss by {1e3 * left.fitted:.1f} mm, far more than any small error of an arm: "
+            "check offset_deg, the signs of link_from_reading, units, and the tools"
+        )
+    values = model.physical(found.z)
+    negative = [p.name for p, v in zip(model.parameters, values, strict=False) if p.positive and v < 0]
+    if negative:
+        out.append(f"{', '.join(negative)} comes out negative, which is not physical: these contacts do not tell it")
     poses = dataset_poses(model)
     if poses:
         out.append(f"{poses} rows also read an orientation, which this model does not use")
@@ -181,16 +191,3 @@ def _rank_of_directions(model: Model) -> int:
         directions.append(np.moveaxis(u, 1, 2).reshape(-1, 3))
     values = np.linalg.svd(np.concatenate(directions), compute_uv=False)
     return int(np.sum(values > 0.05 * values[0]))
-
-
-def _certified_length(model: Model) -> bool:
-    """Whether anything but the priors says how long the arm is."""
-    kinds = {t.name: t.kind for t in model.scene.dataset.targets}
-    fitted = {b.target for b in model.blocks}
-    measured = any(kinds[name] in ("instrument", "distance") for name in fitted)
-    certified = any(
-        c.kind in ("parallel", "distance", "diameter") and c.distance is not None or c.kind == "diameter"
-        for c in model.scene.dataset.certificates
-        if all(t in fitted for t in c.targets)
-    )
-    return measured or certified

@@ -75,7 +75,7 @@ def _add_contact(graph, model: Model, block: Block, k: int, name: str, scale: fl
         target = parts[-2] if block.size else np.zeros(0)
         values = np.concatenate([model.deviations(arm), parts[-1] * joint])
         r, by_values, by_target = own.linearise(values, target)
-        gradients = [by_values[:, :size] * model.slopes(arm) / sigma] if size else []
+        gradients = [by_values[:, :size] * model.sd / sigma] if size else []
         gradients += [by_target / sigma] if block.size else []
         return r / sigma, [*gradients, by_values[:, size:] * (joint / sigma)]
 

@@ -18,9 +18,15 @@ from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.scene import Scene
 from factors import certificate
+from factors.distance import Distance
+from factors.instrument import Instrument
 from factors.kind import Kind
 
 ARM = "arm"
+LENGTHS = ("parallel", "distance", "diameter")
+"""Certificates that state a length."""
+KNOWN_PLACE = 1e-3
+"""Standard uncertainty of a target's place, m, up to which two of them are as good as a length."""
 
 
 @dataclass(frozen=True)
@@ -93,22 +99,22 @@ class Block:
 
     def by_readings(self, values: np.ndarray, z: np.ndarray, coupling: np.ndarray) -> np.ndarray:
         """Gradients of the residuals (R, n) by the joint readings, m/rad; coupling (n, n) link from reading."""
-        n = self.motion.chain.n
-        joints = [(j, Term(j + 1, "rz")) for j in range(n)]
-        # frozen at its present displacement, the arm is a chain of nominal angles that already are displaced
-        delta = self.motion.displacements(values)
-        turned = self.motion.q + delta[:, 1 : n + 1, 0]
-        plain = Motion(self.motion.chain, turned, self.motion.tool, joints, n)
-        at = np.zeros(n)
-        p = plain.points(at)
+        n, size = self.motion.chain.n, self.motion.size
+        joints = [(size + j, Term(j + 1, "rz")) for j in range(n)]
+        turning = Motion(
+            self.motion.chain, self.motion.q, self.motion.tool, [*self.motion.terms, *joints], size + n
+        )
+        at = np.append(values, np.zeros(n))
+        p = turning.points(at)
         _, u, _ = self.kind.linearise(self.state(z), p)
-        return np.concatenate([plain.columns(at, p, u[k]).T @ coupling for k in range(self.kind.rows)])
+        return np.concatenate([turning.columns(at, p, u[k])[size:].T @ coupling for k in range(self.kind.rows)])
 
 
 @dataclass(frozen=True)
 class Tie:
     """A certificate between fitted targets: whitened residuals of their states."""
 
+    kind: str
     targets: tuple[str, ...]
     rows: int
     function: certificate.Certificate
@@ -153,30 +159,22 @@ class Model:
         return {block.target: block for block in self.blocks}
 
     @cached_property
-    def _arrays(self) -> tuple[np.ndarray, ...]:
-        sd = np.array([p.sd for p in self.parameters])
-        nominal = np.array([p.nominal for p in self.parameters])
-        median = np.array([np.nan if p.median is None else p.median for p in self.parameters])
-        return sd, nominal, median, np.flatnonzero(~np.isnan(median))
+    def sd(self) -> np.ndarray:
+        """Prior standard deviations of the arm's parameters, (P,), SI: the derivatives of `deviations` by z."""
+        return np.array([p.sd for p in self.parameters])
+
+    @cached_property
+    def shift(self) -> np.ndarray:
+        """How far the prior means lie from the drawing, (P,), SI."""
+        return np.array([p.centre - p.nominal for p in self.parameters])
 
     def deviations(self, z: np.ndarray) -> np.ndarray:
         """Deviations of the arm's parameters from the drawing (..., P), SI, from the arm's z (..., P)."""
-        sd, nominal, median, positive = self._arrays
-        out = z * sd
-        out[..., positive] = median[positive] * np.exp(out[..., positive]) - nominal[positive]
-        return out
-
-    def slopes(self, z: np.ndarray) -> np.ndarray:
-        """Derivatives of `deviations` by z, (P,), SI."""
-        sd, _, median, positive = self._arrays
-        out = sd.copy()
-        out[positive] *= median[positive] * np.exp(sd[positive] * z[positive])
-        return out
+        return z * self.sd + self.shift
 
     def physical(self, z: np.ndarray) -> np.ndarray:
         """Every component of z (..., size) in SI: arm parameters as values, targets as displacements."""
-        _, nominal, *_ = self._arrays
-        arm = self.deviations(z[..., self.slices[ARM]]) + nominal
+        arm = z[..., self.slices[ARM]] * self.sd + np.array([p.centre for p in self.parameters])
         parts = [z[..., self.slices[b.target]] * b.sd for b in self.blocks]
         return np.concatenate([arm, *parts], axis=-1)
 
@@ -187,6 +185,16 @@ class Model:
         for block in self.blocks:
             out += [block.kind.parts[k][1] for k in block.free]
         return tuple(out)
+
+    @property
+    def knows_length(self) -> bool:
+        """Whether anything but the priors says how long the arm is."""
+        stated = {t.name for t in self.scene.dataset.targets if t.u is not None and t.u <= KNOWN_PLACE}
+        return (
+            any(t.kind in LENGTHS for t in self.ties)
+            or any(isinstance(b.kind, Instrument | Distance) for b in self.blocks)
+            or sum(b.target in stated for b in self.blocks) > 1
+        )
 
     def in_file_units(self) -> tuple[tuple[str, ...], np.ndarray]:
         """Units for files, and the factors (size,) to them from SI."""
@@ -264,7 +272,7 @@ def _tie(entry: CertificateEntry, kinds: Mapping[str, Kind]) -> Tie | None:
     if entry.kind not in TIES or any(name not in kinds for name in entry.targets):
         return None
     rows, make = TIES[entry.kind]
-    return Tie(entry.targets, rows, make(entry, *(kinds[name] for name in entry.targets)))
+    return Tie(entry.kind, entry.targets, rows, make(entry, *(kinds[name] for name in entry.targets)))
 
 
 def _centre(kind: Kind) -> np.ndarray:

@@ -53,6 +53,8 @@ class Graph:
             values.insert(key, start[name])
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setlambdaInitial(1e-6)
+        # Cholesky gives up, or crawls, where known and loose variables meet; QR costs no more at this size
+        parameters.setLinearSolverType("MULTIFRONTAL_QR")
         parameters.setMaxIterations(iterations)
         parameters.setRelativeErrorTol(1e-10)
         parameters.setAbsoluteErrorTol(1e-5)
@@ -62,8 +64,16 @@ class Graph:
         return found, optimizer.iterations()
 
     def covariance(self, names: Sequence[str]) -> np.ndarray:
-        """Joint covariance of variables at the solution; `names` in the order of their declaration."""
-        marginals = gtsam.Marginals(self._graph, self._solution)
-        if len(names) == 1:
-            return marginals.marginalCovariance(self._keys[names[0]])
-        return marginals.jointMarginalCovariance([self._keys[name] for name in names]).fullMatrix()
+        """Joint covariance of variables at the solution; `names` the first declared, in their order.
+
+        The inverse of the linearised graph's information, scaled to a unit diagonal first; as
+        `gtsam.Marginals`, whose Cholesky gives up where known and loose variables meet.
+        """
+        ordering = gtsam.Ordering()
+        for key in self._keys.values():
+            ordering.push_back(key)
+        information, _ = self._graph.linearize(self._solution).hessian(ordering)
+        scale = 1.0 / np.sqrt(np.diag(information))
+        covariance = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
+        size = sum(self._sizes[name] for name in names)
+        return covariance[:size, :size]

@@ -51,7 +51,7 @@ class Plane:
         np.matmul(slopes, out, out=by_x[..., :2, :])
         by_x[..., 2, :] = -1.0
         dx = np.swapaxes(by_x, -1, -2)
-        u = np.broadcast_to(normal[..., None], p.shape)
+        u = np.broadcast_to(normal[..., None], (*r.shape[:-1], 3, r.shape[-1]))
         return r[..., None, :], u[..., None, :, :], dx[..., None, :, :]
 
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:

@@ -57,7 +57,9 @@ class Arm:
     def gradient(self, readings: np.ndarray, payload: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Derivatives (C, n) of u . p by the readings."""
         q = self.angles(readings, payload)
-        back = wrenches(chain_of(self.robot), q, np.broadcast_to(self.tool, (len(q), 3)), self._delta(len(q)), u)
+        back = wrenches(
+            chain_of(self.robot), q, np.broadcast_to(self.tool, (len(q), 3)), self._delta(len(q)), u
+        )
         return back[:, 1:-1, 0] @ self.robot.link_from_reading
 
     @property
@@ -66,7 +68,12 @@ class Arm:
         r = self.robot
         out = {"beta2": self.beta}
         for i in range(1, 6):
-            out |= {f"theta{i}": r.offset[i - 1], f"d{i}": r.d[i - 1], f"a{i}": r.a[i], f"alpha{i}": r.alpha[i]}
+            out |= {
+                f"theta{i}": r.offset[i - 1],
+                f"d{i}": r.d[i - 1],
+                f"a{i}": r.a[i],
+                f"alpha{i}": r.alpha[i],
+            }
         out |= {f"compliance {name}": c for name, c in zip(r.joint_names, self.compliance, strict=True)}
         return out | {f"ball {axis}": self.tool[k] for k, axis in enumerate("xyz")}
 
@@ -95,16 +102,20 @@ def reach(robot: Robot, goals: np.ndarray, rng: np.random.Generator) -> tuple[np
     """Readings of the drawing whose ball is at the goals (C, 3) under random wrists, and which were found."""
     chain, count = chain_of(robot), len(goals)
     tool, still = np.broadcast_to(TOOL.centre, (count, 3)), np.zeros((count, robot.n + 2, 6))
-    readings = np.radians(rng.uniform([-30, -10, -60, -170, -110, -170], [30, 40, 0, 170, 110, 170], (count, 6)))
+    readings = np.radians(
+        rng.uniform([-30, -10, -60, -170, -110, -170], [30, 40, 0, 170, 110, 170], (count, 6))
+    )
     off = np.full((count, 3), np.inf)
-    for _ in range(40):
+    for _ in range(14):
         q = link_angles(robot, readings)
         off = goals - points(chain, q, tool)
-        by = np.stack([wrenches(chain, q, tool, still, np.tile(axis, (count, 1)))[:, 1:4, 0] for axis in np.eye(3)], 1)
+        by = np.stack(
+            [wrenches(chain, q, tool, still, np.tile(axis, (count, 1)))[:, 1:4, 0] for axis in np.eye(3)], 1
+        )
         by = by @ robot.link_from_reading[:3, :3]
         damped = by @ np.swapaxes(by, 1, 2) + 1e-6 * np.eye(3)
         step = (np.swapaxes(by, 1, 2) @ np.linalg.solve(damped, off[..., None]))[..., 0]
-        readings[:, :3] += np.clip(step, -0.3, 0.3)
+        readings[:, :3] += np.clip(step, -0.4, 0.4)
     q = link_angles(robot, readings)
     inside = np.all(np.abs(readings[:, :3]) < np.radians([170, 120, 160]), axis=1)
     return readings, (np.linalg.norm(off, axis=1) < 1e-6) & inside
@@ -112,12 +123,14 @@ def reach(robot: Robot, goals: np.ndarray, rng: np.random.Generator) -> tuple[np
 
 def _some(robot: Robot, goals, count: int, rng: np.random.Generator) -> np.ndarray:
     """`count` readings whose ball reaches points drawn by goals(number)."""
-    readings, found = reach(robot, goals(2 * count + 20), rng)
+    readings, found = reach(robot, goals(3 * count // 2 + 20), rng)
     assert found.sum() >= count
     return readings[found][:count]
 
 
-def measurements(rng: np.random.Generator, readings: np.ndarray, target: np.ndarray, payload: np.ndarray) -> Measurements:
+def measurements(
+    rng: np.random.Generator, readings: np.ndarray, target: np.ndarray, payload: np.ndarray
+) -> Measurements:
     """A table with every column that an effect may ask for."""
     count = len(readings)
     return Measurements(
@@ -149,7 +162,7 @@ def cube_session(
     """Contacts with four faces of a cube.
 
     `noise` is that of a contact, m, `stated` what the session says of it; `joint` that of a reading,
-    rad; `outliers` of the contacts, half a millimetre off, are listed. Returns `dataset`, the `arm`,
+    rad; `outliers` of the contacts are 8 to 100 times the noise off. Returns `dataset`, the `arm`,
     true `planes` (normal, offset) by name and `outliers`.
     """
     rng = np.random.default_rng(seed)
@@ -178,10 +191,10 @@ def cube_session(
     payload = np.where(np.arange(count) % 3 == 0, 0.5, 0.0)
     gap = noise * rng.standard_normal(count)
     bad = np.sort(rng.choice(count, outliers, replace=False))
-    gap[bad] += 0.5e-3 * rng.choice([-1, 1], outliers)
+    gap[bad] += noise * np.geomspace(8, 100, outliers) * rng.choice([-1, 1], outliers)
     normals = np.array([planes[t.name][0] for t in targets])[target]
     offsets = np.array([planes[t.name][1] for t in targets])[target]
-    for _ in range(12):
+    for _ in range(6):
         off = np.sum(normals * arm.points(readings, payload), axis=1) - offsets - RADIUS - gap
         by = arm.gradient(readings, payload, normals)
         by[:, 3:] = 0.0
@@ -201,8 +214,10 @@ def cube_session(
 
 
 @cache
-def tracker_session(seed: int = 0, count: int = 100, noise: float = 10e-6, spread: float = 1.0) -> SimpleNamespace:
-    """Points of a reflector on the same arm, read by an instrument two metres away that is not quite where drawn."""
+def tracker_session(
+    seed: int = 0, count: int = 100, noise: float = 10e-6, spread: float = 1.0
+) -> SimpleNamespace:
+    """Points of a reflector, read by an instrument two metres away that is not quite where drawn."""
     rng = np.random.default_rng(seed)
     robot, _ = load_robot("fanuc-lrmate200ic")
     arm = true_arm(robot, rng, spread)
@@ -215,10 +230,12 @@ def tracker_session(seed: int = 0, count: int = 100, noise: float = 10e-6, sprea
     frame = rigid(rpy_matrix(rpy), xyz)
     true = rigid(rotation(2, 4e-3) @ rotation(0, -2e-3), np.array([2e-3, -1e-3, 3e-3])) @ frame
     payload = np.zeros(count)
-    read = (arm.points(readings, payload) - true[:3, 3]) @ true[:3, :3] + noise * rng.standard_normal((count, 3))
+    read = (arm.points(readings, payload) - true[:3, 3]) @ true[:3, :3]
+    read = read + noise * rng.standard_normal((count, 3))
     table = replace(measurements(rng, readings, np.zeros(count, int), payload), xyz=read)
     dataset = Dataset(
-        f"tracker-{seed}", Path(), robot, "fanuc-lrmate200ic", "encoder", GRAVITY, (TOOL,), Noise(point=noise),
+        f"tracker-{seed}", Path(), robot, "fanuc-lrmate200ic", "encoder", GRAVITY, (TOOL,),
+        Noise(point=noise),
         (Target("tracker", "instrument", {"xyz": xyz, "rpy": rpy}),), (), table,
     )  # fmt: skip
     return SimpleNamespace(dataset=dataset, arm=arm, frame=true)

@@ -21,7 +21,6 @@ class Speed:
     taus: float  # how many of them long the run was
     draws: int  # steps times chains
     seconds: float  # that all turns took, at the pace of the median one
-    acceptance: float = float("nan")
 
     @property
     def per_second(self) -> float:

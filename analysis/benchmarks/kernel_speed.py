@@ -12,7 +12,7 @@ WALKERS = 64
 
 
 def measure(problem: Problem) -> dict[str, float]:
-    """Raw numbers: flops a contact, ns a contact of value, value and columns, NumPy, and dgemm's flops a second.
+    """Raw numbers: flops a contact, ns a contact of value, columns and NumPy, and dgemm's flops a second.
 
     The value is timed twice: for many parameter vectors at once, as the sampler asks for it (against
     dgemm), and for one, as the solver does (against columns and NumPy, which take one).

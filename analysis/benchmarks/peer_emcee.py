@@ -32,7 +32,7 @@ def ours(density: Density, steps: int = 1000) -> Turn:
     return _ensemble(density, start, [(Independence(linearised), 0.5), (Evolution(), 0.5)], steps, 100)
 
 
-def stretch(density: Density, steps: int = 4000) -> Turn:
+def stretch(density: Density, steps: int = 3000) -> Turn:
     """The default of emcee, started in the posterior: it need not find it first."""
     start = Linearised.of(density).draw(2 * (density.size + 1), np.random.default_rng(2))
     return _ensemble(density, start, [(emcee.moves.StretchMove(), 1.0)], steps, 500)

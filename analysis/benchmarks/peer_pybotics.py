@@ -12,6 +12,7 @@ import os
 import subprocess
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ PYTHON = TOP / ".venv-pybotics" / "bin" / "python"
 COLUMN = {"rx": 0, "tx": 1, "rz": 2, "tz": 3}  # of pybotics' rows: alpha, a, theta, d
 
 
-def export(problem: Problem) -> dict[str, np.ndarray]:
+def export(problem: Problem) -> dict[str, Any]:
     """The problem as arrays; `entry` counts the rows' entries, then the tool's x, y, z."""
     model, chain = problem.model, problem.motion.chain
     robot, n = model.scene.dataset.robot, chain.n
@@ -30,7 +31,7 @@ def export(problem: Problem) -> dict[str, np.ndarray]:
     entry, sd, index = [], [], []
     for k, parameter in enumerate(model.parameters):
         (term, *more) = parameter.terms
-        if more or parameter.median is not None or np.ndim(term.driver) or term.driver != 1.0:
+        if more or parameter.centre != parameter.nominal or np.ndim(term.driver) or term.driver != 1.0:
             continue
         if term.frame == n + 1 and term.axis[0] == "t":
             entry.append(4 * n + "xyz".index(term.axis[1]))
@@ -59,7 +60,7 @@ def export(problem: Problem) -> dict[str, np.ndarray]:
 
 
 def measure(problem: Problem, python: Path = PYTHON) -> dict[str, float] | None:
-    """What `pybotics_worker` reports, or None where its environment is not there."""
+    """What `pybotics_worker` reports when run by `python`, or None where that is not there."""
     if not python.exists():
         return None
     with tempfile.TemporaryDirectory() as folder:

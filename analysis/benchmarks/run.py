@@ -29,7 +29,8 @@ def _kernel(given: problem.Problem) -> list[Row]:
         (
             "kernel_value_vs_dgemm",
             rate / core,
-            f"{k['flops_a_contact']:.0f} flop in {k['value_ns']:.1f} ns a contact = {rate:.1f} Gflop/s; dgemm {core:.1f}",
+            f"{k['flops_a_contact']:.0f} flop in {k['value_ns']:.1f} ns a contact = {rate:.1f} Gflop/s, "
+            f"dgemm {core:.1f}",
         ),
         (
             "kernel_jacobian_vs_value",
@@ -40,7 +41,7 @@ def _kernel(given: problem.Problem) -> list[Row]:
     ]
 
 
-def _solver(given: problem.Problem) -> list[Row]:
+def _solver(given: problem.Problem, python: Path) -> list[Row]:
     s = peer_scipy.measure(given)
     ours = s["ours_s"]
     said = (
@@ -48,9 +49,9 @@ def _solver(given: problem.Problem) -> list[Row]:
         f"{s['scipy_steps']:.0f} steps) against {1e3 * ours:.2f} with covariance"
     )
     out: list[Row] = [("lm_vs_scipy_default", s["scipy_s"] / ours, said)]
-    p = peer_pybotics.measure(given)
+    p = peer_pybotics.measure(given, python)
     if p is None:
-        return [*out, ("lm_vs_pybotics", None, "no environment .venv-pybotics")]
+        return [*out, ("lm_vs_pybotics", None, "no environment with pybotics 3")]
     ours = min(ours, peer_scipy.measure_ours(given))
     scaled = ", one Jacobian scaled by the steps" if p["scaled"] else ""
     said = f"{p['pybotics_s']:.2f} s for {p['parameters']:.0f} parameters, {p['steps']:.0f} steps{scaled}"
@@ -80,10 +81,10 @@ def _sampler(given: problem.Problem) -> list[Row]:
     return out
 
 
-def measure(folder: Path) -> tuple[dict[str, Any], list[Row]]:
-    """The contents of `bench.json` and the rows of the table."""
+def measure(folder: Path, python: Path) -> tuple[dict[str, Any], list[Row]]:
+    """The contents of `bench.json` and the rows of the table; `python` has pybotics 3."""
     given = problem.load(folder)
-    rows = [*_kernel(given), *_solver(given), *_sampler(given)]
+    rows = [*_kernel(given), *_solver(given, python), *_sampler(given)]
     fit = whole.second_run(folder)
     seconds = {"fit_whole_process": fit, "gap_whole_process": None, "gap_compute": None}
     record = {
@@ -103,9 +104,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m analysis.benchmarks", description=__doc__)
     parser.add_argument("--dataset", type=Path, default=TOP / DATASET)
     parser.add_argument("--out", type=Path, default=TOP / "bench.json")
+    parser.add_argument("--pybotics", type=Path, default=peer_pybotics.PYTHON, help="Python with pybotics 3")
     given = parser.parse_args()
     with threadpool_limits(1):
-        record, rows = measure(given.dataset)
+        record, rows = measure(given.dataset, given.pybotics)
     title = f"{record['contacts']} contacts, {record['parameters']} parameters, one core"
     table = Table("ratio", "value", "raw numbers", title=title)
     for name, value, said in rows:

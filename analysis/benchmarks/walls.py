@@ -22,8 +22,8 @@ class Walls:
     sd: np.ndarray  # (F, 3) prior, rad, rad and m
     radius: np.ndarray  # (C,) m
     sigma: np.ndarray  # (C,) m
-    parallel: np.ndarray  # (K, 5) two faces, distance and its uncertainty (m), uncertainty of a direction (rad)
-    perpendicular: np.ndarray  # (L, 3) two faces, uncertainty of the angle (rad)
+    parallel: np.ndarray  # (K, 5) two faces, distance, its uncertainty (m), that of a direction (rad)
+    perpendicular: np.ndarray  # (L, 3) two faces, uncertainty of their angle (rad)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All fields by name, for a file."""

@@ -19,9 +19,8 @@ def second_run(dataset: Path, command: tuple[str, ...] = FIT) -> float | None:
         with tempfile.TemporaryDirectory() as folder:
             out = ["--out", str(Path(folder) / "run")]
             start = time.perf_counter()
-            done = subprocess.run(
-                [sys.executable, "-m", "bayescal.cli", name, str(dataset), *options, *out], capture_output=True
-            )
+            line = [sys.executable, "-m", "bayescal.cli", name, str(dataset), *options, *out]
+            done = subprocess.run(line, capture_output=True)
             took = time.perf_counter() - start
         if done.returncode:
             return None

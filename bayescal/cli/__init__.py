@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 import typer
@@ -33,6 +34,8 @@ def _root(
 
 def main() -> None:
     """Entry point of the console script: a `BayescalError` becomes one line and exit code 1."""
+    # the matrices here are small: more than one thread of BLAS only waits for the others
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from bayescal.cli import fit, simulate  # noqa: F401  (they register their commands)
 
     try:

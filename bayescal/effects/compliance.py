@@ -1,7 +1,8 @@
 """Compliance: each joint turns by its gravity torque over its stiffness.
 
-Prior: log-normal within a factor of 3 (one standard deviation) about the compliance of small arms
-(an ABB IRB 120 measured with a laser tracker): shoulder 3e-5, elbow 2e-4, wrist 2e-3 rad/(N m).
+Prior: about the compliance of small arms (an ABB IRB 120 measured with a laser tracker): shoulder
+3e-5, elbow 2e-4, wrist 2e-3 rad/(N m), with a standard deviation of 1.5 times that, so that a factor
+of 3 lies well inside. Where the robot file knows a compliance, the prior is about that.
 Compliance and mass cannot be told apart: masses are taken as stated.
 """
 
@@ -13,7 +14,7 @@ from bayescal.arm.motion import Term
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SHOULDER, ELBOW, WRIST = 3e-5, 2e-4, 2e-3  # rad/(N m)
-SPREAD = float(np.log(3.0))
+SPREAD = 1.5  # prior standard deviation over the prior mean
 NO_TORQUE = 1e-6  # N m: a joint that never carries more tells nothing of its compliance
 
 
@@ -31,12 +32,10 @@ def _parameters(c: Circumstances) -> list[Parameter]:
         if np.max(np.abs(torque), initial=0.0) < NO_TORQUE:
             continue
         nominal = float(known[j - 1])
-        out.append(
-            Parameter(
-                f"compliance {c.robot.joint_names[j - 1]}", "rad/(N m)", (Term(j, "rz", torque),), SPREAD,
-                nominal, median=nominal if nominal > 0 else float(usual),
-            )
-        )  # fmt: skip
+        mean = nominal if nominal > 0 else float(usual)
+        name = f"compliance {c.robot.joint_names[j - 1]}"
+        sag = (Term(j, "rz", torque),)
+        out.append(Parameter(name, "rad/(N m)", sag, SPREAD * mean, nominal, mean, positive=True))
     return out
 
 

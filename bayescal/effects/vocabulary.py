@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -55,24 +55,30 @@ class Circumstances:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown number: value = nominal + sd z, or median exp(sd z), with z ~ N(0, 1) a priori.
+    """One unknown number: value = mean + sd z, with z ~ N(0, 1) a priori.
 
-    The terms are driven by value - nominal, so that z = 0 of the linear ones is the drawing.
+    The terms are driven by value - nominal, so that the drawing displaces nothing. The prior's mean
+    is the drawing's value where none is given. A value that physics keeps positive is still told by a
+    normal prior, which keeps the model linear in it; where it comes out negative, that is said.
     """
 
     name: str
     unit: str  # SI, a key of UNITS
     terms: tuple[Term, ...]
-    sd: float  # prior standard deviation, of the logarithm where there is a median
+    sd: float  # prior standard deviation
     nominal: float = 0.0
-    median: float | None = None  # of a positive parameter
+    mean: float | None = None  # of the prior
+    positive: bool = False
     effect: str = field(default="", compare=False)
+
+    @property
+    def centre(self) -> float:
+        """The prior's mean."""
+        return self.nominal if self.mean is None else self.mean
 
     def widened(self, factor: float) -> Parameter:
         """The same parameter with a prior `factor` times as wide."""
-        return Parameter(
-            self.name, self.unit, self.terms, self.sd * factor, self.nominal, self.median, self.effect
-        )
+        return replace(self, sd=self.sd * factor)
 
 
 @dataclass(frozen=True)

@@ -76,22 +76,15 @@ class Density:
         return np.where(np.isfinite(out), out, -np.inf)
 
 
-WARPED_BELOW = 0.3
-"""Relative uncertainty below which a positive parameter is nearer normal than its logarithm is."""
-
-
 @dataclass(frozen=True)
 class Linearised:
     """The density with the model linearised at the estimate: drawn from and evaluated exactly.
 
     The noise scale comes from its closed-form marginal on a grid, the parameters from their normal
-    given the scale, which one generalised eigendecomposition makes diagonal for every scale. The
-    model is linear in a compliance, not in its logarithm: where the data determine a positive
-    parameter well, the normal is that of w = (exp(s (z - z0)) - 1) / s, s its logarithm's prior sd.
+    given the scale, which one generalised eigendecomposition makes diagonal for every scale.
     """
 
-    centre: np.ndarray  # (D,) the estimate z0
-    warp: np.ndarray  # (D,) s of the warped components, 0 of the others
+    centre: np.ndarray  # (D,) the estimate
     basis: np.ndarray  # (D, D) V with V' P V = 1 and V' A V = diag(eigenvalues)
     inverse: np.ndarray  # (D, D) its inverse
     eigenvalues: np.ndarray  # (D,) information of the contacts at kappa 1, relative to the rest
@@ -109,12 +102,9 @@ class Linearised:
         contacts = sum(s.stop - s.start for s in unit.of_block.values())
         jc, jt = unit.jacobian[:contacts], unit.jacobian[contacts:]
         rc, rt = unit.residual[:contacts], unit.residual[contacts:]
-        warp = _warps(density)
-        # half the prior and the log Jacobian of w, to second order: slope z0 + s, curvature 1 - s z0 - s^2
-        curvature = np.where(warp > 0, np.maximum(1.0 - warp * estimate.z - warp**2, 0.05), 1.0)
-        eigenvalues, basis = eigh(jc.T @ jc, np.diag(curvature) + jt.T @ jt)
+        eigenvalues, basis = eigh(jc.T @ jc, np.eye(density.model.size) + jt.T @ jt)
         eigenvalues = np.maximum(eigenvalues, 0.0)
-        pull, push = basis.T @ (jc.T @ rc), basis.T @ (jt.T @ rt + estimate.z + warp)
+        pull, push = basis.T @ (jc.T @ rc), basis.T @ (jt.T @ rt + estimate.z)
         inverse = np.linalg.inv(basis)
         chi2 = float(rc @ rc)
         spread = 1.0 / np.sqrt(2.0 * max(density.count - density.model.size + STATED_WORTH, 4.0))
@@ -130,7 +120,7 @@ class Linearised:
         )
         log_mass -= log_mass.max()
         log_mass -= np.log(np.sum(np.exp(log_mass)) * (edges[1] - edges[0]))
-        return cls(estimate.z, warp, basis, inverse, eigenvalues, pull, push, edges, log_mass)
+        return cls(estimate.z, basis, inverse, eigenvalues, pull, push, edges, log_mass)
 
     def _given(self, log_kappa: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Means and precisions (W, D) in the basis, given the scale."""
@@ -146,41 +136,15 @@ class Linearised:
         log_kappa = self.edges[np.minimum(bins, BINS - 1)] + width * rng.uniform(size=count)
         mean, precision = self._given(log_kappa)
         y = mean + spread * rng.standard_normal(size=mean.shape) / np.sqrt(precision)
-        return np.column_stack([self._from_normal(y @ self.basis.T), log_kappa])
-
-    def _from_normal(self, w: np.ndarray) -> np.ndarray:
-        """z of warped coordinates w (W, D); nan where a positive parameter would not be."""
-        z = self.centre + w
-        at = self.warp > 0
-        with np.errstate(invalid="ignore", divide="ignore"):
-            z[:, at] = self.centre[at] + np.log1p(self.warp[at] * w[:, at]) / self.warp[at]
-        return z
-
-    def _to_normal(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Warped coordinates w (W, D) of z, and log |dw/dz| (W,)."""
-        w = z - self.centre
-        at = self.warp > 0
-        bend = self.warp[at] * w[:, at]
-        w[:, at] = np.expm1(bend) / self.warp[at]
-        return w, np.sum(bend, axis=1)
+        return np.column_stack([self.centre + y @ self.basis.T, log_kappa])
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Log density (W,) of `draw` at points x (W, D + 1), up to a constant."""
         log_kappa = x[:, -1]
         bins = np.floor((log_kappa - self.edges[0]) / (self.edges[1] - self.edges[0])).astype(int)
         inside = (bins >= 0) & (bins < BINS)
-        w, log_jacobian = self._to_normal(x[:, :-1])
-        y = w @ self.inverse.T
+        y = (x[:, :-1] - self.centre) @ self.inverse.T
         mean, precision = self._given(np.where(inside, log_kappa, self.edges[0]))
         out = self.log_mass[np.clip(bins, 0, BINS - 1)]
-        out = out + log_jacobian + 0.5 * np.sum(np.log(precision) - precision * (y - mean) ** 2, axis=1)
-        return np.where(inside & np.isfinite(out), out, -np.inf)
-
-
-def _warps(density: Density) -> np.ndarray:
-    """The warp of every component: its logarithm's prior sd where positive and well determined, else 0."""
-    out = np.zeros(density.model.size)
-    for k, p in enumerate(density.model.parameters):
-        if p.median is not None and density.estimate.sd[k] * p.sd < WARPED_BELOW:
-            out[k] = p.sd
-    return out
+        out = out + 0.5 * np.sum(np.log(precision) - precision * (y - mean) ** 2, axis=1)
+        return np.where(inside, out, -np.inf)

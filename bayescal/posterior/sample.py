@@ -11,13 +11,15 @@ from dataclasses import dataclass
 
 import emcee
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
 from bayescal.posterior.density import Density, Linearised
 
 ENSEMBLES = 4
-CHUNK = 50
+FIRST = 100  # steps before convergence is looked at, and by how much more steps each time after
+GROWTH = 1.4
 BURN = 30  # steps thrown away, of overdispersed starts
 TAUS = 50  # emcee's rule: so many autocorrelation times make a trustworthy one
 MAX_STEPS = 10_000
@@ -85,6 +87,22 @@ class Independence(_Counted, emcee.moves.MHMove):
 
 class Evolution(_Counted, emcee.moves.DEMove):
     """Differential evolution among the walkers."""
+
+
+def autocorrelation_times(chain: np.ndarray) -> np.ndarray:
+    """Integrated autocorrelation times (D,), in steps, of an ensemble's chain (T, W, D).
+
+    The mean over walkers of the autocorrelation function, summed up to Sokal's window of 5 times: the
+    estimator of emcee, for all components at once. Infinite where nothing moved.
+    """
+    steps = len(chain)
+    spectrum = rfft(chain - chain.mean(axis=0), n=next_fast_len(2 * steps), axis=0)
+    correlation = irfft(spectrum.real**2 + spectrum.imag**2, axis=0)[:steps]
+    with np.errstate(invalid="ignore"):
+        correlation = np.mean(correlation / correlation[0], axis=1)
+    times = 2.0 * np.cumsum(correlation, axis=0) - 1.0
+    out = [column[emcee.autocorr.auto_window(column, 5.0)] for column in times.T]
+    return np.maximum(np.nan_to_num(np.array(out), nan=np.inf), 1.0)
 
 
 def split_rhat(chains: np.ndarray) -> np.ndarray:
@@ -155,16 +173,20 @@ def sample(
         for move in pair:
             move.proposed = move.accepted = 0
     steps, tau, ess = 0, np.inf, np.zeros(density.size)
+    fraction, aim = 0.0, 0.5
+    fraction, aim = 0.0, 0.5
+    fraction, aim = 0.0, 0.5
     while steps < max_steps:
+        more = min(max(FIRST, int(steps * (GROWTH - 1.0))), max_steps - steps)
         for k, sampler in enumerate(samplers):
-            states[k] = sampler.run_mcmc(states[k], CHUNK)
-        steps += CHUNK
-        taus = np.stack([emcee.autocorr.integrated_time(s.get_chain(), quiet=True, tol=0) for s in samplers])
-        taus = np.maximum(np.nan_to_num(taus, nan=np.inf), 1.0)
+            states[k] = sampler.run_mcmc(states[k], more)
+            progress(min(fraction + (k + 1) / ENSEMBLES * (aim - fraction), 1.0))
+        steps += more
+        taus = np.stack([autocorrelation_times(s.get_chain()) for s in samplers])
         tau = float(np.max(taus.mean(axis=0)))
         ess = np.sum(walkers * steps / taus, axis=0)
         fraction = min(float(ess.min()) / effective, steps / (TAUS * tau))
-        progress(min(fraction, 1.0))
+        aim = fraction * GROWTH
         if fraction >= 1.0:
             break
     thin = max(int(np.ceil(tau)), 1) if np.isfinite(tau) else 1

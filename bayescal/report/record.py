@@ -62,6 +62,7 @@ def _numbers(values: np.ndarray) -> list[float]:
 def _parameters(fit: Fit) -> list[dict[str, Any]]:
     found, model = fit.final.estimate, fit.final.estimate.model
     units, factor = model.in_file_units()
+    prior = np.concatenate([model.sd, *(b.sd for b in model.blocks)]) * factor
     draws = model.physical(fit.draws.flat) * factor
     at = model.physical(found.z) * factor
     low, high = np.quantile(draws, [0.025, 0.975], axis=0)
@@ -77,7 +78,7 @@ def _parameters(fit: Fit) -> list[dict[str, Any]]:
                 "nominal": float(arm.nominal * factor[k]) if arm else 0.0,
                 "estimate": float(at[k]),
                 "sd": float(np.std(draws[:, k])),
-                "prior_sd": _prior_sd(fit, k) * float(factor[k]),
+                "prior_sd": float(prior[k]),
                 "contraction": float(1.0 - variance[k]),
                 "interval95": [float(low[k]), float(high[k])],
                 "ess": float(fit.draws.ess[k]),
@@ -85,18 +86,6 @@ def _parameters(fit: Fit) -> list[dict[str, Any]]:
             }
         )
     return out
-
-
-def _prior_sd(fit: Fit, k: int) -> float:
-    """Prior standard deviation in SI; of a positive parameter that of its log-normal."""
-    model = fit.final.estimate.model
-    if k < len(model.parameters):
-        p = model.parameters[k]
-        if p.median is None:
-            return p.sd
-        return float(p.median * np.exp(0.5 * p.sd**2) * np.sqrt(np.expm1(p.sd**2)))
-    sds = np.concatenate([b.sd for b in model.blocks])
-    return float(sds[k - len(model.parameters)])
 
 
 def _finite(value: float) -> float | None:

@@ -59,7 +59,7 @@ class Options:
         ):
             value = getattr(self, option)
             if not (np.isfinite(value) and value >= 0):
-                raise BayescalError(f"{value:g} is not allowed", flag(option), "give 0 or more")
+                raise BayescalError("a negative value makes no sense", flag(option), "give 0 or more")
         if not 0 <= self.outliers < 0.5:
             raise BayescalError(f"{self.outliers:g} is no fraction of contacts", "--outliers", "0 to 0.5")
         if self.contacts < 16:

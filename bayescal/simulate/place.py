@@ -13,19 +13,15 @@ from bayescal.simulate.reach import Arm
 from bayescal.simulate.scenery import DIAMETER, FACES, LONGEST, SIZE, Cube, layout
 
 FORWARD, UP = 0.507, 0.169  # of the reach: where the cube's middle stands before the base
-TRIALS = 300
+TRIALS = 200
+NEAREST, FARTHEST = 0.25, 0.75  # of the reach: from the base to a sphere
+LOWEST, HIGHEST = -0.05, 0.6  # of the reach: height of a sphere, and of the artefact's middle
+ABOVE = 1
 SECTORS = ((15.0, 65.0), (-40.0, 40.0), (-65.0, -15.0))
 """deg: beside the cube, above it and on its other side, as the base sees it: spheres go to each in turn."""
 SAMPLES = 30  # contacts by which a place for the cube is judged
-ENOUGH = 0.6  # share of them that makes a place good
+ENOUGH = 0.4  # share of them that makes a place good
 LEAST = 0.1
-
-
-def reach_of(arm: Arm) -> float:
-    """How far from the base's origin the ball comes, m: nearly the farthest of many places."""
-    readings = arm.anywhere(4000, np.random.default_rng(0))
-    away = arm.ball(arm.frames(readings)) - arm.chain.base[:3, 3]
-    return float(np.percentile(np.linalg.norm(away, axis=1), 99))
 
 
 def place_cube(arm: Arm, radius: float, rng: np.random.Generator) -> tuple[Cube, tuple[str, ...]]:
@@ -38,7 +34,7 @@ def place_cube(arm: Arm, radius: float, rng: np.random.Generator) -> tuple[Cube,
     BayescalError
         If no such place is found.
     """
-    base, reach = arm.chain.base, reach_of(arm)
+    base, reach = arm.chain.base, arm.reach
     best: tuple[float, Cube, tuple[str, ...]] | None = None
     for up, forward, azimuth in product((1.0, 2.0, 0.3), (1.0, 0.8, 1.2), (0, 90, -90, 180)):
         out = rotation(2, np.radians(azimuth)) @ [forward * FORWARD * reach, 0.0, up * UP * reach]
@@ -75,47 +71,50 @@ def place_spheres(
     BayescalError
         If none is found where every sphere can be touched all over its upper half.
     """
-    reach = reach_of(arm)
-    plate = layout(spheres, min(LONGEST, 0.42 * reach))
+    plate = layout(spheres, min(LONGEST, 0.42 * arm.reach))
     for trial in range(TRIALS):
         sector = None if trial > TRIALS / 3 else turn % len(SECTORS)
-        middles = _middles(arm, cube, reach, sector, rng)
-        tilt = rpy_matrix(rng.uniform([-0.6, -1.1, -np.pi], [0.6, 1.1, np.pi]))
-        for middle in middles[:1]:
-            centres = np.round(middle + plate @ (cube.axes @ tilt).T, 6)
-            bar = centres[0] + np.linspace(0, 1, 9)[:, None, None] * (centres - centres[0])
-            near = np.linalg.norm(_local(centres, arm.chain.base)[0], axis=1).min() < 0.25 * reach
-            if near or cube.inside(bar, 0.06).any():
-                continue
-            found = []
-            for k in range(spheres):
-                own = on_sphere(arm, cube, centres, k, DIAMETER / 2 + radius, count, rng)
-                if own is None:
-                    break
-                found.append(own)
-            if len(found) == spheres:
-                return centres, found
+        middles = _middles(arm, cube, sector, rng)
+        tilts = rpy_matrix(rng.uniform([-0.6, -1.1, -np.pi], [0.6, 1.1, np.pi], (len(middles), 3)))
+        free = (
+            np.round(middle + plate @ (cube.axes @ tilt).T, 6)
+            for middle, tilt in zip(middles, tilts, strict=True)
+        )
+        centres = next((c for c in free if _fits(arm, cube, c)), None)
+        if centres is None:
+            continue
+        found = []
+        for k in range(spheres):
+            own = on_sphere(arm, cube, centres, k, DIAMETER / 2 + radius, count, rng)
+            if own is None:
+                break
+            found.append(own)
+        if len(found) == spheres:
+            return centres, found
     what = f"no place is found where {spheres} spheres can be touched all over"
     raise BayescalError(what, arm.robot.name, "ask for fewer --spheres or --sphere-contacts")
 
 
-def _middles(arm: Arm, cube: Cube, reach: float, sector: int | None, rng: np.random.Generator) -> np.ndarray:
-    """Places (M, 3), m, that the ball comes to, neither near the base nor far, in a sector or in any."""
+def _fits(arm: Arm, cube: Cube, centres: np.ndarray) -> bool:
+    """Whether spheres (K, 3), m, and the bar between them are within reach, off the base and off the cube."""
+    flat, height = arm.beside(centres)
+    away = np.linalg.norm(flat, axis=1)
+    within = bool(np.hypot(away, height).max() < FARTHEST * arm.reach)
+    outside = bool(away.min() > NEAREST * arm.reach and height.min() > LOWEST * arm.reach)
+    bar = centres[0] + np.linspace(0, 1, 9)[:, None, None] * (centres - centres[0])
+    return within and outside and not bool(np.any(cube.inside(bar, 0.06)))
+
+
+def _middles(arm: Arm, cube: Cube, sector: int | None, rng: np.random.Generator) -> np.ndarray:
+    """Some places (M, 3), m, that the ball comes to, in one sector or in any."""
     middles = arm.ball(arm.frames(arm.anywhere(512, rng)))
-    flat, height = _local(middles, arm.chain.base)
-    forward, level = _local(cube.centre[None], arm.chain.base)
-    far = np.linalg.norm(flat, axis=1)
-    fit = (far > 0.3 * reach) & (far < 0.8 * reach) & (height > 0) & (height < 0.65 * reach)
-    aside = np.degrees(np.arctan2(*flat.T[::-1]) - np.arctan2(*forward[0, ::-1]))
+    flat, height = arm.beside(middles)
+    forward, level = arm.beside(cube.centre)
+    fit = (height > 0) & (height < HIGHEST * arm.reach)
+    aside = np.degrees(np.arctan2(flat[:, 1], flat[:, 0]) - np.arctan2(forward[1], forward[0]))
     aside = (aside + 180) % 360 - 180
     bounds = SECTORS if sector is None else SECTORS[sector : sector + 1]
     fit &= np.any([(aside > low) & (aside < high) for low, high in bounds], axis=0)
-    if sector == 1:
+    if sector == ABOVE:
         fit &= height > level + 0.5 * SIZE
-    return middles[fit]
-
-
-def _local(points: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places (N, 2) on the base's floor and heights (N,) above it, m, of points (N, 3) in F0."""
-    local = (points - base[:3, 3]) @ base[:3, :3]
-    return local[:, :2], local[:, 2]
+    return middles[fit][:20]

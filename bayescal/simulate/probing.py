@@ -97,7 +97,7 @@ def contacts(
     readings, found = inverse(arm, begin, centres[index], cone(inward, TILT, rng))
     pose = arm.frames(readings)
     found &= np.sum(pose[:, -1, :3, 2] * inward, axis=1) >= np.cos(TILT) - 1e-6
-    found &= clear(pose, arm.ball(pose), cube, spheres)
+    found &= arm.upright(pose) & clear(pose, arm.ball(pose), cube, spheres)
     velocity, slow = approach(arm, pose, normals[index], rng)
     good = np.flatnonzero(found & slow)
     which, first = np.unique(index[good], return_index=True)

@@ -13,6 +13,7 @@ from bayescal.arm.robot import Robot
 MARGIN = np.radians(4.0)
 """rad: how far from its limits a joint stays, so that a contact can still be closed."""
 
+BEHIND, FLOOR = -0.05, -0.1  # of the reach: how far behind and below the base the arm may be
 PASSES = 25
 STEP = 0.4  # rad a pass
 LEVER = 0.3  # m: arm at which a wrong direction weighs as much as a wrong place
@@ -59,6 +60,29 @@ class Arm:
     def ball(self, pose: np.ndarray) -> np.ndarray:
         """Ball centres (N, 3), m, of the poses of `frames`."""
         return pose[:, -1, :3, :3] @ self.tool + pose[:, -1, :3, 3]
+
+    @cached_property
+    def reach(self) -> float:
+        """How far from the base's origin the ball comes, m: nearly the farthest of many places."""
+        ball = self.ball(self.frames(self.anywhere(4000, np.random.default_rng(0))))
+        return float(np.percentile(np.linalg.norm(ball - self.chain.base[:3, 3], axis=1), 99))
+
+    def beside(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (..., 2) on the base's floor and heights (...) above it, m, of points (..., 3) in F0."""
+        local = (points - self.chain.base[:3, 3]) @ self.chain.base[:3, :3]
+        return local[..., :2], local[..., 2]
+
+    def upright(self, pose: np.ndarray) -> np.ndarray:
+        """Which poses (M, n + 2, 4, 4) are such as an operator would choose, (M,).
+
+        The arm faces what it touches (nothing of it is behind the base, as the ball sees it) and
+        keeps off the floor.
+        """
+        flat, height = self.beside(pose[:, 2:, :3, 3])
+        to, _ = self.beside(self.ball(pose))
+        to = to / np.maximum(np.linalg.norm(to, axis=1), 1e-9)[:, None]
+        ahead = np.einsum("mfi,mi->mf", flat, to).min(axis=1)
+        return (ahead > BEHIND * self.reach) & (height.min(axis=1) > FLOOR * self.reach)
 
     def jacobian(self, pose: np.ndarray) -> np.ndarray:
         """Derivatives (N, 6, n) of the ball's place (m/rad) and turn by the angles of the limits."""

@@ -28,14 +28,18 @@ def draws(options: Options, model: Model) -> np.ndarray:
     """The true arm's deviations from its drawing (P,), SI, times the error scale.
 
     Each parameter is drawn from its prior by a generator of its own name: the same seed gives the
-    same arm, whichever effects are added to it.
+    same arm, whichever effects are added to it. What physics keeps positive is drawn log-normal, as
+    wide as its prior.
     """
-    z = np.empty(len(model.parameters))
+    out = np.empty(len(model.parameters))
     for k, p in enumerate(model.parameters):
-        z[k] = stream(options.seed, "truth", p.effect, p.name).normal()
-        if p.effect == "tool":
-            z[k] *= min(1.0, TOOL_SD / p.sd)
-    return options.error_scale * model.deviations(z)
+        z = stream(options.seed, "truth", p.effect, p.name).normal()
+        if p.positive:
+            value = p.centre * np.exp(np.log1p(p.sd / p.centre) * z) if p.centre > 0 else abs(p.sd * z)
+        else:
+            value = p.centre + z * (min(p.sd, TOOL_SD) if p.effect == "tool" else p.sd)
+        out[k] = value - p.nominal
+    return options.error_scale * out
 
 
 def true_targets(options: Options, scenery: Scenery) -> tuple[Target, ...]:

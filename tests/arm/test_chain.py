@@ -1,5 +1,7 @@
 """The readable chain against finite differences and its own conventions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -28,13 +30,17 @@ def test_rpy_is_about_fixed_axes():
     turned = rpy_matrix(np.radians([90, 0, 90])) @ [0, 1, 0]  # y to z by the roll, where it stays
     np.testing.assert_allclose(turned, [0, 0, 1], atol=1e-15)
     np.testing.assert_allclose(rpy_matrix(np.radians([0, 90, 0])) @ [1, 0, 0], [0, 0, -1], atol=1e-15)
-    np.testing.assert_allclose(rigid(rotation(2, np.pi / 2), [1, 2, 3]) @ [1, 0, 0, 1], [1, 3, 3, 1], atol=1e-15)
+    np.testing.assert_allclose(
+        rigid(rotation(2, np.pi / 2), [1, 2, 3]) @ [1, 0, 0, 1], [1, 3, 3, 1], atol=1e-15
+    )
 
 
 def test_readings_to_link_angles(lrmate):
     """The pendant's J3 is taken against the floor: J2 alone turns link 3 back."""
     at = link_angles(lrmate, np.radians([[10.0, 20, 30, 40, 50, 60], [0, 20, -20, 0, 0, 0]]))
-    np.testing.assert_allclose(np.degrees(at), [[10, -70, -50, -40, -50, -60], [0, -70, 0, 0, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(
+        np.degrees(at), [[10, -70, -50, -40, -50, -60], [0, -70, 0, 0, 0, 0]], atol=1e-12
+    )
 
 
 def by_hand(chain, q, tool, delta):
@@ -44,12 +50,16 @@ def by_hand(chain, q, tool, delta):
         out = np.eye(4)
         for k, name in enumerate(AXES):
             axis = "xyz".index(name[1])
-            out = out @ (rigid(rotation(axis, x[k])) if name[0] == "r" else rigid(None, x[k] * np.eye(3)[axis]))
+            out = out @ (
+                rigid(rotation(axis, x[k])) if name[0] == "r" else rigid(None, x[k] * np.eye(3)[axis])
+            )
         return out
 
     pose = chain.base @ displaced(delta[0]) @ chain.link[0]
     for i in range(1, chain.n + 1):
-        pose = pose @ rigid(rotation(2, q[i - 1]), [0, 0, chain.d[i - 1]]) @ displaced(delta[i]) @ chain.link[i]
+        pose = (
+            pose @ rigid(rotation(2, q[i - 1]), [0, 0, chain.d[i - 1]]) @ displaced(delta[i]) @ chain.link[i]
+        )
     return (pose @ rigid(None, tool) @ displaced(delta[-1]))[:3, 3]
 
 
@@ -63,7 +73,9 @@ def test_displaced_points(robot, seed):
     assert found.shape == (2, 3, 3)
     for walker in range(2):
         for k in range(3):
-            np.testing.assert_allclose(found[walker, k], by_hand(chain, q[k], tool[k], delta[walker, k]), atol=1e-13)
+            np.testing.assert_allclose(
+                found[walker, k], by_hand(chain, q[k], tool[k], delta[walker, k]), atol=1e-13
+            )
 
 
 @given(robots(), st.integers(0, 2**32 - 1))
@@ -82,8 +94,6 @@ def test_wrenches_are_slopes(robot, seed):
 @pytest.mark.parametrize("convention", ["mdh", "dh"])
 def test_displacements_are_dh_errors(lrmate, convention):
     """A wrong theta, d, alpha or a in the table moves the ball as its displacement does, exactly."""
-    from dataclasses import replace
-
     robot = replace(lrmate, convention=convention)
     rng = np.random.default_rng(0)
     q, tool = rng.uniform(-3, 3, (5, 6)), np.array([0.06, 0.01, 0.12])

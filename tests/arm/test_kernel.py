@@ -34,7 +34,8 @@ def shared(n, count, rng):
     drift, sign = rng.uniform(-1, 1, count), rng.choice([-1.0, 1.0], count)
     tool = rng.integers(0, 2, count)
     return [
-        (0, Term(0, "tx", drift)), (0, Term(2, "tx", drift)), (0, Term(3, "tz", drift)), (0, Term(3, "rz", drift)),
+        (0, Term(0, "tx", drift)), (0, Term(2, "tx", drift)), (0, Term(3, "tz", drift)),
+        (0, Term(3, "rz", drift)),
         (1, Term(2, "rz", sign)), (1, Term(2, "rz", 0.5)), (1, Term(2, "rz")), (1, Term(3, "rx")),
         (2, Term(n + 1, "tx", (tool == 0) * 1.0)), (3, Term(n + 1, "tx", (tool == 1) * 1.0)),
         (4, Term(n + 1, "ty", (tool == 0) * 1.0)), (5, Term(n, "rz")), (5, Term(n, "rz", sign)),
@@ -97,7 +98,7 @@ def _seven(convention):
     rng = np.random.default_rng(7)
     return Robot(
         "seven", convention, tuple("ABCDEFG"), rng.uniform(-3, 3, 7), rng.uniform(-0.5, 0.5, 7),
-        rng.uniform(-0.5, 0.5, 7), np.zeros(7), 0.1 * rng.standard_normal(7), np.tile([-3.0, 3.0], (7, 1)), np.eye(7),
+        rng.uniform(-0.5, 0.5, 7), np.zeros(7), 0.1 * rng.standard_normal(7), np.zeros((7, 2)), np.eye(7),
     )  # fmt: skip
 
 
@@ -118,7 +119,8 @@ def test_padding_is_not_seen(lrmate):
     values = 5e-3 * rng.standard_normal(motion.size)
     last = slice(WIDTH + 1, WIDTH + 2)
     terms = [
-        (k, Term(t.frame, t.axis, t.driver if np.ndim(t.driver) == 0 else t.driver[last])) for k, t in motion.terms
+        (k, Term(t.frame, t.axis, t.driver if np.ndim(t.driver) == 0 else t.driver[last]))
+        for k, t in motion.terms
     ]
     alone = Motion(motion.chain, motion.q[last], motion.tool[last], terms, motion.size)
     np.testing.assert_allclose(alone.points(values), motion.points(values)[:, last], atol=1e-15)
@@ -131,13 +133,17 @@ def test_series():
         assert _sin(angle / 3) == pytest.approx(np.sin(angle / 3), abs=2e-17, rel=3e-16)
 
 
-@pytest.mark.parametrize(("frame", "axis"), [(f, axis) for f in (0, 1, 3, 6, 7) for axis in ("rz", "rx", "ry")])
+@pytest.mark.parametrize(
+    ("frame", "axis"), [(f, axis) for f in (0, 1, 3, 6, 7) for axis in ("rz", "rx", "ry")]
+)
 def test_largest_angle(lrmate, frame, axis):
     """The series hold up to their bound, with levers of less than a metre."""
     count = 300
     rng = np.random.default_rng(1)
     terms = [(0, Term(frame, axis, np.linspace(-1, 1, count))), (1, Term(7, "ty"))]
-    motion = Motion(chain_of(lrmate), rng.uniform(-3, 3, (count, 6)), np.tile([0.06, 0, 0.12], (count, 1)), terms, 2)
+    motion = Motion(
+        chain_of(lrmate), rng.uniform(-3, 3, (count, 6)), np.tile([0.06, 0, 0.12], (count, 1)), terms, 2
+    )
     values = np.array([MAX_ANGLE, 0.01])
     off = motion.points(values) - motion.points_reference(values)
     assert np.max(np.abs(off)) < 2e-13

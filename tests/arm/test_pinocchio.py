@@ -152,12 +152,13 @@ def test_moments_are_the_slopes_of_potential_energy(lrmate, convention):
     robot = replace(lrmate, convention=convention)
     rng = np.random.default_rng(3)
     q, gravity, h = rng.uniform(-3, 3, (4, 6)), np.array([0.5, 1.0, -9.7]), 1e-5
-    model, flange = pinocchio_of(robot)
+    model, _ = pinocchio_of(robot)
     data = model.createData()
     ours = moments_of(robot, q, gravity)
     for k, angles in enumerate(q):
         pin.forwardKinematics(model, data, angles)
-        masses = [*((inertia.mass, pose.act(inertia.lever)) for inertia, pose in zip(model.inertias, data.oMi, strict=True))]
+        bodies = zip(model.inertias, data.oMi, strict=True)
+        masses = [(body.mass, pose.act(body.lever)) for body, pose in bodies]
         for frame in range(7):
             if frame:
                 at = data.oMi[frame] * pin.SE3(np.eye(3), np.array([0, 0, robot.d[frame - 1]]))

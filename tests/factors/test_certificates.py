@@ -1,4 +1,4 @@
-"""One oracle for every certificate: nothing left where it holds, the stated share where not, slopes, draws."""
+"""One oracle for every certificate: nothing left where it holds, its share where not, slopes, draws."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -66,7 +66,9 @@ class Case:
 
 CASES = {
     "block": Case(parallel(RIGHT, LEFT, SIDE, U_DISTANCE, U_ANGLE), turned(RIGHT, LEFT), 3),
-    "block, named the other way": Case(parallel(LEFT, RIGHT, SIDE, U_DISTANCE, U_ANGLE), turned(LEFT, RIGHT), 3),
+    "block, named the other way": Case(
+        parallel(LEFT, RIGHT, SIDE, U_DISTANCE, U_ANGLE), turned(LEFT, RIGHT), 3
+    ),
     "step": Case(parallel(LOW, HIGH, 0.05, U_DISTANCE, U_ANGLE), turned(LOW, HIGH), 3),
     "step, named the other way": Case(parallel(HIGH, LOW, 0.05, U_DISTANCE, U_ANGLE), turned(HIGH, LOW), 3),
     "square": Case(perpendicular(RIGHT, FRONT, U_ANGLE), turned(RIGHT, FRONT), 1),
@@ -102,7 +104,9 @@ def test_slopes(case):
             step = h * np.eye(len(part))[i]
             up, _ = case.function(*x[:k], part + step, *x[k + 1 :])
             down, _ = case.function(*x[:k], part - step, *x[k + 1 :])
-            np.testing.assert_allclose(slopes[k][:, i], (up - down) / (2 * h), atol=1e-3 + 1e-6 * abs(r).max())
+            np.testing.assert_allclose(
+                slopes[k][:, i], (up - down) / (2 * h), atol=1e-3 + 1e-6 * abs(r).max()
+            )
 
 
 @pytest.mark.parametrize("lead", [(4,), (2, 3)])
@@ -154,7 +158,9 @@ MOVES = {
     "step": [turn_by(0, LOW, 0), turn_by(0, LOW, 1), push(0, 2, -U_DISTANCE)],
     "step, named the other way": [turn_by(0, HIGH, 0), turn_by(0, HIGH, 1), push(0, 2, U_DISTANCE)],
     "square": [lambda holds: (holds[0], lean_towards(RIGHT, FRONT, *holds))],
-    "centres": [lambda holds: (holds[0] + np.append(U_DISTANCE * (A.centre - B.centre) / APART, 0), holds[1])],
+    "centres": [
+        lambda holds: (holds[0] + np.append(U_DISTANCE * (A.centre - B.centre) / APART, 0), holds[1])
+    ],
     "diameter": [push(0, 3, U_DISTANCE)],
 }
 
@@ -178,8 +184,8 @@ def test_distance_of_faces_is_taken_at_their_middle():
     middle = np.array([0.4, 0.0, 0.1])
     lean = np.array([1e-3, 1, 0]) / np.sqrt(1 + 1e-6)
     states = [
-        leaning(a, lean, lean @ (middle + [0, 0.1, 0])),
-        leaning(b, -lean * [-1, 1, 1], (-lean * [-1, 1, 1]) @ (middle - [0, 0.1, 0])),
+        leaning(a, lean, lean @ (middle + np.array([0, 0.1, 0]))),
+        leaning(b, -lean * [-1, 1, 1], (-lean * [-1, 1, 1]) @ (middle - np.array([0, 0.1, 0]))),
     ]
     r, _ = parallel(a, b, 0.2, U_DISTANCE, U_ANGLE)(*states)
     assert r[2] == pytest.approx(0, abs=0.05)  # 0.1 um of a cosine over 3 um
@@ -187,7 +193,9 @@ def test_distance_of_faces_is_taken_at_their_middle():
 
 
 def test_a_certificate_of_another_length_pulls():
-    r, _ = replace(CASES["centres"], function=between(A, B, APART + 5e-6, 1e-6)).function(*CASES["centres"].holds)
+    r, _ = replace(CASES["centres"], function=between(A, B, APART + 5e-6, 1e-6)).function(
+        *CASES["centres"].holds
+    )
     np.testing.assert_allclose(r, -5, rtol=1e-6)
     r, _ = diameter(A, 50.8e-3 + 5e-6, 1e-6)(np.zeros(4))
     np.testing.assert_allclose(r, -5, rtol=1e-6)

@@ -59,7 +59,7 @@ def at_length(true: dict, gap: np.ndarray, rng: np.random.Generator) -> np.ndarr
     return true["centre"][:, None] + directions(rng) * (LENGTHS + gap[0])
 
 
-XYZ = np.random.default_rng(9).uniform(-0.3, 0.3, (COUNT, 3)) + [1.5, 0, 0]
+XYZ = np.random.default_rng(9).uniform(-0.3, 0.3, (COUNT, 3)) + np.array([1.5, 0, 0])
 
 
 def as_read(true: dict, gap: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -83,7 +83,9 @@ class Case:
 
 def plane_case(normal: np.ndarray) -> Case:
     kind = Plane(normal, normal * 0.56 + 0.2 * tangents(normal)[0], RADIUS, np.array([0.2, 0.2, 0.05]))
-    return Case(kind, on_plane, lambda d: replace(kind, normal=d["normal"], pivot=d["normal"] * d["offset"]), 3)
+    return Case(
+        kind, on_plane, lambda d: replace(kind, normal=d["normal"], pivot=d["normal"] * d["offset"]), 3
+    )
 
 
 _sphere = Sphere(np.array([0.43, -0.06, 0.09]), 50.8e-3, RADIUS, np.array([0.05] * 3 + [1e-3]))

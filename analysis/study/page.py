@@ -1,0 +1,114 @@
+"""The study's table as Markdown, and a page that holds it between two marks."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from analysis.study.pictures import NAMES
+from analysis.study.session import RUNGS
+
+BEGIN, END = "<!-- study: begin -->", "<!-- study: end -->"
+FOLDER = "pictures"
+
+
+def _span(pair: Sequence[float], digits: int = 3) -> str:
+    return f"{pair[0]:.{digits}f} to {pair[1]:.{digits}f}"
+
+
+def _percent(pair: Sequence[float]) -> str:
+    return f"{100 * pair[0]:.1f} to {100 * pair[1]:.1f} %"
+
+
+def table(found: dict[str, Any]) -> str:
+    """The figures as Markdown tables."""
+    z = found["z_scores"]
+    free = z["independent"]
+    sds = [q["sd"] for q in z["by_quantity"].values()]
+    rows = [
+        ("z-scores, pooled: mean", f"{z['mean']:+.3f}", _span(z["mean_band95"]), "0"),
+        ("z-scores, pooled: standard deviation", f"{z['sd']:.3f}", _span(z["sd_band95"]), "1"),
+        (
+            f"least and largest standard deviation of {len(sds)} quantities",
+            f"{min(sds):.2f}, {max(sds):.2f}",
+            "",
+            f"each within {_span(z['expected_sd_of_one95'], 2)}, one in twenty outside",
+        ),
+        ("Kolmogorov-Smirnov, scores made independent", f"p = {free['ks_p_value']:.2f}", "", "uniform p"),
+        (
+            "Kolmogorov-Smirnov by quantity, least p times their number",
+            f"{z['least_ks_p_value_times_quantities']:.2f}",
+            "",
+            "not small",
+        ),
+    ]
+    for name, c in found["coverage"].items():
+        expected = f"95 % ({_percent(c['binomial95_if_independent'])} were the {c['count']} independent)"
+        rows.append(
+            (
+                f"95 % intervals that hold: {name}",
+                f"{100 * c['inside']:.1f} %",
+                _percent(c["band95"]),
+                expected,
+            )
+        )
+    lines = ["| | found | 95 % band, over sessions | expected |", "| --- | --- | --- | --- |"]
+    lines += [f"| {' | '.join(row)} |" for row in rows]
+    lines += ["", *_errors(found), "", _remarks(found)]
+    return "\n".join(lines)
+
+
+def _errors(found: dict[str, Any]) -> list[str]:
+    lines = [
+        f"| largest distance error of a session, mm | median of {found['sessions']} | least | largest "
+        "| the paper's arm |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for rung in RUNGS:
+        s, paper = found["worst_distance_mm"][rung], found["paper_worst_distance_mm"].get(rung)
+        said = "" if paper is None else f"{paper:.3f}"
+        lines.append(f"| {rung} | {s['median']:.3f} | {s['least']:.3f} | {s['most']:.3f} | {said} |")
+    return lines
+
+
+def _remarks(found: dict[str, Any]) -> str:
+    sd, rejected = found["predicted_sd_um"]["distance"], found["rejected_of_fitted"][RUNGS[-1]]
+    least = min(found["identified"], key=found["identified"].get)
+    said = [
+        f"{found['sessions']} sessions of {found['contacts']} plane contacts each.",
+        f"Data decide all {len(found['identified'])} quantities: of the worst told, {least}, at most "
+        f"{100 * (1 - found['identified'][least]):.1f} % of the prior variance is left in any session.",
+        f"Predicted standard deviation of a sphere distance: {sd['median']:.1f} um "
+        f"({sd['least']:.1f} to {sd['most']:.1f}).",
+        f"Contacts rejected as outliers, none being one: {rejected} of "
+        f"{found['sessions'] * found['contacts']}.",
+        f"Sessions with a false alarm: {found['false_alarms']['uneven_face']} of an uneven face, "
+        f"{found['false_alarms']['unexplained_error']} of an unexplained error.",
+    ]
+    if found["refused"]:
+        said.append(f"Seeds whose session could not be laid out: {found['refused']}.")
+    if found["emcee"]:
+        every = found["emcee"]
+        shift = max(e["largest_shift_over_sd"] for e in every)
+        low, high = (f(r for e in every for r in e["sd_ratio"]) for f in (min, max))
+        d_low, d_high = (f(r for e in every for r in e["distance_sd_ratio"]) for f in (min, max))
+        said.append(
+            f"emcee on {len(every)} of them: means within {shift:.2f} sd of the Gaussian's, standard "
+            f"deviations {low:.2f} to {high:.2f} times its (of a predicted distance {d_low:.2f} to "
+            f"{d_high:.2f}), at least {min(e['least_ess'] for e in every):.0f} effective draws, R-hat up to "
+            f"{max(e['largest_rhat'] for e in every):.4f}."
+        )
+    return "\n".join(f"- {line}" for line in said)
+
+
+def update(path: Path, found: dict[str, Any], drawn: Path) -> None:
+    """Renew the table of a page between its marks, and the pictures in the folder beside it."""
+    text = path.read_text(encoding="utf-8")
+    before, rest = text.split(BEGIN, 1)
+    _, after = rest.split(END, 1)
+    path.write_text(f"{before}{BEGIN}\n{table(found)}\n{END}{after}", encoding="utf-8", newline="\n")
+    (path.parent / FOLDER).mkdir(exist_ok=True)
+    for name in NAMES:
+        shutil.copyfile(drawn / name, path.parent / FOLDER / name)

@@ -1,0 +1,138 @@
+"""The benchmark's own sums: flops counted by hand, and peers that compute the same thing."""
+
+import importlib.util
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from analysis.benchmarks import effective, flops, peer_pybotics, peer_scipy, problem
+from bayescal.arm.chain import Chain
+from bayescal.arm.motion import Motion, Term
+from bayescal.estimate import linearise, solve
+from bayescal.posterior import Density
+from bayescal.posterior.density import Linearised
+
+
+@pytest.fixture(scope="module")
+def small(cube) -> problem.Problem:
+    return problem.of_dataset(cube(seed=3, count=72).dataset, most=48)
+
+
+def test_faces_keep_their_share(small):
+    assert small.contacts == 48
+    assert [len(block.rows) for block in small.model.blocks] == [12, 12, 12, 12]
+
+
+@pytest.mark.parametrize(
+    ("terms", "more"),
+    [
+        ([], 0),
+        ([Term(1, "rz"), Term(2, "tz"), Term(1, "rx"), Term(3, "tx")], 0),  # constants are folded
+        ([Term(1, "rz", np.array([0.5, 1.0]))], 2 + 16),  # term; sine and cosine
+        ([Term(1, "rz", np.array([0.5, 1.0])), Term(1, "rz", np.array([0.3, 1.0]))], 4 + 16),
+        ([Term(0, "rx")], 6),  # a turn of the base
+        ([Term(0, "ty", np.array([0.5, 1.0]))], 2),
+        ([Term(2, "tx", np.array([0.5, 1.0]))], 2 + 2 + 1),  # term; slides along x, y; z on its own
+    ],
+)
+def test_flops_by_hand(terms, more):
+    chain = Chain(np.eye(4), np.tile(np.eye(4), (3, 1, 1)), np.zeros(2))
+    motion = Motion(chain, np.zeros((2, 2)), np.zeros((2, 3)), list(enumerate(terms)), len(terms))
+    # tool 3; two joints of 18 + 6 + 6; first link 18; slides of the base 3; base 18
+    assert flops.kernel_flops(motion) == 3 + 2 * 30 + 18 + 3 + 18 + more
+
+
+def test_residuals_of_the_reference(small):
+    z = np.random.default_rng(0).normal(size=small.model.size)
+    ours = linearise(small.model, z, small.weights).residual
+    theirs = peer_scipy.residual_function(small)(z)
+    np.testing.assert_allclose(theirs[:48], ours[:48], rtol=0, atol=1e-8)
+    # the order of the certificates is theirs
+    np.testing.assert_allclose(np.sort(theirs[48 : -len(z)]), np.sort(ours[48:]), rtol=1e-10)
+    np.testing.assert_array_equal(theirs[-len(z) :], z)
+
+
+def test_scipy_finds_our_optimum(small):
+    found = peer_scipy.measure(small, rounds=1)
+    assert abs(found["scipy_excess"]) < peer_scipy.NEAR
+    assert found["ours_s"] < found["scipy_s"] <= found["scipy_whole_s"]
+
+
+def test_race_knows_independent_draws():
+    rng = np.random.default_rng(0)
+    speed = effective.race({"white": lambda: rng.normal(size=(400, 20, 3))}, rounds=3)["white"]
+    assert speed.draws == 24_000
+    assert 0.9 < speed.tau < 1.1
+
+
+def test_moves_sample_the_posterior(small):
+    from analysis.benchmarks import peer_emcee
+
+    density = Density(small.estimate)
+    draws = peer_emcee.ours(density, steps=200)().reshape(-1, density.size)
+    sd = small.estimate.sd
+    assert np.max(np.abs(draws[:, :-1].mean(axis=0) - small.estimate.z) / sd) < 0.3
+
+
+@pytest.mark.skipif(importlib.util.find_spec("numpyro") is None, reason="numpyro is not installed")
+def test_density_in_jax(small):
+    from analysis.benchmarks import peer_numpyro
+
+    density = Density(small.estimate)
+    assert peer_numpyro.disagreement(small, density) < peer_numpyro.AGREEMENT
+
+
+@pytest.mark.skipif(importlib.util.find_spec("numpyro") is None, reason="numpyro is not installed")
+def test_nuts_samples_the_posterior(small):
+    from analysis.benchmarks import peer_numpyro
+
+    density = Density(small.estimate)
+    draws = peer_numpyro.nuts(small, density, steps=300)()[:, 0]
+    expected = Linearised.of(density).draw(4000, np.random.default_rng(0))
+    sd = expected.std(axis=0)
+    assert np.max(np.abs(draws.mean(axis=0) - expected.mean(axis=0)) / sd) < 0.5
+    assert np.max(np.abs(np.log(draws.std(axis=0) / sd))) < 0.35
+
+
+def test_export_to_pybotics(small):
+    given = peer_pybotics.export(small)
+    names = [small.model.parameters[k].name for k in given["index"]]
+    assert not any(name.startswith(("beta", "compliance")) for name in names)
+    assert given["entry"].size == len(names) == len(set(given["entry"].tolist()))
+    assert {"a2", "alpha2", "d3", "theta4", "ball z"} <= set(names)
+
+
+def _pybotics() -> str:
+    try:
+        return version("pybotics")
+    except PackageNotFoundError:
+        return ""
+
+
+@pytest.mark.skipif(not _pybotics().startswith("3."), reason="pybotics 3 is not installed")
+def test_residuals_of_pybotics(small):
+    from analysis.benchmarks import pybotics_worker
+
+    given = peer_pybotics.export(small)
+    residuals, size = pybotics_worker.residual_function(given)
+    z = np.random.default_rng(0).normal(size=size)
+    whole = np.zeros(small.model.size)
+    # what pybotics lacks stays as drawn
+    whole[: small.motion.size] = -small.model.shift / small.model.sd
+    whole[given["index"]] = z[: len(given["index"])]
+    for block, own in zip(small.model.blocks, z[len(given["index"]) :].reshape(-1, 3), strict=True):
+        whole[small.model.slices[block.target]] = own
+    np.testing.assert_allclose(residuals(z)[:48], peer_scipy.residual_function(small)(whole)[:48], atol=1e-8)
+
+
+def test_same_start_same_end(small):
+    """The solver that is timed is the one whose optimum is compared."""
+    z, covariance, _ = solve(small.model, small.weights, small.start)
+    linear = linearise(small.model, z, small.weights)
+    information = linear.jacobian.T @ linear.jacobian + np.eye(small.model.size)
+    np.testing.assert_allclose(covariance() @ information, np.eye(small.model.size), atol=1e-5)

@@ -1,0 +1,252 @@
+"""One oracle for every effect: honest parameters, finite drivers, columns that are slopes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayescal.arm.chain import chain_of, link_angles
+from bayescal.arm.motion import CONTACT
+from bayescal.arm.statics import gravity_moments
+from bayescal.arm.transforms import AXES
+from bayescal.dataset import Noise, Tool
+from bayescal.effects import EFFECTS, UNITS, parameters_of
+from bayescal.errors import BayescalError
+from bayescal.model import ARM, build
+from bayescal.scene import Scene
+
+MODELS = {"tool": ()} | {name: (name,) for name in EFFECTS} | {"all": tuple(EFFECTS)}
+
+
+def two_tools(session):
+    """The session with every other row touched by a longer probe."""
+    dataset = session.dataset
+    probe = Tool("probe", np.array([0.0, 0.05, 0.18]), 2e-3, 0.5, np.array([0.0, 0.02, 0.08]))
+    tool = np.arange(len(dataset.measurements.ids)) % 2
+    return replace(
+        dataset, tools=(*dataset.tools, probe), measurements=replace(dataset.measurements, tool=tool)
+    )
+
+
+@pytest.fixture(scope="module")
+def sessions(cube, tracker):
+    return {
+        "planes": cube(seed=1).dataset,
+        "points": tracker(seed=1).dataset,
+        "two tools": two_tools(cube(seed=1)),
+    }
+
+
+@pytest.fixture(params=MODELS.values(), ids=MODELS.keys())
+def effects(request):
+    return request.param
+
+
+@pytest.fixture(params=["planes", "points", "two tools"])
+def model(request, effects, sessions):
+    scene = Scene(sessions[request.param])
+    lacking = [e for e in effects if EFFECTS[e].missing(scene.circumstances(scene.rows("calibrate")))]
+    if lacking:
+        assert request.param == "points", f"this session has all that {lacking} may need"
+        pytest.skip("points do not tell")
+    return build(scene, effects)
+
+
+def test_parameters(model, effects):
+    names = [p.name for p in model.parameters]
+    assert len(set(names)) == len(names)
+    assert {p.effect for p in model.parameters} == {*effects, "tool"}
+    for p in model.parameters:
+        assert p.unit in UNITS
+        assert np.isfinite(p.sd)
+        assert p.sd > 0
+        assert np.isfinite(p.nominal)
+        assert p.centre > 0 if p.positive else p.centre == p.nominal
+        assert p.terms
+
+
+def test_drivers(model):
+    count = len(model.scene.q)
+    for p in model.parameters:
+        for term in p.terms:
+            assert np.shape(term.driver) in ((), (count,))
+            assert np.all(np.isfinite(term.driver))
+            assert np.any(np.asarray(term.driver) != 0)
+            if term.frame == CONTACT:
+                assert term.axis == "normal"
+            else:
+                assert 0 <= term.frame <= model.scene.chain.n + 1
+                assert term.axis in AXES
+
+
+def test_whitening(model):
+    """Values and deviations: linear in z, from the prior's mean, in units of its standard deviation."""
+    rng = np.random.default_rng(0)
+    count = len(model.parameters)
+    z = rng.standard_normal((3, model.size))
+    physical = model.physical(z)
+    for k, p in enumerate(model.parameters):
+        np.testing.assert_allclose(physical[:, k], p.centre + p.sd * z[:, k], atol=1e-15)
+        off = model.deviations(z[:, :count])[:, k]
+        np.testing.assert_allclose(off, physical[:, k] - p.nominal, atol=1e-15)
+    at = count
+    for block in model.blocks:
+        own = physical[:, at : at + block.size]
+        np.testing.assert_allclose(own, block.state(z[:, model.slices[block.target]])[:, block.free])
+        at += block.size
+    assert len(model.names) == len(model.units) == model.size == at
+
+
+def test_columns_are_slopes(model):
+    """The Jacobian of every block by every parameter, in the model, away from zero."""
+    rng = np.random.default_rng(0)
+    z = rng.standard_normal(model.size)
+    values = model.deviations(z[model.slices[ARM]])
+    scale = np.array([p.sd for p in model.parameters])
+    h = 1e-3
+    felt = np.zeros(len(model.parameters))
+    for block in model.blocks:
+        own = 0.1 * rng.standard_normal(block.size)
+        r, by_arm, by_target = block.linearise(values, own)
+        np.testing.assert_allclose(r, block.residual(values, own).ravel(), atol=1e-15)
+        step = h * np.diag(scale)
+        many = np.broadcast_to(own, (len(scale), block.size))
+        slope = (block.residual(values + step, many) - block.residual(values - step, many)) / (2 * h)
+        np.testing.assert_allclose(by_arm * scale, slope.reshape(len(scale), -1).T, atol=1e-10)
+        step = 1e-4 * np.eye(block.size)
+        alone = np.broadcast_to(values, (block.size, len(values)))
+        slope = (block.residual(alone, own + step) - block.residual(alone, own - step)) / 2e-4
+        np.testing.assert_allclose(by_target, slope.reshape(block.size, -1).T, atol=1e-9)
+        felt = np.maximum(felt, np.max(np.abs(by_arm * scale), axis=0))
+    assert np.all(felt > 1e-9), "a parameter that moves nothing"
+
+
+def test_any_rows(model):
+    """Blocks of some rows are those rows of the whole."""
+    rng = np.random.default_rng(0)
+    block = model.blocks[-1]
+    values, own = 1e-4 * rng.standard_normal(len(model.parameters)), rng.standard_normal(block.size)
+    some = block.rows[3:17]
+    part = model.block(int(model.scene.dataset.measurements.target[some[0]]), some)
+    np.testing.assert_allclose(part.residual(values, own), block.residual(values, own)[:, 3:17], atol=1e-15)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_what_is_missing_is_told(name, cube):
+    """A robot without masses and a session of bare readings: words, or the effect does without."""
+    dataset = cube(seed=1).dataset
+    m = dataset.measurements
+    bare = replace(
+        dataset,
+        robot=replace(dataset.robot, masses=None, centres_of_mass=None, reductions=None),
+        measurements=type(m)(m.ids, m.role, m.target, m.tool, m.readings, m.line),
+    )
+    scene = Scene(bare)
+    circumstances = scene.circumstances(scene.rows("calibrate"))
+    words = EFFECTS[name].missing(circumstances)
+    if words:
+        with pytest.raises(BayescalError, match=name):
+            parameters_of((name,), circumstances)
+    else:
+        assert parameters_of((name,), circumstances)
+    if name == "compliance":
+        assert "mass" in words
+
+
+def test_unknown_effect(cube):
+    scene = Scene(cube(seed=1).dataset)
+    with pytest.raises(BayescalError, match="geometrie"):
+        parameters_of(("geometrie",), scene.circumstances(scene.rows("calibrate")))
+
+
+def test_summary_of_every_effect():
+    for name, effect in EFFECTS.items():
+        assert effect.name == name
+        assert effect.summary
+
+
+def test_compliance_is_that_of_the_drawing(cube):
+    """Compliances known to the robot file bend the arm as the same ones estimated."""
+    dataset = cube(seed=1).dataset
+    known = np.array([1e-5, 3e-5, 2e-4, 1e-3, 2e-3, 3e-3])
+    drawn = build(Scene(replace(dataset, robot=replace(dataset.robot, compliance=known))), ("compliance",))
+    found = build(Scene(dataset), ("compliance",))
+    rigid = build(Scene(dataset), ())
+    values = found.deviations(np.zeros(len(found.parameters)))
+    for k, p in enumerate(found.parameters):
+        if p.effect == "compliance":
+            values[k] = known[dataset.robot.joint_names.index(p.name.split()[1])]
+    for a, b, c in zip(drawn.blocks, found.blocks, rigid.blocks, strict=True):
+        at_rest = a.motion.points(drawn.deviations(np.zeros(len(drawn.parameters))))
+        np.testing.assert_allclose(at_rest, b.motion.points(values), atol=1e-13)
+        assert np.max(np.abs(at_rest - c.motion.points(np.zeros(3)))) > 1e-4
+
+
+def test_first_joint_carries_no_torque(cube):
+    scene = Scene(cube(seed=1).dataset)
+    names = [p.name for p in parameters_of(("compliance",), scene.circumstances(scene.rows("calibrate")))]
+    assert names[:5] == [f"compliance J{j}" for j in range(2, 7)]
+    leaning = replace(scene.dataset, gravity=np.array([0.0, 3.0, -9.0]))
+    names = [p.name for p in build(Scene(leaning), ("compliance",)).parameters]
+    assert names[0] == "compliance J1"
+
+
+def test_each_tool_has_its_rows(sessions):
+    """A tool's centre moves the rows that use it, and no others."""
+    dataset = sessions["two tools"]
+    model = build(Scene(dataset), ())
+    names = [p.name for p in model.parameters]
+    assert names == [f"{tool} {axis}" for tool in ("ball", "probe") for axis in "xyz"]
+    for block in model.blocks:
+        _, by_arm, _ = block.linearise(np.zeros(6), np.zeros(block.size))
+        uses = dataset.measurements.tool[block.rows]
+        for k in range(6):
+            moved = np.abs(by_arm[:, k]) > 0
+            np.testing.assert_array_equal(moved, uses == k // 3)
+
+
+def test_material_that_stands_out_is_met_early(cube):
+    """A face whose middle stands out holds the ball off there: its form takes that off the residual."""
+    scene = Scene(cube(seed=1).dataset)
+    model = build(scene, ("plane-form",))
+    (face,) = [f for f in scene.circumstances(scene.rows("calibrate")).faces if f.name == "cube.-x"]
+    k = next(k for k, p in enumerate(model.parameters) if p.name == "cube.-x form uu")
+    values = np.zeros(len(model.parameters))
+    values[k] = -5e-6  # the polynomial of degree two is lowest in the middle
+    for block in model.blocks:
+        own = np.zeros(block.size)
+        change = (block.residual(values, own) - block.residual(0 * values, own)).ravel()
+        if block.target == "cube.-x":
+            middle = np.abs(face.place[block.rows, 0]) < 0.5
+            assert np.all(change[middle] < 0)
+            assert np.all(change[np.abs(face.place[block.rows, 0]) > 0.6] > 0)
+        else:
+            assert not change.any()
+
+
+def test_payload_and_tool_weigh(cube):
+    """Moments grow by the payload's weight at the tool's centre of mass, in the rows that carry it."""
+    dataset = cube(seed=1).dataset
+    m = dataset.measurements
+    loaded = Scene(dataset).moments
+    empty = Scene(replace(dataset, measurements=replace(m, payload=None))).moments
+    heavier = replace(dataset.tools[0], mass=dataset.tools[0].mass + 0.5)
+    both = Scene(replace(dataset, tools=(heavier,), measurements=replace(m, payload=None))).moments
+    carries = m.payload > 0
+    assert carries.any()
+    tool, chain, q = dataset.tools[0], chain_of(dataset.robot), link_angles(dataset.robot, m.readings)
+    at = np.tile(tool.centre_of_mass, (len(q), 1))
+    alone = gravity_moments(dataset.robot, chain, q, dataset.gravity, np.full(len(q), tool.mass), at)
+    np.testing.assert_allclose(empty, alone, atol=1e-14)
+    np.testing.assert_allclose(loaded[~carries], empty[~carries], atol=1e-14)
+    np.testing.assert_allclose(loaded[carries], both[carries], atol=1e-13)
+    assert np.max(np.abs(loaded - empty)) > 1.0
+
+
+def test_stated_noise_of_a_row(cube, tracker):
+    dataset = cube(seed=1).dataset
+    count = len(dataset.measurements.ids)
+    u = np.where(np.arange(count) < 5, 2e-5, np.nan)
+    scene = Scene(replace(dataset, measurements=replace(dataset.measurements, u=u), noise=Noise(7e-6, 9e-6)))
+    np.testing.assert_array_equal(scene.sigma(np.arange(8)), [2e-5] * 5 + [7e-6] * 3)
+    assert Scene(tracker(seed=1).dataset).sigma(np.arange(2)).tolist() == [1e-5, 1e-5]

@@ -1,0 +1,345 @@
+"""Estimates of arms whose errors are known: right, as uncertain as they say, robust."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from bayescal.arm.chain import chain_of, link_angles, points
+from bayescal.arm.motion import Motion, Term
+from bayescal.dataset import Noise, Target, read_dataset
+from bayescal.estimate import STATED_WORTH, estimate, solve, unit_weights
+from bayescal.model import build
+from bayescal.scene import Scene
+
+BOTH = ("geometry", "compliance")
+SHARED = Path(__file__).parents[2].parent / "shared"
+SURE = 1e-4  # probability of a false alarm, where a seed had not been chosen
+
+
+def truth_of(model, arm) -> np.ndarray:
+    """True z of the arm's parameters; what the true arm does not have wrong is as drawn."""
+    out = []
+    for p in model.parameters:
+        value = arm.values.get(p.name, p.nominal)
+        out.append((value - p.centre) / p.sd)
+    return np.array(out)
+
+
+def off(found, arm) -> np.ndarray:
+    return found.z[: len(found.model.parameters)] - truth_of(found.model, arm)
+
+
+def distance2(found, arm) -> float:
+    """Squared distance of truth and estimate, by the estimate's own covariance: chi2 of P."""
+    d = off(found, arm)
+    return float(d @ np.linalg.solve(found.covariance[: len(d), : len(d)], d))
+
+
+def fit(dataset, effects=BOTH, **options):
+    return estimate(build(Scene(dataset), effects), **options)
+
+
+def check_pulls(found, arm) -> None:
+    pull = off(found, arm) / found.sd[: len(found.model.parameters)]
+    assert np.max(np.abs(pull)) < 4.5, dict(zip(found.model.names, pull, strict=False))
+
+
+def check_covariance(total: float, count: int) -> None:
+    low, high = chi2.ppf([SURE, 1 - SURE], count)
+    assert low < total < 1.1 * high  # a tenth for the noise scale that is estimated too
+
+
+def test_cubes(cube):
+    """Twelve arms: no parameter far from the truth, and all of them as far as they say."""
+    total, count, lost, scales = 0.0, 0, 0, []
+    for seed in range(12):
+        session = cube(seed=seed)
+        found = fit(session.dataset)
+        check_pulls(found, session.arm)
+        total += distance2(found, session.arm)
+        count += len(found.model.parameters)
+        lost += len(found.rejected)
+        scales.append(found.weights.scale["contact"])
+        # something was learnt: all but d2 and d3, a tenth of the prior or better
+        told = [k for k, p in enumerate(found.model.parameters) if p.name not in ("d2", "d3")]
+        assert np.max(found.sd[told]) < 0.15
+        assert found.dof["contact"] == pytest.approx(120 - 38, abs=6)
+    check_covariance(total, count)
+    assert lost <= 2  # of 1440 clean contacts
+    assert np.mean(scales) == pytest.approx(1.0, abs=4 * 0.08 / np.sqrt(12))
+
+
+def test_targets_are_found_too(cube):
+    session = cube(seed=3)
+    found = fit(session.dataset)
+    for block in found.model.blocks:
+        own = found.model.slices[block.target]
+        told = block.kind.describe(block.state(found.z[own]))
+        normal, offset = session.planes[block.target]
+        middle = block.kind.pivot
+        sd = found.sd[own] * block.kind.sd
+        assert abs(told["normal"] @ middle - told["offset"] - (normal @ middle - offset)) < 4.5 * sd[2]
+        assert np.max(np.abs(told["normal"] - normal)) < 4.5 * sd[:2].max()
+
+
+def test_trackers(tracker):
+    total, count = 0.0, 0
+    for seed in range(6):
+        session = tracker(seed=seed)
+        found = fit(session.dataset)
+        check_pulls(found, session.arm)
+        total += distance2(found, session.arm)
+        count += len(found.model.parameters)
+        assert found.weights.scale["point"] == pytest.approx(1, abs=4 / np.sqrt(2 * 270))
+        assert not len(found.rejected)
+        frame = found.model.blocks[0].kind
+        told = frame.describe(frame.sd * found.z[found.model.slices["tracker"]])["frame"]
+        np.testing.assert_allclose(told, session.frame, atol=1e-3)
+        assert np.max(np.abs(told - frame.frame)) > 2e-3
+    check_covariance(total, count)
+
+
+@pytest.mark.parametrize("stated", [2.5e-6, 20e-6])
+def test_noise_is_measured(cube, stated):
+    """The fit finds the noise that was there; what was stated counts as some contacts more of that size."""
+    honest, session = cube(seed=4, count=300), cube(seed=4, count=300, stated=stated)
+    found, known = fit(session.dataset), fit(honest.dataset)
+    dof = found.dof["contact"]
+    expected = np.sqrt((STATED_WORTH * stated**2 + dof * 5e-6**2) / (STATED_WORTH + dof))
+    noise = stated * found.weights.scale["contact"]
+    assert noise == pytest.approx(expected, rel=4 / np.sqrt(2 * dof))
+    told = known.sd < 0.1
+    widened = noise / (5e-6 * known.weights.scale["contact"])
+    ratio = found.sd[told] / known.sd[told]  # less than the noise where certificates say the most
+    assert np.median(ratio) == pytest.approx(widened, rel=0.1)
+    assert np.all(np.abs(np.log(ratio)) < 1.1 * np.abs(np.log(widened)))
+    check_pulls(found, session.arm)
+
+
+@pytest.mark.parametrize("seed", [5, 6, 7])
+def test_outliers_are_left_out(cube, seed):
+    """Contacts 8 to 100 times the noise off are listed, and the rest says what it said without them."""
+    clean, spoilt = cube(seed=seed, count=300), cube(seed=seed, count=300, outliers=6)
+    np.testing.assert_allclose(
+        np.delete(clean.dataset.measurements.readings, spoilt.outliers, 0),
+        np.delete(spoilt.dataset.measurements.readings, spoilt.outliers, 0),
+    )
+    found, expected = fit(spoilt.dataset), fit(clean.dataset)
+    assert found.rejected.tolist() == spoilt.outliers.tolist()
+    assert np.max(np.abs(found.z - expected.z) / expected.sd) < 0.5
+    check_pulls(found, spoilt.arm)
+    role = np.where(np.isin(np.arange(300), spoilt.outliers), "validate", "calibrate")
+    table = replace(spoilt.dataset.measurements, role=role)
+    # pivots follow the fitted rows: the arm's part is what compares
+    alone = fit(replace(spoilt.dataset, measurements=table))
+    count = len(found.model.parameters)
+    assert np.max(np.abs(found.z - alone.z)[:count] / alone.sd[:count]) < 0.01
+    fooled = fit(spoilt.dataset, robust=False)
+    assert not len(fooled.rejected)
+    assert np.max(np.abs(fooled.z - expected.z) / expected.sd) > 3
+
+
+def test_outliers_of_an_instrument(tracker):
+    dataset = tracker(seed=1).dataset
+    xyz = dataset.measurements.xyz.copy()
+    xyz[[7, 50], [0, 2]] += 1e-3
+    found = fit(replace(dataset, measurements=replace(dataset.measurements, xyz=xyz)))
+    assert found.rejected.tolist() == [7, 50]
+    assert np.max(np.abs(found.z - fit(dataset).z) / found.sd) < 0.5
+
+
+def known_planes(session):
+    targets = []
+    for t in session.dataset.targets:
+        normal, offset = session.planes[t.name]
+        targets.append(replace(t, values={"normal": normal, "offset": offset}, u=0.0, u_angle=0.0))
+    return replace(session.dataset, targets=tuple(targets), certificates=())
+
+
+def test_known_targets(cube):
+    """Known planes have no state, and the base's place is told from them."""
+    session = cube(seed=8, count=200)
+    found = fit(known_planes(session))
+    assert found.model.size == len(found.model.parameters)
+    assert {b.size for b in found.model.blocks} == {0}
+    check_pulls(found, session.arm)
+    check_covariance(distance2(found, session.arm), len(found.model.parameters))
+    base = [k for k, name in enumerate(found.model.names) if name.startswith("base")]
+    assert len(base) == 6
+    assert np.max(found.sd[base]) < 0.02
+
+
+def test_known_tool(cube):
+    session = cube(seed=8, count=200)
+    tool = replace(session.dataset.tools[0], centre=session.arm.tool, u=0.0)
+    found = fit(replace(session.dataset, tools=(tool,)))
+    assert not [name for name in found.model.names if name.startswith("ball")]
+    assert "theta6" in found.model.names
+    check_pulls(found, session.arm)
+
+
+@pytest.mark.parametrize("count", [4, 20])
+def test_few_contacts(cube, count):
+    """Fewer contacts than parameters: the priors carry what the contacts do not."""
+    session = cube(seed=9, count=count)
+    found = fit(session.dataset)
+    assert found.model.size == 39
+    assert np.all(found.sd < 1 + 1e-9)
+    assert np.all(np.isfinite(found.z))
+    assert found.weights.scale["contact"] == pytest.approx(1, abs=0.5)
+    check_pulls(found, session.arm)
+
+
+def test_arm_as_drawn(cube):
+    """No effects: tool and targets only, and the noise says what is missing."""
+    session = cube(seed=1)
+    found = fit(session.dataset, ())
+    assert found.model.names[:3] == ("ball x", "ball y", "ball z")
+    assert found.weights.scale["contact"] > 20
+    assert fit(session.dataset, ("geometry",)).weights.scale["contact"] > 3
+
+
+def test_noisy_readings(cube):
+    """Noise of the readings, ten times that of a contact, is accounted for contact by contact."""
+    total, count = 0.0, 0
+    for seed in range(4):
+        session = cube(seed=seed, noise=2e-6, joint=5e-5)
+        found = fit(session.dataset)
+        check_pulls(found, session.arm)
+        total += distance2(found, session.arm)
+        count += len(found.model.parameters)
+        assert found.weights.scale["contact"] == pytest.approx(1, abs=4 * 0.08)
+    check_covariance(total, count)
+
+
+def with_readings(model, target: int, readings: np.ndarray):
+    """Residuals (R,) of one target as a function of the readings, the target's kind held."""
+    dataset, held = model.scene.dataset, model.blocks[target]
+    scene = Scene(replace(dataset, measurements=replace(dataset.measurements, readings=readings)))
+    return replace(build(scene, model.effects).blocks[target], kind=held.kind)
+
+
+def sphere_session(tracker):
+    """Rows that touch a sphere wherever the drawing says that the ball is: slopes, not contacts, matter."""
+    dataset = tracker(seed=1).dataset
+    target = Target("ball.A", "sphere", {"centre": np.array([0.45, 0.0, 0.3]), "diameter": 50.8e-3})
+    return replace(dataset, targets=(target,), noise=Noise(contact=5e-6, joint=2e-5))
+
+
+READINGS_NOISE = {
+    "plane": lambda cube, tracker: cube(seed=1, joint=2e-5).dataset,
+    "sphere": lambda cube, tracker: sphere_session(tracker),
+    "instrument": lambda cube, tracker: replace(tracker(seed=1).dataset, noise=Noise(point=1e-5, joint=2e-5)),
+}
+
+
+@pytest.mark.parametrize("name", READINGS_NOISE)
+def test_readings_noise(name, cube, tracker):
+    """Slopes by the readings, at an arm well off its drawing, and the variance that they make."""
+    dataset = READINGS_NOISE[name](cube, tracker)
+    model = build(Scene(dataset), BOTH)
+    z = np.random.default_rng(0).standard_normal(model.size)
+    z[len(model.parameters) :] *= 0.02
+    values, h = model.deviations(z[: len(model.parameters)]), 1e-6
+    for k, block in enumerate(model.blocks):
+        own = z[model.slices[block.target]]
+        slope = []
+        for step in h * np.eye(6):
+            sides = []
+            for side in (step, -step):
+                moved = with_readings(model, k, dataset.measurements.readings + side)
+                sides.append(moved.residual(values, own).ravel())
+            slope.append((sides[0] - sides[1]) / (2 * h))
+        slope = np.array(slope).T
+        found = block.by_readings(values, own, dataset.robot.link_from_reading)
+        # a hundredth: of the torques that change with the readings, and no more
+        np.testing.assert_allclose(found, slope, atol=0.01 * np.max(np.abs(slope)))
+        stated = dataset.noise.point if name == "instrument" else dataset.noise.contact
+        expected = np.sqrt(stated**2 + dataset.noise.joint**2 * np.sum(slope**2, axis=1))
+        np.testing.assert_allclose(unit_weights(model, z).sigma[block.target], expected, rtol=0.02)
+
+
+def test_exact_readings_leave_the_stated_noise(cube):
+    model = build(Scene(cube(seed=1).dataset), BOTH)
+    for sigma in unit_weights(model, np.zeros(model.size)).sigma.values():
+        assert np.all(sigma == 5e-6)
+
+
+def test_linear_at_the_estimate(cube):
+    """What is handed on belongs together: covariance, linearisation, weights and noise scale."""
+    found = fit(cube(seed=6, count=200, outliers=6).dataset)
+    jacobian = found.linear.jacobian
+    expected = np.linalg.inv(jacobian.T @ jacobian + np.eye(found.model.size))
+    np.testing.assert_allclose(found.covariance, expected, atol=1e-8)
+    gradient = jacobian.T @ found.linear.residual + found.z
+    assert np.max(np.abs(gradient) * found.sd) < 1e-4
+    again, _, _ = solve(found.model, found.weights, found.z)
+    np.testing.assert_allclose(again, found.z, atol=1e-5)
+    for block in found.model.blocks:
+        r = found.residuals(block)
+        assert r.shape == (1, len(block.rows))
+        np.testing.assert_allclose(
+            r.ravel() * found.weights.whitening(block),
+            found.linear.residual[found.linear.of_block[block.target]],
+            atol=1e-8,
+        )
+
+
+def world_arm(dataset, truth: dict):
+    """The true arm of a simulated world: its table, with the angle between axes 2 and 3, and its ball."""
+    table = truth["robot"]
+    beta = np.array([0, 0, table["beta3_mrad"] * 1e-3, 0, 0, 0])
+    robot = replace(
+        dataset.robot,
+        a=np.array(table["a_mm"]) * 1e-3,
+        alpha=np.radians(table["alpha_deg"]),
+        d=np.array(table["d_mm"]) * 1e-3,
+        offset=dataset.robot.offset + np.array(table["theta_offset_mrad"]) * 1e-3,
+        beta=beta,
+    )
+    return robot, np.array(table["tool_mm"]) * 1e-3
+
+
+def in_our_gauge(model, robot, tool) -> tuple[np.ndarray, list[int]]:
+    """Z of geometry and tool that, with the base moved at will, put the ball where another table does."""
+    rng = np.random.default_rng(0)
+    readings = rng.uniform(-2, 2, (200, 6))
+    goal = points(chain_of(robot), link_angles(robot, readings), tool).T
+    rigid = [k for k, p in enumerate(model.parameters) if p.effect in ("geometry", "tool")]
+    sd = np.array([model.parameters[k].sd for k in rigid] + [1.0] * 6)
+    terms = [(at, term) for at, k in enumerate(rigid) for term in model.parameters[k].terms]
+    terms += [(len(rigid) + k, Term(0, axis)) for k, axis in enumerate(("tx", "ty", "tz", "rx", "ry", "rz"))]
+    drawing = model.scene.dataset.robot
+    at_tool = np.tile(model.scene.dataset.tools[0].centre, (200, 1))
+    motion = Motion(model.scene.chain, link_angles(drawing, readings), at_tool, terms, len(sd))
+    z = np.zeros(len(sd))
+    for _ in range(8):
+        p = motion.points(z * sd)
+        by = np.concatenate(
+            [motion.columns(z * sd, p, np.tile(e[:, None], (1, 200))) for e in np.eye(3)], axis=1
+        )
+        jacobian = np.vstack([(by.T * sd) / 1e-7, np.eye(len(sd))])  # the prior settles what points do not
+        z -= np.linalg.lstsq(jacobian, np.append((p - goal).ravel() / 1e-7, z), rcond=None)[0]
+    assert np.max(np.abs(motion.points(z * sd) - goal)) < 1e-6
+    return z[: len(rigid)], rigid
+
+
+@pytest.mark.parametrize("world", ["000", "001"])
+def test_worlds(world):
+    """Worlds of a simulator that shares no code with this package; these two hide no effect."""
+    folder = SHARED / "data" / "worlds-dev"
+    if not (folder / world).is_dir():
+        pytest.skip("the simulated worlds are not here")
+    truth = json.loads((folder / "truth" / f"{world}.json").read_text(encoding="utf-8"))
+    assert not truth["effects"]
+    dataset = read_dataset(folder / world)
+    found = fit(dataset)
+    expected, rigid = in_our_gauge(found.model, *world_arm(dataset, truth))
+    pull = (found.z[rigid] - expected) / found.sd[rigid]
+    assert np.max(np.abs(pull)) < 4.5, dict(zip(np.array(found.model.names)[rigid], pull, strict=True))
+    drawn = np.array([found.model.names[k] not in ("d2", "d3") for k in rigid])
+    assert np.max(np.abs(expected[drawn]) / found.sd[rigid][drawn]) > 30  # the drawing is far off

@@ -1,0 +1,268 @@
+"""The calibration end to end, in memory and on the command line."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayescal.dataset import Certificate, read_dataset, write_dataset
+from bayescal.errors import BayescalError
+from bayescal.estimate import estimate
+from bayescal.fit import fit
+from bayescal.flatness import check_faces, with_form
+from bayescal.identify import identifiability
+from bayescal.latent import with_latent_readings
+from bayescal.model import build
+from bayescal.posterior.inference import load
+from bayescal.scene import Scene
+from bayescal.unexplained import unexplained
+
+ROOT = Path(__file__).resolve().parents[2]
+CUBE = ROOT / "data" / "lrmate200ic-cube"
+SHARED = ROOT.parent / "shared" / "data"
+FULL = ("geometry", "compliance")
+
+
+def run(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "bayescal.cli", *arguments], capture_output=True, text=True, cwd=cwd, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """One run of the command on the dataset that comes with the project."""
+    folder = tmp_path_factory.mktemp("run") / "fit"
+    done = run("fit", str(CUBE), "--samples", "600", "--out", str(folder))
+    assert done.returncode == 0, done.stderr
+    return folder, done.stdout, json.loads((folder / "fit.json").read_text())
+
+
+def test_command_writes_the_contract(written):
+    folder, _, record = written
+    assert {p.name for p in folder.iterdir()} == {"fit.json", "posterior.nc", "robot.yaml"}
+    keys = "schema dataset software seed model parameters noise residuals identifiability sampler validation"
+    assert set(keys.split()) <= set(record)
+    assert record["schema"] == "bayescal-fit/1"
+    assert record["model"] == list(FULL)
+    for p in record["parameters"]:
+        needed = "name unit nominal estimate sd prior_sd contraction interval95"
+        assert set(needed.split()) <= set(p)
+        assert p["interval95"][0] <= p["estimate"] + p["sd"]
+        assert p["sd"] <= 1.1 * p["prior_sd"]
+    assert record["sampler"]["ess"]["min"] >= 600
+    assert record["validation"]["worst_distance_um"]["nominal"] > 1000
+
+
+def test_distances_come_down_to_the_noise(written):
+    _, _, record = written
+    distances = record["validation"]["distances"]
+    errors = np.array([d["calibrated_error_um"] for d in distances])
+    sd = np.array([d["predicted_sd_um"] for d in distances])
+    assert np.max(np.abs(errors)) < 25
+    assert np.mean((errors / sd) ** 2) < 4
+    for d in distances:
+        low, high = d["predicted_interval95_um"]
+        assert d["inside95"] == (low <= d["calibrated_error_um"] <= high)
+        assert low < 0 < high
+
+
+def test_parameters_agree_with_the_truth(written):
+    """The simulated truth that came with the dataset, which the command never opened."""
+    _, _, record = written
+    truth = json.loads((CUBE / "truth.json").read_text())
+    true = {p["name"]: p for p in truth["parameters"]}
+    scores = []
+    for p in record["parameters"]:
+        if p["name"] in true and p["effect"] != "target" and p["contraction"] > 0.9:
+            key = next(k for k in true[p["name"]] if k.startswith("value"))
+            factor = 1.0
+            value = true[p["name"]][key] * factor
+            scores.append((p["estimate"] - value) / p["sd"])
+    assert len(scores) > 20
+    assert np.max(np.abs(scores)) < 4.5
+
+
+def test_posterior_file_has_its_groups(written):
+    folder, _, _ = written
+    data = load(folder / "posterior.nc")
+    for group in ("posterior", "sample_stats", "posterior_predictive", "observed_data", "constant_data"):
+        assert group in (data.groups() if callable(getattr(data, "groups", None)) else list(data.children))
+    assert data["posterior"]["a2"].attrs["units"] == "mm"
+    assert data["posterior"]["compliance_J2"].attrs["units"] == "urad/(N m)"
+    assert data["posterior_predictive"]["distance_mm"].sizes["pair"] == 15
+
+
+def test_calibrated_robot_is_a_robot_file(written, tmp_path):
+    """A dataset with the calibrated robot needs no more correction: nominal then is as good as fitted."""
+    folder, _, _ = written
+    session = tmp_path / "again"
+    session.mkdir()
+    for name in ("dataset.yaml", "measurements.csv"):
+        (session / name).write_text((CUBE / name).read_text())
+    text = (session / "dataset.yaml").read_text()
+    (session / "dataset.yaml").write_text(text.replace("robot: fanuc-lrmate200ic", "robot: robot.yaml"))
+    (session / "robot.yaml").write_text((folder / "robot.yaml").read_text())
+    again = fit(read_dataset(session), (), samples=0)
+    assert again.final.unexplained.fitted > 1e-4  # the tool still is as drawn
+    tool = fit(read_dataset(session), FULL, samples=0)
+    z = tool.final.estimate.z[: len(tool.final.estimate.model.parameters)]
+    effects = [p.effect for p in tool.final.estimate.model.parameters]
+    off = np.abs([v for v, e in zip(z, effects, strict=True) if e == "geometry"])
+    assert np.max(off) < 0.2
+    assert tool.final.validation.worst_distance < 25e-6
+
+
+def test_summary_reads_in_ten_seconds(written):
+    _, out, _ = written
+    for words in ("predicted error", "as drawn", "kinematic", "stiffness", "data decide", "only as their sum"):
+        assert words in out
+
+
+def test_one_seed_one_result(tmp_path, cube):
+    session = cube(seed=2, count=120).dataset
+    first, second = (fit(session, FULL, samples=0, seed=5) for _ in range(2))
+    np.testing.assert_array_equal(first.draws.z, second.draws.z)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere"], "no such folder"),
+        ([str(CUBE), "--model", "geometry,elasticity"], "no effect is called 'elasticity'"),
+        ([str(CUBE), "--prior-width", "0"], "without priors"),
+        ([str(CUBE), "--latent-joints"], "joint_deg"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, words, tmp_path):
+    done = run("fit", *arguments, "--samples", "0", "--out", str(tmp_path / "out"))
+    assert done.returncode == 1
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_foreign_folder_is_left_alone(tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    done = run("fit", str(CUBE), "--samples", "0", "--out", str(tmp_path))
+    assert done.returncode == 1
+    assert (tmp_path / "thesis.txt").read_text() == "mine"
+
+
+def test_no_known_length_is_refused(cube):
+    session = replace(cube(seed=1, count=120).dataset, certificates=())
+    with pytest.raises(BayescalError, match="no length is known"):
+        fit(session, FULL, samples=0, prior_width=1000.0)
+    assert any("no certified length" in w for w in fit(session, FULL, samples=0).warnings)
+
+
+def test_latent_readings_agree_with_folded_in_noise(cube):
+    """Readings as variables of the graph and readings' noise through the Jacobian: one answer."""
+    session = cube(seed=3, count=60, joint=np.radians(1e-3)).dataset
+    folded = estimate(build(Scene(session), FULL))
+    latent = with_latent_readings(folded)
+    assert np.max(np.abs(latent.z - folded.z) / folded.sd) < 0.02
+    np.testing.assert_allclose(latent.sd, folded.sd, rtol=0.01)
+    assert np.max(np.abs(latent.z - folded.z)) > 0  # it did solve again
+
+
+def test_words_for_what_is_not_identifiable(cube):
+    found = estimate(build(Scene(cube(seed=1, count=120).dataset), FULL))
+    known = identifiability(found)
+    assert "d2 and d3 only as their sum" in [d.words for d in known.weak]
+    assert {"a2", "theta3", "ball x"} <= set(known.determined)
+    information = np.linalg.inv(found.covariance)
+    assert known.singular_values[0] ** 2 <= np.linalg.eigvalsh(information)[-1]
+
+
+def bent(session, amount):
+    """The session with a face that bulges: its contacts moved along the face's normal, as seen by joint 1."""
+    scene = Scene(session)
+    face = next(f for f in scene.circumstances(scene.rows("calibrate")).faces if f.name == "cube.+y")
+    m = session.measurements
+    bulge = amount * (1 - np.sum(face.place**2, axis=1)) * face.rows
+    lever = scene.points[:, 0]  # turning J1 moves a contact on +y along the normal by its x
+    readings = m.readings.copy()
+    readings[:, 0] += bulge / lever
+    return replace(session, measurements=replace(m, readings=readings))
+
+
+def test_a_bulging_face_is_seen_and_fitted(cube):
+    clean = cube(seed=6, count=200).dataset
+    flat = check_faces(estimate(build(Scene(clean), FULL)))
+    assert not any(f.uneven for f in flat)
+    session = bent(clean, 60e-6)
+    found = estimate(build(Scene(session), FULL))
+    checks = {f.target: f for f in check_faces(found)}
+    assert checks["cube.+y"].uneven
+    better = with_form(Scene(session), found, ("cube.+y",))
+    assert better.weights.scale["contact"] < 1.3
+    assert better.weights.scale["contact"] < 0.7 * found.weights.scale["contact"]
+
+
+def test_certified_flatness_keeps_the_form_small(cube):
+    session = cube(seed=6, count=120).dataset
+    certified = replace(session, certificates=(*session.certificates, Certificate("flat", ("cube.+x",), u_form=1e-6)))
+    model = build(Scene(certified), (*FULL, "plane-form"))
+    assert sum(p.effect == "plane-form" for p in model.parameters) == 4 * 12
+
+
+def test_excess_over_repeats_is_told(cube):
+    """Repeats at the noise and residuals far above it: what is left is unexplained."""
+    session = cube(seed=7, count=160).dataset
+    m = session.measurements
+    readings = m.readings.copy()
+    readings[:, 3] += 3e-4 * np.sin(3 * readings[:, 3])  # a wavy joint
+    order = np.concatenate([np.arange(160), np.repeat(np.arange(0, 40, 4), 3)])
+    rng = np.random.default_rng(0)
+    again = readings[order]
+    again[160:, 0] += 5e-6 / 0.45 * rng.standard_normal(30)
+    repeat = np.array([f"r{k}" if k < 40 and k % 4 == 0 else "" for k in order])
+    table = replace(
+        m, ids=tuple(f"c{k}" for k in range(190)), role=m.role[order], target=m.target[order], tool=m.tool[order],
+        readings=again, line=np.arange(2, 192), velocity=m.velocity[order], command=again, torque=m.torque[order],
+        time=10.0 * np.arange(190), temperature=m.temperature[order], payload=m.payload[order], repeat=repeat,
+    )  # fmt: skip
+    left = unexplained(estimate(build(Scene(replace(session, measurements=table)), FULL)))
+    assert left.repeats is not None
+    assert left.repeats < 12e-6
+    assert left.excess > 2 * left.repeats
+    clean = unexplained(estimate(build(Scene(session), FULL)))
+    assert clean.excess == 0.0
+
+
+def test_round_trip_through_a_folder_changes_nothing(cube, tmp_path):
+    session = cube(seed=8, count=120).dataset
+    write_dataset(session, tmp_path / "s")
+    first, second = (fit(d, FULL, samples=0) for d in (session, read_dataset(tmp_path / "s")))
+    np.testing.assert_allclose(first.final.estimate.z, second.final.estimate.z, atol=2e-3)
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="the shared sessions are not here")
+def test_simulated_session_of_another_author():
+    """Another simulator's arm: distances as small as its own fair floor allows."""
+    name = "000"
+    truth = json.loads((SHARED / "worlds-dev" / "truth" / f"{name}.json").read_text())
+    found = fit(read_dataset(SHARED / "worlds-dev" / name), FULL, samples=0)
+    errors = np.array([d.error for d in found.final.validation.distances]) * 1e6
+    assert np.sqrt(np.mean(errors**2)) < 1.3 * truth["distance_rms_um"]["fit_without_effect"]
+    assert not found.warnings
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="the shared sessions are not here")
+def test_uneven_tables_are_said_and_the_tracker_is_inside():
+    """Motoman: few directions, tables that are not flat. The tracker's truth is held by what is predicted."""
+    found = fit(read_dataset(SHARED / "real" / "motoman-planes"), FULL, samples=0)
+    words = " ".join(found.warnings)
+    assert "not flat" in words
+    assert "not identifiable" in words
+    assert "unexplained" in words
+    tracker = next(p for p in found.final.validation.points if p.target == "leica")
+    low, high = np.quantile(tracker.predicted, [0.025, 0.975], axis=0)
+    assert np.mean((low <= tracker.residuals) & (tracker.residuals <= high)) > 0.85
+    assert np.mean(np.linalg.norm(tracker.residuals, axis=0)) < 0.35e-3

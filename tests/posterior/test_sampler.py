@@ -1,0 +1,167 @@
+"""The sampler against what it must agree with: itself run plainly, its own linearisation, a known normal."""
+
+from dataclasses import replace
+
+import emcee
+import numpy as np
+import pytest
+
+from bayescal.errors import BayescalError
+from bayescal.estimate import estimate
+from bayescal.model import build
+from bayescal.posterior import Density, gaussian, sample
+from bayescal.posterior.density import Linearised
+from bayescal.posterior.sample import Evolution, Independence, autocorrelation_times, split_rhat
+from bayescal.scene import Scene
+
+
+@pytest.fixture(scope="module")
+def fitted(cube):
+    return estimate(build(Scene(cube(seed=4, count=120).dataset), ("geometry", "compliance")))
+
+
+@pytest.fixture(scope="module")
+def few(cube):
+    """Twelve contacts: most directions are the prior's, and the noise scale is hardly known."""
+    session = cube(seed=5, count=60).dataset
+    role = session.measurements.role.copy()
+    role[12:] = "validate"
+    session = replace(session, measurements=replace(session.measurements, role=role))
+    return estimate(build(Scene(session), ("geometry",)), robust=False)
+
+
+def test_density_is_the_written_out_posterior(fitted):
+    """Sum by sum, from residuals of the model's blocks."""
+    density, model = Density(fitted), fitted.model
+    rng = np.random.default_rng(0)
+    x = Linearised.of(density).draw(3, rng, spread=2.0)
+    expected = []
+    for point in x:
+        z, kappa = point[:-1], np.exp(point[-1])
+        total = -0.5 * z @ z - 8 * np.log(kappa) - 8 / (2 * kappa**2)
+        for block in model.blocks:
+            r = fitted.residuals(block, z)[0]
+            kept = fitted.weights.row[block.target] > 0
+            sigma = fitted.weights.sigma[block.target]
+            total += np.sum((-0.5 * (r / (kappa * sigma)) ** 2 - np.log(kappa))[kept])
+        for tie in model.ties:
+            states = [model.block_of[n].state(z[model.slices[n]]) for n in tie.targets]
+            total -= 0.5 * np.sum(tie.function(*states)[0] ** 2)
+        expected.append(total)
+    actual = density(x)
+    np.testing.assert_allclose(actual - actual[0], np.array(expected) - expected[0], rtol=1e-9, atol=1e-6)
+
+
+def test_linearised_density_is_the_density_where_the_model_is_linear(fitted):
+    density = Density(fitted)
+    x = Linearised.of(density).draw(400, np.random.default_rng(1))
+    weights = density(x) - Linearised.of(density)(x)
+    assert weights.std() < 0.15
+    assert np.corrcoef(density(x), Linearised.of(density)(x))[0, 1] > 0.99
+
+
+def test_linearised_draws_have_the_density_that_they_claim(few):
+    """Importance weights from a wider normal, on the noise scale and one parameter, integrate to one."""
+    linearised = Linearised.of(Density(few))
+    x = linearised.draw(40_000, np.random.default_rng(2))
+    middle = 0.5 * (linearised.edges[1:] + linearised.edges[:-1])
+    mass = np.exp(linearised.log_mass) * (linearised.edges[1] - linearised.edges[0])
+    assert x[:, -1].mean() == pytest.approx(mass @ middle, abs=0.01)
+    _, precision = linearised._given(x[:, -1])
+    y = (x[:, :-1] - linearised.centre) @ linearised.inverse.T
+    mean, _ = linearised._given(x[:, -1])
+    z = (y - mean) * np.sqrt(precision)
+    assert np.abs(z.mean()) < 0.01
+    assert z.std() == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("size", [2, 12, 40])
+@pytest.mark.parametrize("kind", ["independence", "evolution"])
+def test_moves_leave_a_normal_as_it_is(size, kind):
+    """One oracle for every move, in few and in many dimensions: means and variances of a known normal."""
+    rng = np.random.default_rng(size)
+    scale = np.exp(rng.normal(size=size))
+
+    class Wide:
+        """A proposal that is not the target: half as wide again."""
+
+        def draw(self, count, rng):
+            return 1.2 * scale * rng.standard_normal(size=(count, size))
+
+        def __call__(self, x):
+            return -0.5 * np.sum((x / (1.2 * scale)) ** 2, axis=1)
+
+    move = Independence(Wide()) if kind == "independence" else Evolution()
+    walkers = 2 * (size + 2)
+    sampler = emcee.EnsembleSampler(
+        walkers, size, lambda x: -0.5 * np.sum((x / scale) ** 2, axis=1), moves=move, vectorize=True
+    )
+    sampler._random.seed(1)
+    steps = 4000 if size < 40 else 6000
+    sampler.run_mcmc(scale * rng.standard_normal((walkers, size)), steps)
+    chain = sampler.get_chain(discard=200) / scale
+    error = 1.0 / np.sqrt(chain.shape[0] * walkers / autocorrelation_times(chain))
+    assert np.max(np.abs(chain.mean(axis=(0, 1))) / error) < 4.5
+    assert np.all(np.abs(chain.var(axis=(0, 1)) - 1.0) < 6.0 * error * np.sqrt(2))
+
+
+def test_agrees_with_a_long_plain_run(few):
+    """Posterior means within 0.1 sd and sds within a few per cent of a run of differential evolution alone."""
+    ours = sample(few, 3000, seed=1)
+    assert ours.converged, ours.complaint
+    density = Density(few)
+    walkers = 2 * (density.size + 1)
+    plain = emcee.EnsembleSampler(walkers, density.size, density, moves=emcee.moves.DEMove(), vectorize=True)
+    plain._random.seed(3)
+    start = Linearised.of(density).draw(walkers, np.random.RandomState(4))
+    plain.run_mcmc(start, 6000)
+    chain = plain.get_chain(discard=1000, thin=5, flat=True)
+    mean, sd = chain[:, :-1].mean(axis=0), chain[:, :-1].std(axis=0)
+    assert np.max(np.abs(ours.flat.mean(axis=0) - mean) / sd) < 0.1
+    assert np.max(np.abs(ours.flat.std(axis=0) / sd - 1.0)) < 0.06
+    assert np.log(ours.kappa).mean() == pytest.approx(chain[:, -1].mean(), abs=0.1 * chain[:, -1].std())
+
+
+def test_reaches_what_was_asked_and_says_how(fitted):
+    draws = sample(fitted, 2000, seed=0)
+    assert draws.converged
+    assert draws.ess.min() >= 2000
+    assert draws.rhat.max() < 1.01
+    assert draws.acceptance["independence"] > 0.9
+    assert draws.z.shape[0] == 4
+    assert np.max(np.abs(draws.flat.std(axis=0) / gaussian(fitted, 0, 20_000).flat.std(axis=0) - 1.0)) < 0.08
+
+
+def test_one_seed_one_result(fitted):
+    first, second, other = (sample(fitted, 300, seed=s) for s in (7, 7, 8))
+    np.testing.assert_array_equal(first.z, second.z)
+    assert not np.array_equal(first.z, other.z)
+
+
+def test_a_run_too_short_says_so(fitted):
+    draws = sample(fitted, 10**6, seed=0, max_steps=100)
+    assert not draws.converged
+    assert "effective draws" in draws.complaint
+
+
+def test_no_samples_is_refused(fitted):
+    with pytest.raises(BayescalError, match="samples"):
+        sample(fitted, 0)
+
+
+def test_autocorrelation_times_are_emcees():
+    rng = np.random.default_rng(0)
+    x = np.zeros((3000, 6, 2))
+    for t in range(1, len(x)):
+        x[t] = np.array([0.9, 0.3]) * x[t - 1] + rng.standard_normal((6, 2))
+    np.testing.assert_allclose(
+        autocorrelation_times(x), emcee.autocorr.integrated_time(x, quiet=True, tol=0), rtol=1e-9
+    )
+
+
+def test_rhat_tells_chains_apart():
+    rng = np.random.default_rng(0)
+    chains = rng.standard_normal((4, 2000, 2))
+    assert np.all(split_rhat(chains) < 1.01)
+    chains[0, :, 1] += 1.0
+    assert split_rhat(chains)[1] > 1.05
