@@ -127,7 +127,9 @@ def _tied(model: Model, tie: Tie, *parts: np.ndarray) -> tuple[np.ndarray, list[
     return r, [b.by_z(s) for b, s in zip(blocks, slopes, strict=True)]
 
 
-def solve(model: Model, weights: Weights, start: np.ndarray) -> tuple[np.ndarray, Callable[[], np.ndarray], int]:
+def solve(
+    model: Model, weights: Weights, start: np.ndarray
+) -> tuple[np.ndarray, Callable[[], np.ndarray], int]:
     """Levenberg-Marquardt on the factor graph: a factor a target, a prior a variable, the certificates.
 
     Returns
@@ -157,7 +159,6 @@ def solve(model: Model, weights: Weights, start: np.ndarray) -> tuple[np.ndarray
 
 def add_block(graph: Graph, model: Model, block: Block, whiten: np.ndarray) -> None:
     """Add the stacked contacts of one target to a graph."""
-
     across = whiten[:, None]
 
     def function(*parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:

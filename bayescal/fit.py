@@ -90,7 +90,9 @@ def fit(
     """
     if not 0 < prior_width < float("inf"):
         raise BayescalError(
-            "a model without priors would shrink the arm to fit its contacts", "--prior-width", "give a number above 0"
+            "a model without priors would shrink the arm to fit its contacts",
+            "--prior-width",
+            "give a number above 0",
         )
     scene = Scene(dataset)
     steps = [with_parameters(scene, (), ())]
@@ -131,7 +133,9 @@ def _spread(draws: Draws) -> tuple[np.ndarray, np.ndarray]:
     return draws.flat[pick], draws.kappa[pick]
 
 
-def _warnings(rung: Rung, known: Identifiability, faces: tuple[FaceCheck, ...], prior_width: float) -> tuple[str, ...]:
+def _warnings(
+    rung: Rung, known: Identifiability, faces: tuple[FaceCheck, ...], prior_width: float
+) -> tuple[str, ...]:
     """What a reader must know before believing a number, in words."""
     found, left = rung.estimate, rung.unexplained
     model, out = found.model, []
@@ -150,18 +154,29 @@ def _warnings(rung: Rung, known: Identifiability, faces: tuple[FaceCheck, ...], 
         )
     if len(known.weak) > 1:
         out.append(
-            f"{len(known.weak)} directions of the arm are not identifiable from these contacts: there the prior decides"
+            f"{len(known.weak)} directions of the arm are not identifiable from these contacts: "
+            "there the prior decides"
         )
     if _rank_of_directions(model) < 3:
         out.append("the contacts probe fewer than three directions: the arm is told only along those")
     if not model.knows_length:
-        out.append("no certified length among the fitted targets: the arm's size rests on the tolerance priors alone")
+        out.append(
+            "no certified length among the fitted targets: the arm's size rests on the tolerance priors alone"
+        )
     count = sum(len(b.rows) for b in model.blocks)
     if len(found.rejected) > 0.05 * count:
-        out.append(f"{len(found.rejected)} of {count} rows were rejected as outliers: more than a session should have")
-    far = [p.name for p, z in zip(model.parameters, found.z, strict=False) if abs(z) > 4 * max(1.0, 1 / prior_width)]
+        out.append(
+            f"{len(found.rejected)} of {count} rows were rejected as outliers: more than a session should have"
+        )
+    far = [
+        p.name
+        for p, z in zip(model.parameters, found.z, strict=False)
+        if abs(z) > 4 * max(1.0, 1 / prior_width)
+    ]
     if far:
-        out.append(f"{', '.join(far)}: more than 4 prior standard deviations off the drawing; check the robot file")
+        out.append(
+            f"{', '.join(far)}: more than 4 prior standard deviations off the drawing; check the robot file"
+        )
     if max(found.weights.scale.values()) > WILD_SCALE:
         out.append(
             f"the rows miss by {1e3 * left.fitted:.1f} mm, far more than any small error of an arm: "
@@ -170,7 +185,9 @@ def _warnings(rung: Rung, known: Identifiability, faces: tuple[FaceCheck, ...], 
     values = model.physical(found.z)
     negative = [p.name for p, v in zip(model.parameters, values, strict=False) if p.positive and v < 0]
     if negative:
-        out.append(f"{', '.join(negative)} comes out negative, which is not physical: these contacts do not tell it")
+        out.append(
+            f"{', '.join(negative)} comes out negative, which is not physical: these contacts do not tell it"
+        )
     poses = dataset_poses(model)
     if poses:
         out.append(f"{poses} rows also read an orientation, which this model does not use")

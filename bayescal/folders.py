@@ -24,7 +24,9 @@ def check_free(folder: Path, marker: str) -> None:
     if folder.exists() and not folder.is_dir():
         raise BayescalError("a file of that name is there already", str(folder), "give another --out")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / marker).is_file():
-        raise BayescalError(f"the folder holds something else (no {marker})", str(folder), "give another --out")
+        raise BayescalError(
+            f"the folder holds something else (no {marker})", str(folder), "give another --out"
+        )
 
 
 @contextmanager
@@ -44,7 +46,9 @@ def whole(folder: Path, marker: str) -> Iterator[Path]:
             folder.rename(old)
         stage.rename(folder)
     except OSError as error:
-        raise BayescalError(error.strerror or "cannot be written", str(folder), "give another --out") from None
+        raise BayescalError(
+            error.strerror or "cannot be written", str(folder), "give another --out"
+        ) from None
     finally:
         if old.exists() and not folder.exists():
             old.rename(folder)

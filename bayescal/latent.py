@@ -8,6 +8,7 @@ agree as far as the model is linear over a reading's noise.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from bayescal.arm.motion import Motion, Term
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, add_ties, linearise
 from bayescal.model import ARM, Block, Model
+
+if TYPE_CHECKING:
+    from factors.graph import Graph
 
 
 def with_latent_readings(fitted: Estimate) -> Estimate:
@@ -30,7 +34,9 @@ def with_latent_readings(fitted: Estimate) -> Estimate:
     model = fitted.model
     joint = model.scene.dataset.noise.joint
     if joint <= 0:
-        raise BayescalError("noise.joint_deg is 0: the readings leave nothing to estimate", "--latent-joints", "state it")
+        raise BayescalError(
+            "noise.joint_deg is 0: the readings leave nothing to estimate", "--latent-joints", "state it"
+        )
     graph = Graph()
     slices = model.slices
     variables = [name for name, own in slices.items() if own.stop > own.start]
@@ -50,17 +56,24 @@ def with_latent_readings(fitted: Estimate) -> Estimate:
     z = np.concatenate([found[name] for name in variables])
     covariance = graph.covariance(variables)
     linear = linearise(model, z, fitted.weights)
-    return replace(fitted, z=z, covariance=covariance, linear=linear, iterations=fitted.iterations + iterations)
+    return replace(
+        fitted, z=z, covariance=covariance, linear=linear, iterations=fitted.iterations + iterations
+    )
 
 
-def _add_contact(graph, model: Model, block: Block, k: int, name: str, scale: float, joint: float) -> None:  # type: ignore[no-untyped-def]
+def _add_contact(
+    graph: Graph, model: Model, block: Block, k: int, name: str, scale: float, joint: float
+) -> None:
     """One contact, its residual a function of arm, target and its own n reading errors."""
     size, n = len(model.parameters), model.scene.chain.n
     coupling = model.scene.dataset.robot.link_from_reading
     row = block.rows[[k]]
     terms = [(p, _at(term, k)) for p, term in block.motion.terms]
     terms += [
-        (size + r, Term(j + 1, "rz", float(coupling[j, r]))) for j in range(n) for r in range(n) if coupling[j, r]
+        (size + r, Term(j + 1, "rz", float(coupling[j, r])))
+        for j in range(n)
+        for r in range(n)
+        if coupling[j, r]
     ]
     motion = Motion(model.scene.chain, model.scene.q[row], model.scene.tools[row], terms, size + n)
     index = next(i for i, t in enumerate(model.scene.dataset.targets) if t.name == block.target)
@@ -84,4 +97,6 @@ def _add_contact(graph, model: Model, block: Block, k: int, name: str, scale: fl
 
 
 def _at(term: Term, k: int) -> Term:
-    return term if np.ndim(term.driver) == 0 else Term(term.frame, term.axis, float(np.asarray(term.driver)[k]))
+    return (
+        term if np.ndim(term.driver) == 0 else Term(term.frame, term.axis, float(np.asarray(term.driver)[k]))
+    )

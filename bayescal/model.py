@@ -6,7 +6,7 @@ maps to physical values by `Parameter`, a target's part by the `sd` of its kind.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -98,7 +98,7 @@ class Block:
         return r.ravel(), by_arm.T, self.by_z(dx).reshape(self.residuals, self.size)
 
     def by_readings(self, values: np.ndarray, z: np.ndarray, coupling: np.ndarray) -> np.ndarray:
-        """Gradients of the residuals (R, n) by the joint readings, m/rad; coupling (n, n) link from reading."""
+        """Gradients (R, n) of the residuals by the joint readings, m/rad; coupling (n, n) link from reading."""
         n, size = self.motion.chain.n, self.motion.size
         joints = [(size + j, Term(j + 1, "rz")) for j in range(n)]
         turning = Motion(
@@ -107,7 +107,9 @@ class Block:
         at = np.append(values, np.zeros(n))
         p = turning.points(at)
         _, u, _ = self.kind.linearise(self.state(z), p)
-        return np.concatenate([turning.columns(at, p, u[k])[size:].T @ coupling for k in range(self.kind.rows)])
+        return np.concatenate(
+            [turning.columns(at, p, u[k])[size:].T @ coupling for k in range(self.kind.rows)]
+        )
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ class Model:
 
     @cached_property
     def sd(self) -> np.ndarray:
-        """Prior standard deviations of the arm's parameters, (P,), SI: the derivatives of `deviations` by z."""
+        """Prior standard deviations of the arm's parameters, (P,), SI: also the slopes of `deviations`."""
         return np.array([p.sd for p in self.parameters])
 
     @cached_property
@@ -208,7 +210,9 @@ class Model:
             for k, p in enumerate(self.parameters)
             for t in p.terms
         ]
-        return Motion(self.scene.chain, self.scene.q[rows], self.scene.tools[rows], terms, len(self.parameters))
+        return Motion(
+            self.scene.chain, self.scene.q[rows], self.scene.tools[rows], terms, len(self.parameters)
+        )
 
     def block(self, target: int, rows: np.ndarray) -> Block:
         """Any rows of one target under this model's parameters."""
@@ -279,7 +283,7 @@ def _centre(kind: Kind) -> np.ndarray:
     return kind.centre  # type: ignore[attr-defined]
 
 
-TIES = {
+TIES: dict[str, tuple[int, Callable[..., certificate.Certificate]]] = {
     "parallel": (3, lambda e, a, b: certificate.parallel(a, b, e.distance, e.u_distance, e.u_angle)),
     "perpendicular": (1, lambda e, a, b: certificate.perpendicular(a, b, e.u_angle)),
     "distance": (1, lambda e, a, b: certificate.distance(_centre(a), _centre(b), e.distance, e.u_distance)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -68,7 +69,9 @@ class Scene:
         if known is None or not np.any(known):
             return self._rigid_angles
         if self.moments is None:
-            raise BayescalError("joint_compliance_rad_per_nm without links", "robot file", "add masses under links")
+            raise BayescalError(
+                "joint_compliance_rad_per_nm without links", "robot file", "add masses under links"
+            )
         return self._rigid_angles + known * self.moments[:, 1:, 2]
 
     @cached_property
@@ -107,7 +110,7 @@ class Scene:
     def _faces(self, fitted: np.ndarray) -> tuple[Face, ...]:
         d = self.dataset
         stated = {c.targets[0]: c.u_form for c in d.certificates if c.kind == "flat"}
-        out = []
+        out: list[Face] = []
         for t in np.unique(d.measurements.target[fitted]):
             kind = self.kind(int(t), self.rows_of(int(t), fitted))
             if not isinstance(kind, Plane):
@@ -204,7 +207,7 @@ def _instrument(t: Target, rows: _Rows) -> Instrument:
     return Instrument(frame, rows.middle, xyz[rows.rows], sd)
 
 
-KINDS = {
+KINDS: dict[str, Callable[[Target, _Rows], Kind]] = {
     "plane": _plane,
     "sphere": _sphere,
     "cylinder": _cylinder,

@@ -32,7 +32,9 @@ class Graph:
         at = b""
         known: Linearised = np.zeros(0), ()
 
-        def error(_: gtsam.CustomFactor, values: gtsam.Values, gradients: list[np.ndarray] | None) -> np.ndarray:
+        def error(
+            _: gtsam.CustomFactor, values: gtsam.Values, gradients: list[np.ndarray] | None
+        ) -> np.ndarray:
             nonlocal at, known
             parts = [values.atVector(key) for key in keys]
             here = b"".join([part.tobytes() for part in parts])
@@ -46,7 +48,9 @@ class Graph:
 
         self._graph.add(gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows), keys, error))
 
-    def solve(self, start: Mapping[str, np.ndarray], iterations: int = 100) -> tuple[dict[str, np.ndarray], int]:
+    def solve(
+        self, start: Mapping[str, np.ndarray], iterations: int = 100
+    ) -> tuple[dict[str, np.ndarray], int]:
         """Levenberg-Marquardt from `start`; returns the variables and the number of iterations."""
         values = gtsam.Values()
         for name, key in self._keys.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 import numba
 import numpy as np
@@ -12,8 +12,15 @@ import numpy as np
 class Kind(Protocol):
     """One target as the residuals of its contacts see it; see the package's docstring."""
 
-    rows: ClassVar[int]  # residuals a contact
-    parts: ClassVar[tuple[tuple[str, str], ...]]  # name and SI unit of each component of x
+    @property
+    def rows(self) -> int:
+        """Residuals a contact."""
+        ...
+
+    @property
+    def parts(self) -> tuple[tuple[str, str], ...]:
+        """Name and SI unit of each component of x."""
+        ...
 
     @property
     def sd(self) -> np.ndarray:
@@ -44,7 +51,7 @@ def tangents(normal: np.ndarray) -> np.ndarray:
 @numba.guvectorize(
     ["void(f8[:], f8[:, :], f8[:], f8[:], f8[:, :])"], "(k),(m,k),(m)->(k),(m,k)", nopython=True, cache=True
 )
-def tilted(normal, basis, tilt, unit, slopes):  # type: ignore[no-untyped-def]
+def tilted(normal, basis, tilt, unit, slopes):
     """Unit vector n = (normal + tilt . basis) / norm, (..., 3), and dn/dtilt, (..., 2, 3).
 
     `normal` and `basis` (2, 3) are orthonormal, so the norm is sqrt(1 + tilt . tilt). Compiled,

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from bayescal.arm.chain import chain_of, link_angles, points, wrenches
 from bayescal.arm.robot import Robot
@@ -18,6 +19,9 @@ from bayescal.arm.statics import gravity_moments
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Measurements, Noise, Target, Tool
 from bayescal.robots import load_robot
+
+settings.register_profile("busy machine", deadline=None)
+settings.load_profile("busy machine")
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 CENTRE, SIDE, RADIUS = np.array([0.45, 0.0, 0.15]), 0.2286, 3e-3

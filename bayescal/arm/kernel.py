@@ -154,7 +154,7 @@ def _out_displaced(work, start, frame, pairs, const, firsts, terms, values, driv
 
 @_jit
 def _matrices(const, link, distance, general, out):
-    """Per joint one 3 x 4 matrix: Tz Rx Tx Ry Ty of the frame times `link`, or its parts that are constant."""
+    """Per joint one 3 x 4 matrix: Tz Rx Tx Ry Ty of the frame times `link`, as far as they are constant."""
     n = len(distance)
     for f in range(1, n + 1):
         sx = cx = sy = cy = 0.0
@@ -192,7 +192,7 @@ def _map(work, a, m):
 
 @_inline
 def _unmap(work, m, shift):
-    """The wrench's point and force = the inverse of the rigid m (3 x 4), its z first taken back by `shift`."""
+    """Point and force of the wrench = the inverse of the rigid m (3 x 4), z first taken back by `shift`."""
     m00, m01, m02, t0 = m[0, 0], m[0, 1], m[0, 2], m[0, 3]
     m10, m11, m12, t1 = m[1, 0], m[1, 1], m[1, 2], m[1, 3]
     m20, m21, m22, t2 = m[2, 0], m[2, 1], m[2, 2], m[2, 3] - shift
@@ -354,8 +354,8 @@ def _back_displaced(
 
 @_jit
 def columns(
-    values, constant_terms, terms, firsts, general, by_site, by_first, drivers, sines, cosines, tool, base, link, d,
-    p, u, out,
+    values, constant_terms, terms, firsts, general, by_site, by_first, drivers, sines, cosines, tool, base,
+    link, d, p, u, out,
 ):  # fmt: skip
     """Derivatives of ``u . p`` by every parameter: the contact wrench carried from base to tool.
 

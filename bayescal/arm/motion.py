@@ -13,7 +13,6 @@ from bayescal.arm import kernel
 from bayescal.arm.chain import Chain
 from bayescal.arm.transforms import AXES
 
-
 CONTACT = -1
 """The frame of a term that moves the ball along the direction of its contact, not the arm."""
 
@@ -117,12 +116,12 @@ class Motion:
         return out[..., : self.count].reshape(*values.shape[:-1], 3, self.count)
 
     def columns(self, values: np.ndarray, p: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Derivatives of ``u . p`` by each parameter, (P, C), at `values` (P,) where the centres are p (3, C)."""
+        """Derivatives of ``u . p`` by each parameter, (P, C), at `values` (P,) with ball centres p (3, C)."""
         out = np.empty((self.size, self._tool.shape[1]))
         kernel.columns(
             np.ascontiguousarray(values, float), self._constant, self._varying, self._firsts, self._general,
-            self._every, self._every_firsts, self._drivers, self._sines, self._cosines, self._tool, self._base,
-            self._link, self._d, np.ascontiguousarray(p), np.ascontiguousarray(u), out,
+            self._every, self._every_firsts, self._drivers, self._sines, self._cosines, self._tool,
+            self._base, self._link, self._d, np.ascontiguousarray(p), np.ascontiguousarray(u), out,
         )  # fmt: skip
         return out[:, : self.count]
 

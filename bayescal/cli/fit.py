@@ -14,12 +14,16 @@ from bayescal.errors import BayescalError
 def fit(
     dataset: Path = typer.Argument(..., help="Dataset folder: dataset.yaml, measurements.csv and the robot."),
     model: str = typer.Option("geometry,compliance", help="Effects to fit, comma separated."),
-    samples: int = typer.Option(5000, min=0, help="Effective draws of every parameter; 0: Gaussian approximation."),
+    samples: int = typer.Option(
+        5000, min=0, help="Effective draws of every parameter; 0: Gaussian approximation."
+    ),
     seed: int = typer.Option(0, help="One seed, one result."),
     out: Path | None = typer.Option(None, help="Run folder to write [default: runs/<dataset>-fit]."),
     robust: bool = typer.Option(True, help="Find outliers and leave them out."),
     prior_width: float = typer.Option(1.0, help="Factor on the widths of the arm's tolerance priors."),
-    latent_joints: bool = typer.Option(False, "--latent-joints", help="Keep the joint readings as unknowns of the graph."),
+    latent_joints: bool = typer.Option(
+        False, "--latent-joints", help="Keep the joint readings as unknowns of the graph."
+    ),
 ) -> None:
     """Calibrate an arm: its parameters, how sure they are, and what error to expect elsewhere."""
     from bayescal.dataset import read_dataset
@@ -40,7 +44,11 @@ def fit(
     console = Console(highlight=False)
     errors = Console(stderr=True, highlight=False)
     with Progress(
-        TextColumn("{task.description:>9}"), BarColumn(), TimeRemainingColumn(), console=errors, transient=True
+        TextColumn("{task.description:>9}"),
+        BarColumn(),
+        TimeRemainingColumn(),
+        console=errors,
+        transient=True,
     ) as bar:
         task = bar.add_task("estimate", total=1.0)
         result = run(
@@ -52,4 +60,6 @@ def fit(
     console.print(fit_summary(result))
     console.print(f"[dim]written          [/dim]{folder}/fit.json, posterior.nc, robot.yaml")
     if not result.draws.converged:
-        raise BayescalError(f"the sampler did not converge: {result.draws.complaint}", "--samples", "see fit.json")
+        raise BayescalError(
+            f"the sampler did not converge: {result.draws.complaint}", "--samples", "see fit.json"
+        )

@@ -40,11 +40,14 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     out = []
     if c.tied_base:
         for axis in ("tx", "ty", "tz", "rx", "ry", "rz"):
-            name, unit = f"base {axis[1]}" if axis[0] == "t" else f"base {axis}", "m" if axis[0] == "t" else "rad"
+            name, unit = (
+                f"base {axis[1]}" if axis[0] == "t" else f"base {axis}",
+                "m" if axis[0] == "t" else "rad",
+            )
             out.append(Parameter(name, unit, (Term(0, axis),), BASE_SD[axis[0]]))
     for i in range(1, n + 1):
         last = i == n
-        # the first zero and height belong to the base, the last to the tool: told apart only where those are tied
+        # the first zero and height are the base's too, the last the tool's: told apart where those are tied
         if (i > 1) and (not last or c.tied_tool):
             out += [_link(c, "theta", i), _link(c, "d", i)]
         if not last:

@@ -26,7 +26,9 @@ class Density:
         self.estimate, self.model = estimate, model
         kept = [b.rows[estimate.weights.row[b.target] > 0] for b in model.blocks]
         index = {t.name: k for k, t in enumerate(model.scene.dataset.targets)}
-        self._blocks = [model.block(index[b.target], rows) for b, rows in zip(model.blocks, kept, strict=True)]
+        self._blocks = [
+            model.block(index[b.target], rows) for b, rows in zip(model.blocks, kept, strict=True)
+        ]
         self._motion = model.motion(np.concatenate(kept))
         ends = np.cumsum([len(rows) for rows in kept])
         self._at = [slice(end - len(rows), end) for end, rows in zip(ends, kept, strict=True)]
@@ -128,7 +130,9 @@ class Linearised:
         precision = 1.0 + self.eigenvalues * inverse_square
         return -(self.pull * inverse_square + self.push) / precision, precision
 
-    def draw(self, count: int, rng: np.random.Generator | np.random.RandomState, spread: float = 1.0) -> np.ndarray:
+    def draw(
+        self, count: int, rng: np.random.Generator | np.random.RandomState, spread: float = 1.0
+    ) -> np.ndarray:
         """Independent points (count, D + 1); `spread` widens the parameters' normal."""
         width = self.edges[1] - self.edges[0]
         cumulative = np.cumsum(np.exp(self.log_mass) * width)

@@ -16,7 +16,10 @@ SAMPLED = ("posterior", "sample_stats", "posterior_predictive")
 
 
 def inference_data(
-    groups: Mapping[str, Variables], coords: Mapping[str, Any], units: Mapping[str, str], attrs: Mapping[str, str]
+    groups: Mapping[str, Variables],
+    coords: Mapping[str, Any],
+    units: Mapping[str, str],
+    attrs: Mapping[str, str],
 ) -> Any:
     """InferenceData (ArviZ 0.x) or DataTree (ArviZ 1.x) of named groups.
 
@@ -51,7 +54,7 @@ def inference_data(
         import arviz as az
 
     if hasattr(az, "InferenceData"):
-        return az.InferenceData(**datasets, attrs=dict(attrs))
+        return az.InferenceData(attrs=dict(attrs), **datasets)  # type: ignore[arg-type]
     tree = xr.DataTree.from_dict(datasets)
     tree.attrs.update(attrs)
     return tree
@@ -59,10 +62,7 @@ def inference_data(
 
 def save(data: Any, path: Path) -> None:
     """Write an inference record as netCDF."""
-    if hasattr(data, "posterior_predictive") and type(data).__name__ == "InferenceData":
-        data.to_netcdf(str(path), engine="h5netcdf")
-    else:
-        data.to_netcdf(path, engine="h5netcdf")
+    data.to_netcdf(str(path), engine="h5netcdf")
 
 
 def load(path: Path) -> Any:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import emcee
 import numpy as np
@@ -63,7 +64,7 @@ class _Counted:
     proposed = 0
     accepted = 0
 
-    def propose(self, model, state):  # type: ignore[no-untyped-def]
+    def propose(self, model: Any, state: Any) -> Any:
         state, accepted = super().propose(model, state)  # type: ignore[misc]
         self.proposed += len(accepted)
         self.accepted += int(np.sum(accepted))
@@ -121,8 +122,9 @@ def gaussian(estimate: Estimate, seed: int, count: int = 4000) -> Draws:
     x = x.reshape(ENSEMBLES, -1, density.size)
     lp = np.stack([density(part) for part in x])
     return Draws(
-        x[..., :-1], x[..., -1], lp, (*estimate.model.names, "noise scale"), np.full(density.size, float(count)),
-        np.full(density.size, np.nan), {}, "none: independent draws of the linearised posterior", count, 1, True, "",
+        x[..., :-1], x[..., -1], lp, (*estimate.model.names, "noise scale"),
+        np.full(density.size, float(count)), np.full(density.size, np.nan), {},
+        "none: independent draws of the linearised posterior", count, 1, True, "",
     )  # fmt: skip
 
 
@@ -153,7 +155,9 @@ def sample(
         `converged` False, with the reason, where the run fell short.
     """
     if effective < 1:
-        raise BayescalError("the number of samples must be positive", "--samples", "0 stops at the Gaussian approximation")
+        raise BayescalError(
+            "the number of samples must be positive", "--samples", "0 stops at the Gaussian approximation"
+        )
     density = Density(estimate)
     linearised = Linearised.of(density)
     walkers = 2 * (density.size + 1)
@@ -213,7 +217,8 @@ def _complaint(
     if np.nanmax(rhat) > LARGEST_RHAT:
         return f"R-hat of {names[int(np.nanargmax(rhat))]} is {np.nanmax(rhat):.3f}, above {LARGEST_RHAT}"
     if ess.min() < effective:
-        return f"{names[int(ess.argmin())]} has {ess.min():.0f} effective draws of {effective} after {steps} steps"
+        least = f"{names[int(ess.argmin())]} has {ess.min():.0f} effective draws"
+        return f"{least} of {effective} after {steps} steps"
     if steps < TAUS * tau:
         return f"{steps} steps are fewer than {TAUS} autocorrelation times of {tau:.0f}"
     return ""

@@ -46,7 +46,8 @@ def fit_record(fit: Fit) -> dict[str, Any]:
             "prior_only": list(fit.identifiability.prior_only),
         },
         "faces": [
-            {"target": f.target, "form_rms_um": UM * f.form, "p_value": f.p_value, "uneven": f.uneven} for f in fit.faces
+            {"target": f.target, "form_rms_um": UM * f.form, "p_value": f.p_value, "uneven": f.uneven}
+            for f in fit.faces
         ],
         "sampler": _sampler(fit),
         "validation": validation_record(fit.ladder[0].validation, rung.validation),
@@ -143,7 +144,7 @@ def _sampler(fit: Fit) -> dict[str, Any]:
         "ensembles": int(draws.z.shape[0]),
         "walkers": draws.walkers,
         "steps": draws.steps,
-        "draws": int(len(draws.flat)),
+        "draws": len(draws.flat),
         "ess": {"min": float(draws.ess.min()), "of": draws.names[int(draws.ess.argmin())]},
         "rhat": {"max": _finite(np.nanmax(draws.rhat)) if np.any(np.isfinite(draws.rhat)) else None},
         "monte_carlo_error": {"largest_over_sd": float(np.max(error / sd))},
@@ -188,16 +189,16 @@ def validation_record(nominal: Validation, calibrated: Validation) -> dict[str, 
             }
         )
     diameters = []
-    for n, d in zip(nominal.diameters, calibrated.diameters, strict=True):
-        low, high = interval(d.predicted)
+    for before, after in zip(nominal.diameters, calibrated.diameters, strict=True):
+        low, high = interval(after.predicted)
         diameters.append(
             {
-                "target": d.target,
-                "certified_mm": MM * d.certified,
-                "nominal_error_um": UM * n.error,
-                "calibrated_error_um": UM * d.error,
+                "target": after.target,
+                "certified_mm": MM * after.certified,
+                "nominal_error_um": UM * before.error,
+                "calibrated_error_um": UM * after.error,
                 "predicted_interval95_um": [UM * low, UM * high],
-                "inside95": low <= d.error <= high,
+                "inside95": low <= after.error <= high,
             }
         )
     return {
@@ -263,7 +264,8 @@ def _rung(rung: Rung) -> dict[str, Any]:
         "distance_rms_um": UM * _rms(distances) if len(distances) else None,
         "worst_distance_um": _or_none(UM * v.worst_distance),
         "predicted_distance_interval95_um": [UM * x for x in interval(predicted)] if len(distances) else None,
-        "points_mean_um": UM * float(np.mean(np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])))
+        "points_mean_um": UM
+        * float(np.mean(np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])))
         if v.points
         else None,
     }

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from bayescal.fit import Fit, Rung
 from bayescal.report.record import interval
-from bayescal.validate import Validation
+from bayescal.validate import PlaneCheck, PointCheck, Validation
 
 LABELS = {
     ("nominal",): "as drawn",
@@ -43,7 +43,8 @@ def _headline(fit: Fit) -> Text:
     targets = f"{len(found.model.blocks)} target{'s' if len(found.model.blocks) > 1 else ''}"
     out.append("fitted           ", style="dim")
     out.append(
-        f"{', '.join(rung.effects)}: {len(found.model.parameters)} arm parameters from {contacts} rows on {targets}\n"
+        f"{', '.join(rung.effects)}: {len(found.model.parameters)} arm parameters "
+        f"from {contacts} rows on {targets}\n"
     )
     out.append("one contact      ", style="dim")
     out.append(f"fitted {UM * left.fitted:.1f} um, stated {UM * left.stated:.1f} um")
@@ -63,8 +64,8 @@ def _predicted(rung: Rung) -> str:
         low, high = interval(np.concatenate([d.predicted for d in v.distances]))
         inside = sum(lo <= d.error <= hi for d in v.distances for lo, hi in [interval(d.predicted)])
         return (
-            f"of a distance {UM * low:+.0f} to {UM * high:+.0f} um (95 %); measured: worst {UM * v.worst_distance:.0f} um, "
-            f"{inside} of {len(v.distances)} inside"
+            f"of a distance {UM * low:+.0f} to {UM * high:+.0f} um (95 %); "
+            f"measured: worst {UM * v.worst_distance:.0f} um, {inside} of {len(v.distances)} inside"
         )
     if v.points:
         lengths = np.concatenate([np.linalg.norm(p.predicted, axis=1).ravel() for p in v.points])
@@ -79,7 +80,14 @@ def _predicted(rung: Rung) -> str:
 def _ladder(fit: Fit) -> Table:
     table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
     table.add_column("held out (um)")
-    for heading in ("planes rms", "distance rms", "distance worst", "predicted 95 %", "points mean", "inside 95 %"):
+    for heading in (
+        "planes rms",
+        "distance rms",
+        "distance worst",
+        "predicted 95 %",
+        "points mean",
+        "inside 95 %",
+    ):
         table.add_column(heading, justify="right")
     for rung in fit.ladder:
         v = rung.validation
@@ -110,9 +118,10 @@ def _inside(v: Validation) -> str:
     for d in v.distances:
         low, high = interval(d.predicted)
         hits.append(np.array([low <= d.error <= high]))
-    for check in (*v.planes, *v.points):
-        low, high = np.quantile(check.predicted, [0.025, 0.975], axis=0)
-        hits.append(((low <= check.residuals) & (check.residuals <= high)).ravel())
+    checks: list[PlaneCheck | PointCheck] = [*v.planes, *v.points]
+    for check in checks:
+        lows, highs = np.quantile(check.predicted, [0.025, 0.975], axis=0)
+        hits.append(((lows <= check.residuals) & (check.residuals <= highs)).ravel())
     return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else "-"
 
 
@@ -141,17 +150,22 @@ def _distances(v: Validation, nominal: Validation) -> Table:
 
 def _knowledge(fit: Fit) -> Iterable[Text]:
     known = fit.identifiability
+    # the form of a face is not the arm's: told in a warning, not parameter by parameter
+    arm = {p.name for p in fit.final.estimate.model.parameters if p.effect != "plane-form"}
     for heading, names, style in (
         ("data decide      ", known.determined, ""),
         ("data and prior   ", known.partly, ""),
         ("only the prior   ", known.prior_only, "yellow"),
     ):
-        if names:
-            yield Text.assemble((heading, "dim"), (", ".join(names), style))
+        shown = [name for name in names if name in arm]
+        if shown:
+            yield Text.assemble((heading, "dim"), (", ".join(shown), style))
     for direction in known.weak[:6]:
         yield Text.assemble(("                 ", "dim"), (direction.words, "yellow"))
     if len(known.weak) > 6:
-        yield Text(f"                 and {len(known.weak) - 6} more weak directions: see fit.json", style="yellow")
+        yield Text(
+            f"                 and {len(known.weak) - 6} more weak directions: see fit.json", style="yellow"
+        )
 
 
 def _sampler(fit: Fit) -> Text:

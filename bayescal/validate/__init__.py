@@ -3,6 +3,22 @@
 from __future__ import annotations
 
 from bayescal.validate.find import Found, find
-from bayescal.validate.heldout import DiameterCheck, DistanceCheck, PlaneCheck, PointCheck, Validation, validate
+from bayescal.validate.heldout import (
+    DiameterCheck,
+    DistanceCheck,
+    PlaneCheck,
+    PointCheck,
+    Validation,
+    validate,
+)
 
-__all__ = ["DiameterCheck", "DistanceCheck", "Found", "PlaneCheck", "PointCheck", "Validation", "find", "validate"]
+__all__ = [
+    "DiameterCheck",
+    "DistanceCheck",
+    "Found",
+    "PlaneCheck",
+    "PointCheck",
+    "Validation",
+    "find",
+    "validate",
+]

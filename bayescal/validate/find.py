@@ -74,18 +74,25 @@ def find(
     return Found(x, tool)
 
 
-def robust_rows(kind: Kind, p: np.ndarray, sigma: np.ndarray, **tool: object) -> np.ndarray:
+def robust_rows(
+    kind: Kind,
+    p: np.ndarray,
+    sigma: np.ndarray,
+    tool_slopes: np.ndarray | None = None,
+    tool_sd: float = 0.0,
+) -> np.ndarray:
     """Which rows help to find a target, (C,) of 0 and 1: those within `OUTLIER` of a Student t fit.
 
-    p of shape (3, C), sigma (rows, C); more than the stated scatter is allowed for by its median.
+    p of shape (3, C), sigma (rows, C), tool_slopes (1, 3, 3, C) as for `find`. More than the stated
+    scatter is allowed for by the median.
     """
     weight = np.ones(p.shape[-1])
     size = np.zeros_like(weight)
     for _ in range(8):
-        found = find(kind, p[None], np.sqrt(weight) / sigma, **tool)  # type: ignore[arg-type]
+        found = find(kind, p[None], np.sqrt(weight) / sigma, None, tool_slopes, tool_sd)
         at = p[None]
-        if "tool_slopes" in tool:
-            at = at + np.einsum("sj,sjkc->skc", found.tool, tool["tool_slopes"])
+        if tool_slopes is not None:
+            at = at + np.einsum("sj,sjkc->skc", found.tool, tool_slopes)
         r = kind.residual(found.x, at)[0] / sigma
         size = np.sqrt(np.mean(r**2, axis=0))
         scale = max(float(np.median(size)) / 0.6745, 1.0)

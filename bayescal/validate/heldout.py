@@ -135,7 +135,7 @@ def validate(
     fitted = estimate.model.block_of
     rows = scene.rows("validate")
     stated = {c.targets[0]: c.u_distance for c in scene.dataset.certificates if c.kind == "diameter"}
-    planes, points = [], []
+    surfaces: list[PlaneCheck | PointCheck] = []
     centres: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     diameters: dict[str, tuple[float, np.ndarray]] = {}
     for t in np.unique(m.target[rows]):
@@ -143,8 +143,7 @@ def validate(
         locate = scene.rows_of(int(t), scene.rows("locate"))
         kind = scene.kind(int(t), own)
         if name in fitted:
-            check = _against_fitted(s, estimate.model.block(int(t), own))
-            (points if kind.rows > 1 else planes).append(check)
+            surfaces.append(_against_fitted(s, estimate.model.block(int(t), own)))
         elif isinstance(kind, Sphere):
             at, drawn = _found(s, int(t), own)
             diameters[name] = float(at.x[0, 3]), drawn.x[:, 3]
@@ -156,13 +155,13 @@ def validate(
             at, drawn = _found(s, int(t), finding)
             if isinstance(kind, FixedPoint):
                 centres[name] = kind.centre + at.x[0], kind.centre + drawn.x
-            points.append(_against_found(s, int(t), own, at, drawn))
+            surfaces.append(_against_found(s, int(t), own, at, drawn))
     return Validation(
         estimate.model.effects,
-        tuple(p for p in planes if isinstance(p, PlaneCheck)),
+        tuple(p for p in surfaces if isinstance(p, PlaneCheck)),
         tuple(_distances(s, scene.dataset.certificates, centres)),
         tuple(_diameters(s, stated, diameters)),
-        tuple(p for p in points if isinstance(p, PointCheck)),
+        tuple(p for p in surfaces if isinstance(p, PointCheck)),
     )
 
 
@@ -192,8 +191,10 @@ def _unknown_tool(model: Model, rows: np.ndarray) -> float:
     return LOOSE_TOOL if stated is None else stated
 
 
-def _centres_of(s: _Session, block: Block, z: np.ndarray, tool_sd: float) -> tuple[np.ndarray, np.ndarray | None]:
-    """Ball centres (S, 3, C) by draw, and their slopes (S, 3, 3, C) by the tool's shift where it is unknown."""
+def _centres_of(
+    s: _Session, block: Block, z: np.ndarray, tool_sd: float
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Ball centres (S, 3, C) by draw, and their slopes (S, 3, 3, C) by an unknown tool's shift."""
     values = s.model.deviations(z[:, s.model.slices[ARM]])
     p = block.motion.points(values)
     if not tool_sd:
@@ -209,7 +210,7 @@ def _centres_of(s: _Session, block: Block, z: np.ndarray, tool_sd: float) -> tup
 
 
 def _with_excess(s: _Session, block: Block, p: np.ndarray) -> np.ndarray:
-    """Draws of ball centres with the error that the model leaves unexplained; the estimate (S = 1) as it is."""
+    """Draws of ball centres with the error left unexplained; the estimate itself (S = 1) as it is."""
     if not s.excess or len(p) == 1:
         return p
     spread = p.shape[-1] if isinstance(block.kind, Instrument) else 1
@@ -224,17 +225,15 @@ def _found(
     `u_diameter` is the standard uncertainty of a sphere's nominal diameter, m; None leaves it loose.
     """
     block = s.model.block(target, rows)
-    if u_diameter is not None:
+    if u_diameter is not None and isinstance(block.kind, Sphere):
         block = replace(block, kind=replace(block.kind, sd=np.append(block.kind.sd[:3], u_diameter)))
     sigma, tool_sd = s.sigma(block), _unknown_tool(s.model, rows)
     p0, slopes0 = _centres_of(s, block, s.estimate.z[None], tool_sd)
     p, slopes = _centres_of(s, block, s.z, tool_sd)
     scale = s.estimate.weights.scale.get(block.group, 1.0)
-    tool0 = {} if slopes0 is None else {"tool_slopes": slopes0, "tool_sd": tool_sd}
-    tool = {} if slopes is None else {"tool_slopes": slopes, "tool_sd": tool_sd}
-    keep = robust_rows(block.kind, p0[0], scale * sigma, **tool0)
-    at = find(block.kind, p0, keep / (scale * sigma), **tool0)  # type: ignore[arg-type]
-    drawn = find(block.kind, p, keep / (scale * sigma), noise=_noise(s, block), **tool)  # type: ignore[arg-type]
+    keep = robust_rows(block.kind, p0[0], scale * sigma, slopes0, tool_sd)
+    at = find(block.kind, p0, keep / (scale * sigma), None, slopes0, tool_sd)
+    drawn = find(block.kind, p, keep / (scale * sigma), _noise(s, block), slopes, tool_sd)
     return at, drawn
 
 
@@ -263,7 +262,9 @@ def _distances(
         assert c.distance is not None
         u = c.u_distance or 0.0
         predicted = measured - drawn + u * s.rng.standard_normal(len(drawn))
-        out.append(DistanceCheck((c.targets[0], c.targets[1]), c.distance, u, measured - c.distance, predicted))
+        out.append(
+            DistanceCheck((c.targets[0], c.targets[1]), c.distance, u, measured - c.distance, predicted)
+        )
     return out
 
 

@@ -29,7 +29,11 @@ FULL = ("geometry", "compliance")
 
 def run(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "bayescal.cli", *arguments], capture_output=True, text=True, cwd=cwd, check=False
+        [sys.executable, "-m", "bayescal.cli", *arguments],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        check=False,
     )
 
 
@@ -119,7 +123,14 @@ def test_calibrated_robot_is_a_robot_file(written, tmp_path):
 
 def test_summary_reads_in_ten_seconds(written):
     _, out, _ = written
-    for words in ("predicted error", "as drawn", "kinematic", "stiffness", "data decide", "only as their sum"):
+    for words in (
+        "predicted error",
+        "as drawn",
+        "kinematic",
+        "stiffness",
+        "data decide",
+        "only as their sum",
+    ):
         assert words in out
 
 
@@ -207,7 +218,9 @@ def test_a_bulging_face_is_seen_and_fitted(cube):
 
 def test_certified_flatness_keeps_the_form_small(cube):
     session = cube(seed=6, count=120).dataset
-    certified = replace(session, certificates=(*session.certificates, Certificate("flat", ("cube.+x",), u_form=1e-6)))
+    certified = replace(
+        session, certificates=(*session.certificates, Certificate("flat", ("cube.+x",), u_form=1e-6))
+    )
     model = build(Scene(certified), (*FULL, "plane-form"))
     assert sum(p.effect == "plane-form" for p in model.parameters) == 4 * 12
 
@@ -224,10 +237,15 @@ def test_excess_over_repeats_is_told(cube):
     again[160:, 0] += 5e-6 / 0.45 * rng.standard_normal(30)
     repeat = np.array([f"r{k}" if k < 40 and k % 4 == 0 else "" for k in order])
     table = replace(
-        m, ids=tuple(f"c{k}" for k in range(190)), role=m.role[order], target=m.target[order], tool=m.tool[order],
-        readings=again, line=np.arange(2, 192), velocity=m.velocity[order], command=again, torque=m.torque[order],
-        time=10.0 * np.arange(190), temperature=m.temperature[order], payload=m.payload[order], repeat=repeat,
-    )  # fmt: skip
+        m,
+        ids=tuple(f"c{k}" for k in range(190)),
+        readings=again,
+        line=np.arange(2, 192),
+        time=10.0 * np.arange(190),
+        repeat=repeat,
+        **{name: getattr(m, name)[order] for name in ("role", "target", "tool", "payload")},
+        **dict.fromkeys(("velocity", "command", "torque", "temperature")),
+    )
     left = unexplained(estimate(build(Scene(replace(session, measurements=table)), FULL)))
     assert left.repeats is not None
     assert left.repeats < 12e-6

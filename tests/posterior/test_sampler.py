@@ -106,7 +106,7 @@ def test_moves_leave_a_normal_as_it_is(size, kind):
 
 
 def test_agrees_with_a_long_plain_run(few):
-    """Posterior means within 0.1 sd and sds within a few per cent of a run of differential evolution alone."""
+    """Means within 0.1 sd and sds within a few per cent of a run of differential evolution alone."""
     ours = sample(few, 3000, seed=1)
     assert ours.converged, ours.complaint
     density = Density(few)

@@ -1,0 +1,46 @@
+"""The notebooks run from top to bottom and draw what they promise."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+matplotlib = pytest.importorskip("matplotlib")
+ROOT = Path(__file__).parents[2]
+FIGURES = {"first_fit": 3}
+
+
+@pytest.fixture
+def pyplot(monkeypatch):
+    """A clean pyplot that draws into memory."""
+    matplotlib.use("Agg", force=True)
+    from matplotlib import pyplot as plt
+
+    plt.close("all")
+    monkeypatch.setattr(plt, "show", lambda *_: None)
+    yield plt
+    plt.close("all")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "analysis" / "notebooks").glob("*.py")), ids=lambda p: p.stem)
+def test_notebook(path, pyplot, monkeypatch, capsys):
+    monkeypatch.chdir(path.parent)  # where a notebook's kernel starts
+    monkeypatch.setenv("BAYESCAL_NOTEBOOK_SAMPLES", "500")
+    left = runpy.run_path(str(path))
+    figures = [pyplot.figure(number) for number in pyplot.get_fignums()]
+    assert len(figures) == FIGURES[path.stem]
+    for figure in figures:
+        figure.canvas.draw()
+        drawn = [axes for axes in figure.axes if axes.has_data()]
+        assert drawn
+        assert all(axes.get_xlabel() or axes.get_shared_x_axes() for axes in drawn)
+    said = capsys.readouterr().out
+    assert "compliance_J2" in said
+    assert "d2 and d3 only as their sum" in said
+    errors = left["errors"]
+    assert (
+        errors["kinematic + stiffness"].max()
+        < 0.1 * errors["kinematic"].max()
+        < 0.1 * errors["nominal"].max()
+    )
+    assert left["inside"].mean() > 0.7
