@@ -166,7 +166,8 @@ def _warnings(
     count = sum(len(b.rows) for b in model.blocks)
     if len(found.rejected) > 0.05 * count:
         out.append(
-            f"{len(found.rejected)} of {count} rows were rejected as outliers: more than a session should have"
+            f"{len(found.rejected)} of {count} rows were rejected as outliers: "
+            "more than a session should have"
         )
     far = [
         p.name

@@ -98,7 +98,7 @@ class Block:
         return r.ravel(), by_arm.T, self.by_z(dx).reshape(self.residuals, self.size)
 
     def by_readings(self, values: np.ndarray, z: np.ndarray, coupling: np.ndarray) -> np.ndarray:
-        """Gradients (R, n) of the residuals by the joint readings, m/rad; coupling (n, n) link from reading."""
+        """Gradients (R, n) of residuals by joint readings, m/rad; coupling (n, n) is link from reading."""
         n, size = self.motion.chain.n, self.motion.size
         joints = [(size + j, Term(j + 1, "rz")) for j in range(n)]
         turning = Motion(
