@@ -187,7 +187,7 @@ def _warnings(
     negative = [p.name for p, v in zip(model.parameters, values, strict=False) if p.positive and v < 0]
     if negative:
         out.append(
-            f"{', '.join(negative)} comes out negative, which is not physical: these contacts do not tell it"
+            f"{', '.join(negative)}: negative, which is not physical; these contacts do not tell it"
         )
     poses = dataset_poses(model)
     if poses:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.estimate import Estimate
-from bayescal.model import ARM
 
 DETERMINED = 0.9  # contraction from which on the data count as having decided
 PRIOR_ONLY = 0.1
 WEAK = 1.0  # singular value below which a direction stays wider than 71 % of its prior
+FORM = "plane-form"
 SHOWN = 0.25  # loadings smaller than this are not named
 
 
@@ -41,18 +41,16 @@ def identifiability(fitted: Estimate) -> Identifiability:
     A direction of singular value s has 1 / (1 + s^2) of its prior variance left.
     """
     model = fitted.model
-    arm = model.slices[ARM]
+    # the form of a face is not the arm's: it is projected out with the targets
+    arm = np.array([k for k, p in enumerate(model.parameters) if p.effect != FORM], int)
     j = fitted.linear.jacobian
-    own, other = j[:, arm], np.delete(j, np.arange(arm.start, arm.stop), axis=1)
-    if other.shape[1]:
-        taken = other.T @ own
-        prior = other.T @ other + np.eye(other.shape[1])
-        information = own.T @ own - taken.T @ np.linalg.solve(prior, taken)
-    else:
-        information = own.T @ own
+    own, other = j[:, arm], np.delete(j, arm, axis=1)
+    taken = other.T @ own
+    prior = other.T @ other + np.eye(other.shape[1])
+    information = own.T @ own - taken.T @ np.linalg.solve(prior, taken)
     eigenvalues, vectors = np.linalg.eigh(information)
     singular = np.sqrt(np.maximum(eigenvalues, 0.0))
-    names = [p.name for p in model.parameters]
+    names = [model.parameters[k].name for k in arm]
     weak = singular < WEAK
     directions = _varimax(vectors[:, weak]) if np.any(weak) else np.zeros((len(names), 0))
     found = []

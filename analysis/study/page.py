@@ -45,7 +45,7 @@ def table(found: dict[str, Any]) -> str:
         ),
     ]
     for name, c in found["coverage"].items():
-        expected = f"95 % ({_percent(c['binomial95_if_independent'])} were the {c['count']} independent)"
+        expected = f"95 %; {_percent(c['binomial95_if_independent'])} of {c['count']} independent ones"
         rows.append(
             (
                 f"95 % intervals that hold: {name}",

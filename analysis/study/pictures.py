@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 from scipy.stats import beta, norm
 
 from analysis.study.figures import COVERED, LEVEL, PAPER_MM, inside, worst
@@ -68,14 +69,14 @@ def _z_scores(done: Sequence[Record], found: dict[str, Any]) -> Figure:
     left.axvline(0, color=FAINT, lw=0.8)
     for row, (name, own) in enumerate(zip(names, z.T, strict=True)):
         left.plot(
-            own, row + rng.uniform(-0.22, 0.22, len(own)), ".", ms=3.2, color="#2166ac", alpha=0.55, mew=0
+            own, row + rng.uniform(-0.22, 0.22, len(own)), ".", ms=4.5, color="#2166ac", alpha=0.6, mew=0
         )
         q = found["z_scores"]["by_quantity"][name]
         left.errorbar(q["mean"], row, xerr=q["sd"], fmt="o", ms=3.2, color=INK, elinewidth=1.1, capsize=2)
         left.text(
             4.15, row, f"{q['mean']:+.2f}  {q['sd']:.2f}", va="center", fontsize=7.5, family="monospace"
         )
-    left.text(4.15, -1.1, "mean   sd", fontsize=7.5, family="monospace", va="center")
+    left.text(4.15, -1.1, " mean   sd", fontsize=7.5, family="monospace", va="center")
     left.set(
         xlim=(-4.1, 4.1),
         ylim=(len(names) - 0.4, -0.7),
@@ -84,7 +85,7 @@ def _z_scores(done: Sequence[Record], found: dict[str, Any]) -> Figure:
     )
     left.tick_params(axis="y", length=0)
     left.set_xlabel("z-score: (estimate − truth) / stated standard deviation")
-    left.set_title(f"{len(done)} sessions a row; dot and bar: mean and sd; shaded: 95 %")
+    left.set_title(f"{len(done)} sessions a row; black: mean and sd")
     _quantiles(right, np.sort(np.array([r["independent_z"] for r in done]).ravel()), found)
     return figure
 
@@ -108,7 +109,7 @@ def _quantiles(axes: Axes, scores: np.ndarray, found: dict[str, Any]) -> None:
         expected, scores - expected, color="#2166ac", lw=1.2, label=f"{len(scores)} scores made independent"
     )
     p = found["z_scores"]["independent"]["ks_p_value"]
-    axes.set(xlim=(-3.6, 3.6), ylim=(-0.75, 0.75))
+    axes.set(xlim=(-3.6, 3.6), ylim=(-1.0, 1.0))
     axes.set_xlabel("quantile of the standard normal")
     axes.set_ylabel("quantile of the z-scores, less that of the normal")
     axes.set_title(f"pooled: Kolmogorov-Smirnov p = {p:.2f}")
@@ -129,10 +130,10 @@ def _coverage(done: Sequence[Record], found: dict[str, Any]) -> Figure:
             100 * levels, off - 196 * error, off + 196 * error, color=KINDS[name], alpha=0.12, lw=0
         )
         left.plot(100 * levels, off, color=KINDS[name], lw=1.4, label=name)
-    left.set(xlim=(0, 100), ylim=(-14, 14))
+    left.set(xlim=(0, 100), ylim=(-13, 13))
     left.set_xlabel("level of the central interval, %")
     left.set_ylabel("intervals that hold the truth, less their level, %")
-    left.set_title("all levels; bands: 95 %, session by session")
+    left.set_title("all levels; bands: 95 %, over sessions")
     left.legend(loc="lower left", fontsize=8, ncols=2)
     right.axvline(100 * LEVEL, color=INK, lw=0.8)
     for row, (name, c) in enumerate(found["coverage"].items()):
@@ -141,12 +142,14 @@ def _coverage(done: Sequence[Record], found: dict[str, Any]) -> Figure:
         at, (below, above) = 100 * c["inside"], (100 * v for v in c["band95"])
         right.plot([below, above], [row, row], color=KINDS[name], lw=1.6)
         right.plot(at, row, "o", color=KINDS[name], ms=5)
-        right.text(at, row - 0.36, f"{at:.1f} %  of {c['count']}", ha="center", fontsize=8, color=KINDS[name])
+        said = f"{at:.1f} %\nof {c['count']}"
+        aside = right.get_yaxis_transform()
+        right.text(1.01, row, said, transform=aside, va="center", fontsize=8, color=KINDS[name])
     right.set(yticks=range(len(COVERED)), yticklabels=COVERED, ylim=(len(COVERED) - 0.5, -0.7))
     right.margins(x=0.15)
     right.tick_params(axis="y", length=0)
     right.set_xlabel("95 % intervals that hold the truth, %")
-    right.set_title("bar: 95 % band over sessions; grey: binomial, were all independent")
+    right.set_title("bar: 95 % band over sessions; grey: binomial")
     return figure
 
 
@@ -157,27 +160,26 @@ def _errors(done: Sequence[Record], found: dict[str, Any]) -> Figure:
         _steps(left, 1e-3 * worst(done, rung), colour, rung)
         every = np.abs(np.concatenate([r["distance_error_um"][rung] for r in done]))
         _steps(right, 1e-3 * every, colour, rung)
-    for (rung, paper), up in zip(PAPER_MM.items(), (0.06, 0.06), strict=True):
+    for rung, paper in PAPER_MM.items():
         colour = COLOURS[RUNGS.index(rung)]
         left.axvline(paper, color=colour, lw=1.0, ls=(0, (4, 3)))
-        left.text(
-            paper * 0.94, up, f"{paper:.3f}", color=colour, fontsize=8, rotation=90, va="bottom", ha="right"
-        )
-    left.plot([], [], color=FAINT, lw=1.0, ls=(0, (4, 3)), label="real LR Mate 200iC\n(Joubair, Bonev 2015)")
+        left.text(paper, 1.03, f"{paper:.3f}", color=colour, fontsize=8, ha="center", va="bottom")
+    right.plot([], [], color=FAINT, lw=1.0, ls=(0, (4, 3)), label="a real arm\n(Joubair, Bonev 2015)")
     left.set(xlabel="largest sphere distance error of a session, mm", ylabel="share of sessions or distances")
-    left.set_title(f"{len(done)} sessions")
-    right.set(xlabel="error of a sphere distance, absolute, mm")
-    right.set_title(f"{len(done) * len(done[0]['distance_pit'])} distances")
+    left.set_title(f"{len(done)} sessions", pad=12)
+    right.set(xlabel="error of a sphere distance, absolute, mm", xlim=(6e-5, 6.0))
+    right.set_title(f"{sum(len(r['distance_pit']) for r in done)} distances", pad=12)
     for axes in (left, right):
         axes.set(xscale="log", ylim=(0, 1.02))
-        axes.xaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda v, _: f"{v:g}"))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
         axes.grid(axis="x", which="major", color="#e4e6e8", lw=0.8)
         axes.set_axisbelow(True)
-    right.set_xlim(left=2e-4)
-    left.legend(loc="upper left", fontsize=8, bbox_to_anchor=(0.17, 1.0), frameon=False)
+    right.legend(loc="upper left", fontsize=8)
     return figure
 
 
 def _steps(axes: Axes, values: np.ndarray, colour: str, name: str) -> None:
     x = np.sort(values)
-    axes.step(x, np.arange(1, len(x) + 1) / len(x), where="post", color=colour, lw=1.6, label=name)
+    axes.step(
+        np.append(x[0], x), np.arange(len(x) + 1) / len(x), where="post", color=colour, lw=1.6, label=name
+    )

@@ -34,11 +34,12 @@ def simulate(
     """Simulate a session on a cube and spheres, and write its truth apart."""
     import math
 
+    from bayescal.folders import check_free
     from bayescal.simulate import Options
     from bayescal.simulate import simulate as run
-    from bayescal.simulate.folder import check_free, summary, write
+    from bayescal.simulate.folder import TRUTH, summary, write
 
-    check_free(out)
+    check_free(out, TRUTH)
     options = Options(
         robot=robot,
         effects=tuple(part.strip() for part in effects.split(",") if part.strip()),

@@ -49,12 +49,9 @@ def inference_data(
         for dim in lead:
             labels[dim] = np.arange(next(iter(arrays.values())).sizes[dim]) if arrays else []
         datasets[group] = xr.Dataset(arrays, coords=labels, attrs=dict(attrs))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)
-        import arviz as az
-
-    if hasattr(az, "InferenceData"):
-        return az.InferenceData(attrs=dict(attrs), **datasets)  # type: ignore[arg-type]
+    az = _arviz()
+    if int(az.__version__.split(".")[0]) < 1:
+        return az.InferenceData(attrs=dict(attrs), **datasets)
     tree = xr.DataTree.from_dict(datasets)
     tree.attrs.update(attrs)
     return tree
@@ -67,8 +64,12 @@ def save(data: Any, path: Path) -> None:
 
 def load(path: Path) -> Any:
     """Read an inference record."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)
-        import arviz as az
+    return _arviz().from_netcdf(str(path))
 
-    return az.from_netcdf(str(path))
+
+def _arviz() -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # 0.23 announces 1.x at every import
+        import arviz
+
+    return arviz

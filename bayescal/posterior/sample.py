@@ -178,8 +178,6 @@ def sample(
             move.proposed = move.accepted = 0
     steps, tau, ess = 0, np.inf, np.zeros(density.size)
     fraction, aim = 0.0, 0.5
-    fraction, aim = 0.0, 0.5
-    fraction, aim = 0.0, 0.5
     while steps < max_steps:
         more = min(max(FIRST, int(steps * (GROWTH - 1.0))), max_steps - steps)
         for k, sampler in enumerate(samplers):

@@ -19,42 +19,54 @@ LABELS = {
     ("geometry", "compliance"): "kinematic + stiffness",
 }
 MOST_PAIRS = 15
+MOST_DIRECTIONS = 6
 UM = 1e6
 
 
 def fit_summary(fit: Fit) -> RenderableType:
     """Headline, ladder of models, distances, parameters, sampler, warnings."""
-    parts: list[RenderableType] = [_headline(fit), "", _ladder(fit)]
+    title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
+    parts: list[RenderableType] = [title, _facts(_headline(fit)), "", _ladder(fit)]
     if fit.final.validation.distances:
         parts += ["", _distances(fit.final.validation, fit.ladder[0].validation)]
-    parts += ["", *_knowledge(fit), _sampler(fit)]
-    parts += [Text.assemble(("warning ", "bold yellow"), w) for w in fit.warnings]
+    parts += ["", _facts([*_knowledge(fit), ("posterior", _sampler(fit), "")])]
+    if fit.warnings:
+        parts += ["", _facts(("warning", warning, "yellow") for warning in fit.warnings)]
     return Group(*parts)
 
 
-def _headline(fit: Fit) -> Text:
+def _facts(rows: Iterable[tuple[str, str, str]]) -> Table:
+    """Lines of a heading, what it says, and the style of that."""
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.add_column(style="dim", no_wrap=True, min_width=15)
+    table.add_column()
+    for heading, text, style in rows:
+        table.add_row(heading, Text(text, style))
+    return table
+
+
+def _headline(fit: Fit) -> Iterable[tuple[str, str, str]]:
     rung, found = fit.final, fit.final.estimate
     left = rung.unexplained
     contacts = sum(len(b.rows) for b in found.model.blocks)
-    out = Text.assemble((f"{fit.dataset.name}", "bold"), f"  {fit.dataset.robot.name}\n")
     predicted = _predicted(rung)
     if predicted:
-        out.append("predicted error  ", style="dim").append(f"{predicted}\n", style="bold")
-    targets = f"{len(found.model.blocks)} target{'s' if len(found.model.blocks) > 1 else ''}"
-    out.append("fitted           ", style="dim")
-    out.append(
-        f"{', '.join(rung.effects)}: {len(found.model.parameters)} arm parameters "
-        f"from {contacts} rows on {targets}\n"
+        yield "predicted error", predicted, "bold"
+    yield (
+        "fitted",
+        f"{', '.join(rung.effects)}: {len(found.model.parameters)} arm parameters from {contacts} rows "
+        f"on {len(found.model.blocks)} target{'s' if len(found.model.blocks) > 1 else ''}",
+        "",
     )
-    out.append("one contact      ", style="dim")
-    out.append(f"fitted {UM * left.fitted:.1f} um, stated {UM * left.stated:.1f} um")
+    repeats = ""
     if left.repeats is not None:
-        out.append(f", repeats {UM * left.repeats:.1f} um ({left.repeats_dof} degrees of freedom)")
+        repeats = f", repeats {UM * left.repeats:.1f} um ({left.repeats_dof} degrees of freedom)"
+    noise = f"fitted {UM * left.fitted:.1f} um, stated {UM * left.stated:.1f} um{repeats}"
+    yield f"one {left.group}", noise, ""
     if len(found.rejected):
         ids = [fit.dataset.measurements.ids[row] for row in found.rejected]
         shown = ", ".join(ids[:8]) + (", ..." if len(ids) > 8 else "")
-        out.append("\nrejected         ", style="dim").append(f"{len(ids)} rows as outliers: {shown}")
-    return out
+        yield "rejected", f"{len(ids)} rows as outliers: {shown}", ""
 
 
 def _predicted(rung: Rung) -> str:
@@ -79,32 +91,27 @@ def _predicted(rung: Rung) -> str:
 
 def _ladder(fit: Fit) -> Table:
     table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
-    table.add_column("held out (um)")
-    for heading in (
-        "planes rms",
-        "distance rms",
-        "distance worst",
-        "predicted 95 %",
-        "points mean",
-        "inside 95 %",
-    ):
+    table.add_column("held out (um)", no_wrap=True)
+    v = fit.final.validation
+    headings = ["planes rms"] * bool(v.planes)
+    headings += ["distances rms", "worst", "predicted 95 %"] * bool(v.distances)
+    headings += ["points mean"] * bool(v.points)
+    for heading in (*headings, "inside"):
         table.add_column(heading, justify="right")
     for rung in fit.ladder:
         v = rung.validation
-        label = LABELS.get(rung.effects, " + ".join(rung.effects))
-        planes = [p.residuals for p in v.planes]
-        errors = np.array([d.error for d in v.distances])
-        band = interval(np.concatenate([d.predicted for d in v.distances])) if v.distances else None
-        points = [np.linalg.norm(p.residuals, axis=0) for p in v.points]
-        table.add_row(
-            label,
-            _um(np.sqrt(np.mean(np.concatenate(planes) ** 2))) if planes else "-",
-            _um(np.sqrt(np.mean(errors**2))) if len(errors) else "-",
-            _um(v.worst_distance) if len(errors) else "-",
-            f"{UM * band[0]:+.0f} .. {UM * band[1]:+.0f}" if band else "-",
-            _um(np.mean(np.concatenate(points))) if points else "-",
-            _inside(v),
-        )
+        cells = []
+        if v.planes:
+            cells.append(_um(np.sqrt(np.mean(np.concatenate([p.residuals for p in v.planes]) ** 2))))
+        if v.distances:
+            low, high = interval(np.concatenate([d.predicted for d in v.distances]))
+            cells.append(_um(np.sqrt(np.mean([d.error**2 for d in v.distances]))))
+            cells += [_um(v.worst_distance), f"{UM * low:+.0f} .. {UM * high:+.0f}"]
+        if v.points:
+            cells.append(
+                _um(np.mean(np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])))
+            )
+        table.add_row(LABELS.get(rung.effects, " + ".join(rung.effects)), *cells, _inside(v))
     return table
 
 
@@ -127,9 +134,9 @@ def _inside(v: Validation) -> str:
 
 def _distances(v: Validation, nominal: Validation) -> Table:
     table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
-    table.add_column("sphere distance")
-    for heading in ("certified mm", "as drawn um", "calibrated um", "predicted 95 % um", ""):
-        table.add_column(heading, justify="right")
+    table.add_column("distances (um)", no_wrap=True)
+    for heading in ("certified mm", "as drawn", "calibrated", "predicted 95 %", ""):
+        table.add_column(heading, justify="right", no_wrap=True)
     order = sorted(range(len(v.distances)), key=lambda k: -abs(v.distances[k].error))
     for k in sorted(order[:MOST_PAIRS]):
         d, n = v.distances[k], nominal.distances[k]
@@ -148,34 +155,28 @@ def _distances(v: Validation, nominal: Validation) -> Table:
     return table
 
 
-def _knowledge(fit: Fit) -> Iterable[Text]:
+def _knowledge(fit: Fit) -> Iterable[tuple[str, str, str]]:
     known = fit.identifiability
-    # the form of a face is not the arm's: told in a warning, not parameter by parameter
-    arm = {p.name for p in fit.final.estimate.model.parameters if p.effect != "plane-form"}
     for heading, names, style in (
-        ("data decide      ", known.determined, ""),
-        ("data and prior   ", known.partly, ""),
-        ("only the prior   ", known.prior_only, "yellow"),
+        ("data decide", known.determined, ""),
+        ("data and prior", known.partly, ""),
+        ("only the prior", known.prior_only, "yellow"),
     ):
-        shown = [name for name in names if name in arm]
-        if shown:
-            yield Text.assemble((heading, "dim"), (", ".join(shown), style))
-    for direction in known.weak[:6]:
-        yield Text.assemble(("                 ", "dim"), (direction.words, "yellow"))
-    if len(known.weak) > 6:
-        yield Text(
-            f"                 and {len(known.weak) - 6} more weak directions: see fit.json", style="yellow"
-        )
+        if names:
+            yield heading, ", ".join(names), style
+    for direction in known.weak[:MOST_DIRECTIONS]:
+        yield "", direction.words, "yellow"
+    if len(known.weak) > MOST_DIRECTIONS:
+        yield "", f"and {len(known.weak) - MOST_DIRECTIONS} more weak directions: see fit.json", "yellow"
 
 
-def _sampler(fit: Fit) -> Text:
+def _sampler(fit: Fit) -> str:
     draws = fit.draws
     if not draws.acceptance:
-        return Text.assemble(("posterior        ", "dim"), "Gaussian approximation (--samples 0)")
+        return "Gaussian approximation (--samples 0)"
     state = "converged" if draws.converged else f"NOT CONVERGED: {draws.complaint}"
     moves = ", ".join(f"{name} {rate:.2f}" for name, rate in draws.acceptance.items())
-    return Text.assemble(
-        ("posterior        ", "dim"),
+    return (
         f"{state}: at least {draws.ess.min():.0f} effective draws of every parameter, "
-        f"R-hat up to {np.nanmax(draws.rhat):.4f}, acceptance {moves}",
+        f"R-hat up to {np.nanmax(draws.rhat):.4f}, acceptance {moves}"
     )

@@ -12,9 +12,10 @@ from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
 from bayescal.robots import load_robot
 from bayescal.simulate.options import Options, stream
+from bayescal.simulate.record import document
 from bayescal.simulate.session import plan
 from bayescal.simulate.touch import World, touch
-from bayescal.simulate.truth import distance_certificates, document, draws, noise, true_targets
+from bayescal.simulate.truth import distance_certificates, draws, noise, true_targets
 
 __all__ = ["Options", "Simulation", "simulate"]
 

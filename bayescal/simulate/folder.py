@@ -3,33 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
 from collections import Counter
 from pathlib import Path
 
 from bayescal.dataset import write_dataset
-from bayescal.errors import BayescalError
+from bayescal.folders import whole
 from bayescal.simulate import Simulation
 
 TRUTH = "truth.json"
-
-
-def check_free(folder: Path) -> None:
-    """Refuse a folder that holds anything but an earlier simulated session.
-
-    Raises
-    ------
-    BayescalError
-        If something else is there.
-    """
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise BayescalError("a file of that name is there already", str(folder), "give another --out")
-    if any(folder.iterdir()) and not (folder / TRUTH).is_file():
-        what = "the folder is there already and holds no simulated session"
-        raise BayescalError(what, str(folder), "give another --out")
 
 
 def write(simulation: Simulation, folder: Path) -> None:
@@ -38,28 +19,12 @@ def write(simulation: Simulation, folder: Path) -> None:
     Raises
     ------
     BayescalError
-        As `check_free`, or where the folder cannot be written.
+        If the folder holds something else than an earlier simulated session, or cannot be written.
     """
-    folder = folder.resolve()
-    check_free(folder)
-    stage = folder.parent / f".{folder.name}.{os.getpid()}.simulated"
-    old = folder.parent / f".{folder.name}.{os.getpid()}.old"
-    try:
+    with whole(folder, TRUTH) as stage:
         write_dataset(simulation.dataset, stage)
         text = json.dumps(simulation.truth, indent=1) + "\n"
         (stage / TRUTH).write_text(text, encoding="utf-8", newline="")
-        if folder.exists():
-            folder.rename(old)
-        stage.rename(folder)
-    except OSError as error:
-        raise BayescalError(
-            error.strerror or "cannot be written", str(folder), "give another --out"
-        ) from None
-    finally:
-        if old.exists() and not folder.exists():
-            old.rename(folder)
-        shutil.rmtree(old, ignore_errors=True)
-        shutil.rmtree(stage, ignore_errors=True)
 
 
 def summary(simulation: Simulation) -> str:

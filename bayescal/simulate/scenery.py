@@ -48,10 +48,11 @@ class Cube:
 
 
 def layout(spheres: int, longest: float) -> np.ndarray:
-    """Sphere centres (spheres, 3), m, on the artefact: two at its ends, the others between and beside."""
-    turn = np.concatenate([[np.pi, 0.0], np.linspace(0, 2 * np.pi, max(spheres - 1, 1))[:-1] + np.pi / 2])
-    turn = turn[:spheres]
-    return 0.5 * longest * np.stack([np.cos(turn), 0.45 * np.sin(turn), 0 * turn], axis=1)
+    """Sphere centres (spheres, 3), m, on the artefact: two at its ends, the others beside them."""
+    between = np.arange(1, max(spheres - 1, 1))
+    x = np.concatenate([[-0.5, 0.5], between / max(spheres - 1, 1) - 0.5])
+    y = np.concatenate([[0.0, 0.0], 0.225 * (-1.0) ** (between - 1)])
+    return longest * np.stack([x, y, 0 * x], axis=1)[:spheres]
 
 
 def clear(pose: np.ndarray, ball: np.ndarray, cube: Cube, spheres: np.ndarray) -> np.ndarray:

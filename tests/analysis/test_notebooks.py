@@ -33,7 +33,7 @@ def test_notebook(path, pyplot, monkeypatch, capsys):
         figure.canvas.draw()
         drawn = [axes for axes in figure.axes if axes.has_data()]
         assert drawn
-        assert all(axes.get_xlabel() or axes.get_shared_x_axes() for axes in drawn)
+        assert any(axes.get_ylabel() for axes in drawn)
     said = capsys.readouterr().out
     assert "compliance_J2" in said
     assert "d2 and d3 only as their sum" in said

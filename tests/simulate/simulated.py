@@ -3,9 +3,6 @@
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-import pytest
-
 from bayescal.simulate import Options, Simulation, simulate
 
 STANDARD = """\
@@ -74,19 +71,8 @@ def lrmate(**options: object) -> Simulation:
     return simulate(Options(**{**LITTLE, "seed": 4, **options}))  # type: ignore[arg-type]
 
 
-@pytest.fixture(scope="session")
-def robot_file(tmp_path_factory: pytest.TempPathFactory):
-    """Path of a robot.yaml by its name in `ROBOTS`."""
-    folder = tmp_path_factory.mktemp("robots")
-
-    def path(name: str) -> str:
-        out: Path = folder / f"{name}.yaml"
-        out.write_text(ROBOTS[name], encoding="utf-8")
-        return str(out)
-
-    return path
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(1)
+def robot_file(folder: Path, name: str) -> str:
+    """Path of a robot.yaml in `folder`, by its name in `ROBOTS`."""
+    out = folder / f"{name}.yaml"
+    out.write_text(ROBOTS[name], encoding="utf-8")
+    return str(out)
