@@ -186,9 +186,7 @@ def _warnings(
     values = model.physical(found.z)
     negative = [p.name for p, v in zip(model.parameters, values, strict=False) if p.positive and v < 0]
     if negative:
-        out.append(
-            f"{', '.join(negative)}: negative, which is not physical; these contacts do not tell it"
-        )
+        out.append(f"{', '.join(negative)}: negative, which is not physical; these contacts do not tell it")
     poses = dataset_poses(model)
     if poses:
         out.append(f"{poses} rows also read an orientation, which this model does not use")

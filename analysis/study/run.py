@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from analysis.study import figures, page, pictures, session
-from bayescal.errors import BayescalError
 from bayescal.simulate import Options
 
 TOP = Path(__file__).parents[2]
@@ -26,11 +25,7 @@ def tasks(sessions: int, seed: int, with_emcee: int) -> list[Task]:
 
 
 def _one(task: Task) -> session.Record:
-    options, with_emcee = task
-    try:
-        return session.run(options, with_emcee)
-    except BayescalError as error:
-        return {"seed": options.seed, "refused": str(error)}
+    return session.run(*task)
 
 
 def records(todo: Sequence[Task], workers: int) -> Iterator[session.Record]:

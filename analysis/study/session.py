@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.errors import BayescalError
 from bayescal.fit import VALIDATION_DRAWS, Fit, fit
 from bayescal.posterior import sample
 from bayescal.simulate import Options, Simulation, simulate
@@ -56,8 +57,14 @@ def true_values(simulation: Simulation) -> dict[str, float]:
 
 
 def run(options: Options, with_emcee: bool = False) -> Record:
-    """Simulate a session, calibrate it with the Gaussian posterior, and hold the result against the truth."""
-    simulation = simulate(options)
+    """Simulate a session, calibrate it with the Gaussian posterior, and hold the result against the truth.
+
+    Of a session that cannot be laid out (no place for the spheres), the record says that only.
+    """
+    try:
+        simulation = simulate(options)
+    except BayescalError as error:
+        return {"seed": options.seed, "refused": str(error)}
     fitted = fit(simulation.dataset, MODEL, samples=0, seed=options.seed)
     record = compared(simulation, fitted)
     if with_emcee:

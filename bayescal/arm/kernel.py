@@ -8,8 +8,8 @@ width, so that every loop compiles to straight vector code. Two facts save most 
 * a joint turns by its nominal angle plus a small displacement, and sin and cos of the nominal angle
   are known, so only the small angle needs a short series (`MAX_ANGLE`).
 
-A term is (site, parameter, driver row): displacement[site] += value[parameter] * driver[row]; row -1
-is a driver of 1 everywhere. Sites count 6 a frame in the order of `transforms.AXES`.
+A term is (site, parameter, driver row): displacement[site] += value[parameter] * driver[row]; the last
+row is 1 everywhere. Sites count 6 a frame in the order of `transforms.AXES`.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ _inline = numba.njit(cache=True, error_model="numpy", fastmath=_FLAGS, inline="a
 # Scratch rows: the point (or the wrench's point), the force, a joint's sine and cosine, working rows
 _X, _Y, _Z, _U, _V, _W, _S, _C, _T, _D = range(10)
 _ROWS = 10
+# a displacement's pairs (turn, slide) in turn about z, x, y: rows of that axis and of the two across it
+_AXES = ((2, 0, 1), (0, 1, 2), (1, 2, 0))
 
 
 @_inline
@@ -43,10 +45,12 @@ def _cos(x):  # Taylor to x^8
 
 
 @_inline
-def _sum_terms(work, row, start, first, last, terms, values, drivers):
-    """Row `row` of the scratch += the varying terms first..last of one site."""
+def _add(work, row, sign, base, start, first, last, terms, values, drivers):
+    """Row `row` of the scratch += sign x (base + the varying terms first..last of one site)."""
+    for i in range(WIDTH):
+        work[row, i] += sign * base
     for k in range(first, last):
-        value = values[terms[k, 1]]
+        value = sign * values[terms[k, 1]]
         driver = drivers[terms[k, 2], start : start + WIDTH]
         for i in range(WIDTH):
             work[row, i] += value * driver[i]
@@ -74,9 +78,8 @@ def _turn_rows(work, a, b, sign):
 @_inline
 def _angle(work, start, base, first, last, terms, values, drivers):
     """Rows _C, _S of a small angle: base plus its varying terms."""
-    for i in range(WIDTH):
-        work[_D, i] = base
-    _sum_terms(work, _D, start, first, last, terms, values, drivers)
+    work[_D] = 0.0
+    _add(work, _D, 1.0, base, start, first, last, terms, values, drivers)
     for i in range(WIDTH):
         x = work[_D, i]
         work[_S, i] = _sin(x)
@@ -99,11 +102,10 @@ def _joint_angle(work, start, base, first, last, terms, values, drivers, joint, 
         driver = drivers[terms[first, 2], start : start + WIDTH]
         for i in range(WIDTH):
             work[_D, i] = base + value * driver[i]
-        _sum_terms(work, _D, start, first + 1, last, terms, values, drivers)
+        _add(work, _D, 1.0, 0.0, start, first + 1, last, terms, values, drivers)
         for i in range(WIDTH):
             x = work[_D, i]
-            s = _sin(x)
-            c = _cos(x)
+            s, c = _sin(x), _cos(x)
             a, b = nominal_sine[i], nominal_cosine[i]
             work[_S, i] = a * c + b * s
             work[_C, i] = b * c - a * s
@@ -125,26 +127,13 @@ def _map_turn(work, m):
         work[_Z, i] = m20 * x + (m21 * y + (m22 * z + m23))
 
 
-@_inline
-def _axis_of(pair):
-    """Rows (axis, next, after) of the pairs of components (z, x, y), as offsets 0, 1, 2 from a point's x."""
-    if pair == 0:
-        return 2, 0, 1
-    if pair == 1:
-        return 0, 1, 2
-    return 1, 2, 0
-
-
 @_jit
 def _out_displaced(work, start, frame, pairs, const, firsts, terms, values, drivers):
     """Apply the pairs `pairs`..2 of one frame's displacement to the points, from Ry Ty outward."""
     for pair in range(2, pairs - 1, -1):
-        axis, b, c = _axis_of(pair)
+        axis, b, c = _AXES[pair]
         turn, slide = 6 * frame + 2 * pair, 6 * frame + 2 * pair + 1
-        shift = const[slide]
-        for i in range(WIDTH):
-            work[axis, i] += shift
-        _sum_terms(work, axis, start, firsts[slide], firsts[slide + 1], terms, values, drivers)
+        _add(work, axis, 1.0, const[slide], start, firsts[slide], firsts[slide + 1], terms, values, drivers)
         if firsts[turn] < firsts[turn + 1]:
             _angle(work, start, const[turn], firsts[turn], firsts[turn + 1], terms, values, drivers)
             _turn_rows(work, b, c, 1.0)
@@ -157,9 +146,7 @@ def _matrices(const, link, distance, general, out):
     """Per joint one 3 x 4 matrix: Tz Rx Tx Ry Ty of the frame times `link`, as far as they are constant."""
     n = len(distance)
     for f in range(1, n + 1):
-        sx = cx = sy = cy = 0.0
-        tx = ty = 0.0
-        cx = cy = 1.0
+        sx, cx, sy, cy, tx, ty = 0.0, 1.0, 0.0, 1.0, 0.0, 0.0
         if not general[f]:
             tx, ty = const[6 * f + 3], const[6 * f + 5]
             sx, cx = math.sin(const[6 * f + 2]), math.cos(const[6 * f + 2])
@@ -178,16 +165,16 @@ def _matrices(const, link, distance, general, out):
 
 
 @_inline
-def _map(work, a, m):
-    """Rows a..a+2 = m (3 x 4) applied to them."""
+def _map(work, m):
+    """The points mapped by m (3 x 4)."""
     m00, m01, m02, m03 = m[0, 0], m[0, 1], m[0, 2], m[0, 3]
     m10, m11, m12, m13 = m[1, 0], m[1, 1], m[1, 2], m[1, 3]
     m20, m21, m22, m23 = m[2, 0], m[2, 1], m[2, 2], m[2, 3]
     for i in range(WIDTH):
-        x, y, z = work[a, i], work[a + 1, i], work[a + 2, i]
-        work[a, i] = m00 * x + (m01 * y + (m02 * z + m03))
-        work[a + 1, i] = m10 * x + (m11 * y + (m12 * z + m13))
-        work[a + 2, i] = m20 * x + (m21 * y + (m22 * z + m23))
+        x, y, z = work[_X, i], work[_Y, i], work[_Z, i]
+        work[_X, i] = m00 * x + (m01 * y + (m02 * z + m03))
+        work[_Y, i] = m10 * x + (m11 * y + (m12 * z + m13))
+        work[_Z, i] = m20 * x + (m21 * y + (m22 * z + m23))
 
 
 @_inline
@@ -218,6 +205,15 @@ def _unturn_joint(work, shift):
         work[_Z, i] -= shift
         work[_U, i] = c * u + s * work[_V, i]
         work[_V, i] = c * work[_V, i] - s * u
+
+
+@_inline
+def _offset(work, sign, tool, start):
+    """The points moved by sign x their tool's centre."""
+    for j in range(3):
+        centre = tool[j, start : start + WIDTH]
+        for i in range(WIDTH):
+            work[j, i] += sign * centre[i]
 
 
 @_inline
@@ -253,26 +249,17 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
         _matrices(const, link, d, general, matrices)
         for start in range(0, tool.shape[1], WIDTH):
             for j in range(3):
-                shift = const[6 * (n + 1) + (3, 5, 1)[j]]
-                if general[n + 1]:
-                    shift = 0.0
-                for i in range(WIDTH):
-                    work[j, i] = shift
+                work[j] = 0.0 if general[n + 1] else const[6 * (n + 1) + (3, 5, 1)[j]]
             if general[n + 1]:
                 _out_displaced(work, start, n + 1, 0, const, firsts, terms, own, drivers)
-            for j in range(3):
-                centre = tool[j, start : start + WIDTH]
-                for i in range(WIDTH):
-                    work[j, i] += centre[i]
+            _offset(work, 1.0, tool, start)
             for f in range(n, 0, -1):
                 site = 6 * f
                 if general[f]:
-                    _map(work, _X, matrices[f])
+                    _map(work, matrices[f])
                     _out_displaced(work, start, f, 1, const, firsts, terms, own, drivers)
                     shift = d[f - 1] + const[site + 1]
-                    for i in range(WIDTH):
-                        work[_Z, i] += shift
-                    _sum_terms(work, _Z, start, firsts[site + 1], firsts[site + 2], terms, own, drivers)
+                    _add(work, _Z, 1.0, shift, start, firsts[site + 1], firsts[site + 2], terms, own, drivers)
                 _joint_angle(
                     work, start, const[site], firsts[site], firsts[site + 1], terms, own, drivers,
                     f - 1, sines, cosines,
@@ -281,9 +268,9 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
                     _turn_rows(work, _X, _Y, 1.0)
                 else:
                     _map_turn(work, matrices[f])
-            _map(work, _X, link[0])
+            _map(work, link[0])
             _out_displaced(work, start, 0, 0, const, firsts, terms, own, drivers)
-            _map(work, _X, base)
+            _map(work, base)
             for j in range(3):
                 own_out = out[w, j, start : start + WIDTH]
                 for i in range(WIDTH):
@@ -295,20 +282,12 @@ def _emit(work, component, start, site, by_site, by_first, drivers, columns, fre
     """Add a row, the wrench component of a site, times their drivers, to the columns of its terms."""
     for k in range(by_first[site], by_first[site + 1]):
         parameter = by_site[k, 1]
-        row = by_site[k, 2]
         column = columns[parameter, start : start + WIDTH]
-        driver = drivers[max(row, 0), start : start + WIDTH]
+        driver = drivers[by_site[k, 2], start : start + WIDTH]
         if fresh[parameter]:
             fresh[parameter] = False
-            if row < 0:
-                for i in range(WIDTH):
-                    column[i] = work[component, i]
-            else:
-                for i in range(WIDTH):
-                    column[i] = work[component, i] * driver[i]
-        elif row < 0:
             for i in range(WIDTH):
-                column[i] += work[component, i]
+                column[i] = work[component, i] * driver[i]
         else:
             for i in range(WIDTH):
                 column[i] += work[component, i] * driver[i]
@@ -330,7 +309,7 @@ def _back_displaced(
 ):
     """Undo the pairs `pairs`..2 of a frame's displacement, giving their columns on the way."""
     for pair in range(pairs, 3):
-        axis, b, c = _axis_of(pair)
+        axis, b, c = _AXES[pair]
         turn, slide = 6 * frame + 2 * pair, 6 * frame + 2 * pair + 1
         _emit_pair(work, start, turn, axis, b, c, by_site, by_first, drivers, columns, fresh)
         if firsts[turn] < firsts[turn + 1]:
@@ -341,15 +320,19 @@ def _back_displaced(
             cosine, sine = math.cos(const[turn]), -math.sin(const[turn])
             _turn(work, b, c, cosine, sine)
             _turn(work, b + 3, c + 3, cosine, sine)
-        shift = const[slide]
-        if shift != 0.0:
-            for i in range(WIDTH):
-                work[axis, i] -= shift
-        for k in range(firsts[slide], firsts[slide + 1]):
-            value = values[terms[k, 1]]
-            driver = drivers[terms[k, 2], start : start + WIDTH]
-            for i in range(WIDTH):
-                work[axis, i] -= value * driver[i]
+        if const[slide] != 0.0 or firsts[slide] < firsts[slide + 1]:
+            _add(
+                work,
+                axis,
+                -1.0,
+                const[slide],
+                start,
+                firsts[slide],
+                firsts[slide + 1],
+                terms,
+                values,
+                drivers,
+            )
 
 
 @_jit
@@ -362,7 +345,7 @@ def columns(
     Parameters
     ----------
     values : (P,) the parameters at which `p` was found
-    by_site, by_first : all terms (K0 + K, 3) sorted by site (driver row -1: one), and where each site begins
+    by_site, by_first : all terms (K0 + K, 3) sorted by site, and where each site begins
     p, u : (3, C) ball centres and directions in F0, C <= B
     out : (P, B) written
     """
@@ -400,11 +383,7 @@ def columns(
             shift = d[f - 1] + const[site + 1]
             _unturn_joint(work, shift)
             if general[f] or by_first[site + 4] < by_first[site + 6]:
-                for k in range(firsts[site + 1], firsts[site + 2]):
-                    value = values[terms[k, 1]]
-                    driver = drivers[terms[k, 2], start : start + WIDTH]
-                    for i in range(WIDTH):
-                        work[_Z, i] -= value * driver[i]
+                _add(work, _Z, -1.0, 0.0, start, firsts[site + 1], firsts[site + 2], terms, values, drivers)
                 _back_displaced(
                     work, start, f, 1, const, firsts, terms, values, drivers, by_site, by_first, out, fresh
                 )
@@ -412,10 +391,7 @@ def columns(
             else:
                 _emit_pair(work, start, site + 2, 0, 1, 2, by_site, by_first, drivers, out, fresh)
                 _unmap(work, matrices[f], shift)
-        for j in range(3):
-            centre = tool[j, start : start + WIDTH]
-            for i in range(WIDTH):
-                work[j, i] -= centre[i]
+        _offset(work, -1.0, tool, start)
         _back_displaced(
             work, start, n + 1, 0, const, firsts, terms, values, drivers, by_site, by_first, out, fresh
         )

@@ -83,7 +83,7 @@ class Motion:
                 drivers.append(driver)
             varying.append((site, parameter, index[key]))
         varying.sort()
-        every = sorted([*varying, *((site, parameter, -1) for site, parameter in constant)])
+        every = sorted([*varying, *((site, parameter, len(drivers)) for site, parameter in constant)])
         sites = np.arange(6 * (n + 2) + 1)
         self._constant = np.array(constant, np.int64).reshape(-1, 2)
         self._varying = np.array(varying, np.int64).reshape(-1, 3)
@@ -96,7 +96,7 @@ class Motion:
             self._general[frame] |= component != 0 or not 1 <= frame <= n
         # a tool turned about its own point moves it only together with a slide: leave that to the exact path
         self._general[n + 1] |= any(s >= 6 * (n + 1) and (s - 6 * (n + 1)) % 2 == 0 for s, _ in constant)
-        self._drivers = _padded(np.array(drivers).reshape(len(drivers), self.count))
+        self._drivers = _padded(np.array([*drivers, np.ones(self.count)]))
         self._sines = _padded(np.sin(q.T))
         self._cosines = _padded(np.cos(q.T))
         self._tool = _padded(np.broadcast_to(tool, (self.count, 3)).T)

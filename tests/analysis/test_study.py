@@ -140,3 +140,9 @@ def test_tasks_differ():
     seeds = [options.seed for options, _ in (*first, *second)]
     assert len(set(seeds)) == 10
     assert [with_emcee for _, with_emcee in first] == [True, True, False, False, False]
+
+
+def test_a_session_that_cannot_be_is_said_to_be_refused():
+    record = session.run(Options(seed=3, contacts=16, repeats=0, later=0, spheres=8, sphere_contacts=4))
+    assert record["seed"] == 3
+    assert "sphere" in record["refused"]
