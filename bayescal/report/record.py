@@ -12,7 +12,7 @@ from bayescal import __version__
 from bayescal.estimate import Estimate
 from bayescal.fit import Fit, Rung
 from bayescal.model import Block
-from bayescal.validate import PointCheck, Validation
+from bayescal.validate import PointCheck, Validation, inside95, interval95
 
 SCHEMA = "bayescal-fit/1"
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "emcee", "arviz")
@@ -153,10 +153,10 @@ def _sampler(fit: Fit) -> dict[str, Any]:
     }
 
 
-def interval(predicted: np.ndarray) -> tuple[float, float]:
-    """Central 95 % interval of draws."""
-    low, high = np.quantile(predicted, [0.025, 0.975])
-    return float(low), float(high)
+def ends(predicted: np.ndarray, factor: float) -> list[float]:
+    """Central 95 % interval of draws, times a factor."""
+    low, high = interval95(predicted)
+    return [float(factor * low), float(factor * high)]
 
 
 def validation_record(nominal: Validation, calibrated: Validation) -> dict[str, Any]:
@@ -170,13 +170,12 @@ def validation_record(nominal: Validation, calibrated: Validation) -> dict[str, 
             "calibrated_rms_um": UM * _rms(p.residuals),
             "calibrated_max_um": UM * float(np.max(np.abs(p.residuals))),
             "predicted_rms_um": UM * float(np.sqrt(np.mean(p.predicted**2))),
-            "inside95_fraction": _inside(p.residuals, p.predicted),
+            "inside95_fraction": float(np.mean(inside95(p.residuals, p.predicted))),
         }
         for n, p in zip(nominal.planes, calibrated.planes, strict=True)
     ]
     distances = []
     for n, d in zip(nominal.distances, calibrated.distances, strict=True):
-        low, high = interval(d.predicted)
         distances.append(
             {
                 "between": list(d.between),
@@ -184,21 +183,20 @@ def validation_record(nominal: Validation, calibrated: Validation) -> dict[str, 
                 "nominal_error_um": UM * n.error,
                 "calibrated_error_um": UM * d.error,
                 "predicted_sd_um": UM * float(np.std(d.predicted)),
-                "predicted_interval95_um": [UM * low, UM * high],
-                "inside95": low <= d.error <= high,
+                "predicted_interval95_um": ends(d.predicted, UM),
+                "inside95": bool(inside95(d.error, d.predicted)),
             }
         )
     diameters = []
     for before, after in zip(nominal.diameters, calibrated.diameters, strict=True):
-        low, high = interval(after.predicted)
         diameters.append(
             {
                 "target": after.target,
                 "certified_mm": MM * after.certified,
                 "nominal_error_um": UM * before.error,
                 "calibrated_error_um": UM * after.error,
-                "predicted_interval95_um": [UM * low, UM * high],
-                "inside95": low <= after.error <= high,
+                "predicted_interval95_um": ends(after.predicted, UM),
+                "inside95": bool(inside95(after.error, after.predicted)),
             }
         )
     return {
@@ -221,12 +219,6 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _inside(measured: np.ndarray, predicted: np.ndarray) -> float:
-    """Fraction of measured values inside the 95 % intervals of draws (S, ...)."""
-    low, high = np.quantile(predicted, [0.025, 0.975], axis=0)
-    return float(np.mean((low <= measured) & (measured <= high)))
-
-
 def _points(nominal: tuple[PointCheck, ...], calibrated: tuple[PointCheck, ...]) -> dict[str, Any]:
     """Lengths of the residual vectors of held-out points, all targets together."""
     if not calibrated:
@@ -236,7 +228,6 @@ def _points(nominal: tuple[PointCheck, ...], calibrated: tuple[PointCheck, ...])
     lengths = np.concatenate([np.linalg.norm(p.predicted, axis=1) for p in calibrated], axis=1)
     flat = np.concatenate([p.residuals.ravel() for p in calibrated])
     drawn = np.concatenate([p.predicted.reshape(len(p.predicted), -1) for p in calibrated], axis=1)
-    low, high = interval(lengths.mean(axis=1))
     return {
         "count": len(after),
         "nominal_mean_um": UM * float(before.mean()),
@@ -245,9 +236,9 @@ def _points(nominal: tuple[PointCheck, ...], calibrated: tuple[PointCheck, ...])
         "calibrated_rms_um": UM * _rms(after),
         "calibrated_max_um": UM * float(after.max()),
         "predicted_mean_um": UM * float(lengths.mean()),
-        "predicted_mean_interval95_um": [UM * low, UM * high],
+        "predicted_mean_interval95_um": ends(lengths.mean(axis=1), UM),
         "predicted_upper95_um": UM * float(np.quantile(lengths, 0.95)),
-        "inside95_fraction": _inside(flat, drawn),
+        "inside95_fraction": float(np.mean(inside95(flat, drawn))),
     }
 
 
@@ -263,7 +254,7 @@ def _rung(rung: Rung) -> dict[str, Any]:
         "heldout_planes_rms_um": UM * _rms(np.concatenate(planes)) if planes else None,
         "distance_rms_um": UM * _rms(distances) if len(distances) else None,
         "worst_distance_um": _or_none(UM * v.worst_distance),
-        "predicted_distance_interval95_um": [UM * x for x in interval(predicted)] if len(distances) else None,
+        "predicted_distance_interval95_um": ends(predicted.ravel(), UM) if len(distances) else None,
         "points_mean_um": UM
         * float(np.mean(np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])))
         if v.points

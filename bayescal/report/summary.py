@@ -10,8 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayescal.fit import Fit, Rung
-from bayescal.report.record import interval
-from bayescal.validate import PlaneCheck, PointCheck, Validation
+from bayescal.validate import PlaneCheck, PointCheck, Validation, inside95, interval95
 
 LABELS = {
     ("nominal",): "as drawn",
@@ -73,8 +72,8 @@ def _predicted(rung: Rung) -> str:
     """The predicted error, k = 2 in spirit: the central 95 % over all held-out distances, or points."""
     v = rung.validation
     if v.distances:
-        low, high = interval(np.concatenate([d.predicted for d in v.distances]))
-        inside = sum(lo <= d.error <= hi for d in v.distances for lo, hi in [interval(d.predicted)])
+        low, high = interval95(np.concatenate([d.predicted for d in v.distances]))
+        inside = sum(bool(inside95(d.error, d.predicted)) for d in v.distances)
         return (
             f"of a distance {UM * low:+.0f} to {UM * high:+.0f} um (95 %); "
             f"measured: worst {UM * v.worst_distance:.0f} um, {inside} of {len(v.distances)} inside"
@@ -104,7 +103,7 @@ def _ladder(fit: Fit) -> Table:
         if v.planes:
             cells.append(_um(np.sqrt(np.mean(np.concatenate([p.residuals for p in v.planes]) ** 2))))
         if v.distances:
-            low, high = interval(np.concatenate([d.predicted for d in v.distances]))
+            low, high = interval95(np.concatenate([d.predicted for d in v.distances]))
             cells.append(_um(np.sqrt(np.mean([d.error**2 for d in v.distances]))))
             cells += [_um(v.worst_distance), f"{UM * low:+.0f} .. {UM * high:+.0f}"]
         if v.points:
@@ -121,14 +120,9 @@ def _um(value: float) -> str:
 
 def _inside(v: Validation) -> str:
     """How many held-out values lie inside their predicted intervals, in per cent."""
-    hits: list[np.ndarray] = []
-    for d in v.distances:
-        low, high = interval(d.predicted)
-        hits.append(np.array([low <= d.error <= high]))
+    hits = [np.atleast_1d(inside95(d.error, d.predicted)) for d in v.distances]
     checks: list[PlaneCheck | PointCheck] = [*v.planes, *v.points]
-    for check in checks:
-        lows, highs = np.quantile(check.predicted, [0.025, 0.975], axis=0)
-        hits.append(((lows <= check.residuals) & (check.residuals <= highs)).ravel())
+    hits += [inside95(check.residuals, check.predicted).ravel() for check in checks]
     return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else "-"
 
 
@@ -140,15 +134,16 @@ def _distances(v: Validation, nominal: Validation) -> Table:
     order = sorted(range(len(v.distances)), key=lambda k: -abs(v.distances[k].error))
     for k in sorted(order[:MOST_PAIRS]):
         d, n = v.distances[k], nominal.distances[k]
-        low, high = interval(d.predicted)
-        inside = low <= d.error <= high
+        low, high = interval95(d.predicted)
         table.add_row(
             " - ".join(d.between),
             f"{1e3 * d.certified:.3f}",
             f"{UM * n.error:+.0f}",
             f"{UM * d.error:+.1f}",
             f"{UM * low:+.1f} .. {UM * high:+.1f}",
-            Text("inside", style="green") if inside else Text("outside", style="yellow"),
+            Text("inside", style="green")
+            if inside95(d.error, d.predicted)
+            else Text("outside", style="yellow"),
         )
     if len(order) > MOST_PAIRS:
         table.caption = f"the {MOST_PAIRS} largest of {len(order)}"

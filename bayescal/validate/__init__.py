@@ -9,6 +9,8 @@ from bayescal.validate.heldout import (
     PlaneCheck,
     PointCheck,
     Validation,
+    inside95,
+    interval95,
     validate,
 )
 
@@ -20,5 +22,7 @@ __all__ = [
     "PointCheck",
     "Validation",
     "find",
+    "inside95",
+    "interval95",
     "validate",
 ]

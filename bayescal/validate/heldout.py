@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.dataset import Certificate
+from bayescal.effects.tool import LOOSE
 from bayescal.estimate import Estimate
 from bayescal.model import ARM, Block, Model
 from bayescal.validate.find import Found, find, robust_rows
@@ -19,8 +20,17 @@ from factors.fixed_point import FixedPoint
 from factors.instrument import Instrument
 from factors.sphere import Sphere
 
-INTERVAL = (0.025, 0.975)
-LOOSE_TOOL = 5e-3  # m, the contract's prior of a tool that states none
+
+def interval95(predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Central 95 % interval of draws (S, ...): lower and upper ends, (...)."""
+    low, high = np.quantile(predicted, [0.025, 0.975], axis=0)
+    return low, high
+
+
+def inside95(measured: np.ndarray | float, predicted: np.ndarray) -> np.ndarray:
+    """Which measured values (...) lie in the 95 % intervals of draws (S, ...)."""
+    low, high = interval95(predicted)
+    return (low <= measured) & (measured <= high)
 
 
 @dataclass(frozen=True)
@@ -150,9 +160,8 @@ def validate(
             if name in stated:  # the centre is sharper where the diameter is certified
                 at, drawn = _found(s, int(t), own, stated[name])
             centres[name] = kind.centre + at.x[0, :3], kind.centre + drawn.x[:, :3]
-        elif isinstance(kind, FixedPoint) or len(locate):
-            finding = locate if len(locate) else own
-            at, drawn = _found(s, int(t), finding)
+        else:
+            at, drawn = _found(s, int(t), locate if len(locate) else own)
             if isinstance(kind, FixedPoint):
                 centres[name] = kind.centre + at.x[0], kind.centre + drawn.x
             surfaces.append(_against_found(s, int(t), own, at, drawn))
@@ -188,7 +197,7 @@ def _unknown_tool(model: Model, rows: np.ndarray) -> float:
     if len(used) != 1 or used[0] in fitted:
         return 0.0
     stated = scene.dataset.tools[used[0]].u
-    return LOOSE_TOOL if stated is None else stated
+    return LOOSE if stated is None else stated
 
 
 def _centres_of(
@@ -237,7 +246,9 @@ def _found(
     return at, drawn
 
 
-def _against_found(s: _Session, target: int, rows: np.ndarray, at: Found, drawn: Found) -> PointCheck:
+def _against_found(
+    s: _Session, target: int, rows: np.ndarray, at: Found, drawn: Found
+) -> PlaneCheck | PointCheck:
     block = s.model.block(target, rows)
     tool_sd = _unknown_tool(s.model, rows)
     p0, slopes0 = _centres_of(s, block, s.estimate.z[None], tool_sd)
@@ -246,7 +257,10 @@ def _against_found(s: _Session, target: int, rows: np.ndarray, at: Found, drawn:
         p0 = p0 + np.einsum("sj,sjkc->skc", at.tool, slopes0)
         p = p + np.einsum("sj,sjkc->skc", drawn.tool, slopes)
     residual = block.kind.residual(at.x, p0)[0]
-    return PointCheck(block.target, residual, residual - block.kind.residual(drawn.x, p) + _noise(s, block))
+    predicted = residual - block.kind.residual(drawn.x, p) + _noise(s, block)
+    if block.kind.rows == 1:
+        return PlaneCheck(block.target, residual[0], predicted[:, 0])
+    return PointCheck(block.target, residual, predicted)
 
 
 def _distances(
