@@ -24,6 +24,6 @@ def write_fit(fit: Fit, folder: Path) -> None:
         "The tool is not part of it: see fit.json.",
     )
     with whole(folder, FIT) as stage:
-        (stage / FIT).write_text(json.dumps(fit_record(fit), indent=1) + "\n", encoding="utf-8")
+        (stage / FIT).write_text(json.dumps(fit_record(fit), indent=1, allow_nan=False) + "\n", encoding="utf-8")
         save(fit_inference_data(fit), stage / "posterior.nc")
         (stage / "robot.yaml").write_text(robot, encoding="utf-8")
