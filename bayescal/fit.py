@@ -94,6 +94,8 @@ def fit(
             "--prior-width",
             "give a number above 0",
         )
+    if len(set(effects)) < len(effects):
+        raise BayescalError("an effect is named twice", "--model", "name it once")
     scene = Scene(dataset)
     steps = [with_parameters(scene, (), ())]
     steps += [build(scene, effects[: k + 1], prior_width) for k in range(len(effects))]
