@@ -23,7 +23,8 @@ def write_fit(fit: Fit, folder: Path) -> None:
         comment=f"{fit.dataset.robot.name} calibrated on {fit.dataset.name}: {', '.join(fit.final.effects)}. "
         "The tool is not part of it: see fit.json.",
     )
+    record = json.dumps(fit_record(fit), indent=1, allow_nan=False) + "\n"
     with whole(folder, FIT) as stage:
-        (stage / FIT).write_text(json.dumps(fit_record(fit), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        (stage / FIT).write_text(record, encoding="utf-8")
         save(fit_inference_data(fit), stage / "posterior.nc")
         (stage / "robot.yaml").write_text(robot, encoding="utf-8")
