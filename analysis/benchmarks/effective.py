@@ -17,9 +17,9 @@ Turn = Callable[[], np.ndarray]
 class Speed:
     """How fast a sampler is."""
 
-    tau: float  # largest integrated autocorrelation time, steps
+    tau: float  # largest integrated autocorrelation time, steps that were kept
     taus: float  # how many of them long the run was
-    draws: int  # steps times chains
+    draws: int  # steps that were kept, times chains
     seconds: float  # that all turns took, at the pace of the median one
 
     @property
@@ -31,7 +31,8 @@ class Speed:
 def race(turns: Mapping[str, Turn], rounds: int = 5) -> dict[str, Speed]:
     """Let samplers take turns, then judge each by its slowest parameter.
 
-    The autocorrelation time is emcee's (Sokal's window, autocorrelation averaged over chains).
+    The autocorrelation time is emcee's (Sokal's window, autocorrelation averaged over chains), of
+    the parameters themselves; below one step where draws alternate, as those of NUTS do.
     """
     draws: dict[str, list[np.ndarray]] = {name: [] for name in turns}
     took: dict[str, list[float]] = {name: [] for name in turns}

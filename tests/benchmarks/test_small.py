@@ -70,6 +70,16 @@ def test_race_knows_independent_draws():
     assert 0.9 < speed.tau < 1.1
 
 
+def test_race_does_not_mind_thinning():
+    rng = np.random.default_rng(0)
+    walk = np.zeros((8000, 20, 1))
+    for k in range(1, len(walk)):
+        walk[k] = 0.98 * walk[k - 1] + rng.normal(size=(20, 1))  # autocorrelation time 99
+    all_, some = (effective.race({"": lambda t=t: walk[::t]}, rounds=1)[""] for t in (1, 10))
+    assert all_.taus == pytest.approx(some.taus, rel=0.05)
+    assert all_.draws / all_.tau == pytest.approx(some.draws / some.tau, rel=0.05)
+
+
 def test_moves_sample_the_posterior(small):
     from analysis.benchmarks import peer_emcee
 
@@ -88,11 +98,12 @@ def test_density_in_jax(small):
 
 
 @pytest.mark.skipif(importlib.util.find_spec("numpyro") is None, reason="numpyro is not installed")
-def test_nuts_samples_the_posterior(small):
+@pytest.mark.parametrize("name", ["nuts", "nuts_given"])
+def test_nuts_samples_the_posterior(small, name):
     from analysis.benchmarks import peer_numpyro
 
     density = Density(small.estimate)
-    draws = peer_numpyro.nuts(small, density, steps=300)()[:, 0]
+    draws = getattr(peer_numpyro, name)(small, density, steps=500)()[:, 0]
     expected = Linearised.of(density).draw(4000, np.random.default_rng(0))
     sd = expected.std(axis=0)
     assert np.max(np.abs(draws.mean(axis=0) - expected.mean(axis=0)) / sd) < 0.5
