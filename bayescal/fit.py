@@ -21,6 +21,7 @@ from bayescal.validate import Validation, validate
 
 VALIDATION_DRAWS = 2000
 NOMINAL = ("nominal",)
+IN_ROBOT_FILE = ("geometry", "compliance", FORM)  # a face's form is no part of the arm
 WILD_SCALE = 100.0  # times the stated noise: no calibration any more
 
 
@@ -189,6 +190,9 @@ def _warnings(
     negative = [p.name for p, v in zip(model.parameters, values, strict=False) if p.positive and v < 0]
     if negative:
         out.append(f"{', '.join(negative)}: negative, which is not physical; these contacts do not tell it")
+    kept_back = [name for name in model.effects if name not in IN_ROBOT_FILE]
+    if kept_back:
+        out.append(f"robot.yaml holds geometry and compliance only: {', '.join(kept_back)} is not in it")
     poses = dataset_poses(model)
     if poses:
         out.append(f"{poses} rows also read an orientation, which this model does not use")

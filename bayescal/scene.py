@@ -55,12 +55,18 @@ class Scene:
         robot, m = self.dataset.robot, self.dataset.measurements
         if robot.masses is None:
             return None
-        tools = self.dataset.tools
-        mass = np.array([tool.mass for tool in tools])[m.tool]
-        centre = np.array([t.centre if t.centre_of_mass is None else t.centre_of_mass for t in tools])[m.tool]
+        mass = np.array([tool.mass for tool in self.dataset.tools])[m.tool]
         if m.payload is not None:
             mass = mass + m.payload
-        return gravity_moments(robot, self.chain, self._rigid_angles, self.dataset.gravity, mass, centre)
+        gravity, centre = self.dataset.gravity, self._load_centre
+        return gravity_moments(robot, self.chain, self._rigid_angles, gravity, mass, centre)
+
+    @cached_property
+    def _load_centre(self) -> np.ndarray:
+        """Centre of mass of the load in the flange frame, (N, 3), m; the ball where none is stated."""
+        tools = self.dataset.tools
+        centres = [t.centre if t.centre_of_mass is None else t.centre_of_mass for t in tools]
+        return np.array(centres)[self.dataset.measurements.tool]
 
     @cached_property
     def q(self) -> np.ndarray:
@@ -102,10 +108,47 @@ class Scene:
             tool_centres=np.array([tool.centre for tool in d.tools]),
             tool_u=tuple(tool.u for tool in d.tools),
             fitted_tools=used,
+            fitted=fitted,
             tied_base=any(t.u is not None or t.u_angle is not None for t in targets),
             tied_tool=any(d.tools[k].u is not None for k in used),
+            readings=m.readings,
+            gravity=d.gravity,
+            load_centre=self._load_centre,
+            approach=self._approach(),
+            tool_radii=tuple(tool.ball_radius for tool in d.tools),
+            velocity=m.velocity,
+            speed=self._speed(),
+            time=m.time,
+            temperature=None if d.temperature_of == "artefact" else m.temperature,
             faces=self._faces(fitted),
         )
+
+    @cached_property
+    def _inward(self) -> np.ndarray:
+        """Inward normal of the nominal surface at each contact, (N, 3) in F0; nan where there is none."""
+        target = self.dataset.measurements.target
+        out = np.full((len(target), 3), np.nan)
+        for t in np.unique(target):
+            rows = np.flatnonzero(target == t)
+            kind = self.kind(int(t), rows)
+            if isinstance(kind, Plane | Sphere | Cylinder):
+                _, u, _ = kind.linearise(np.zeros(len(kind.sd)), self.points[rows].T)
+                out[rows] = -u[0].T
+        return out
+
+    def _approach(self) -> np.ndarray:
+        """The inward normals in the flange frame, (N, 3)."""
+        flange = reference.frames(self.chain, self.q)[:, -1, :3, :3]
+        return (np.swapaxes(flange, -1, -2) @ self._inward[..., None])[..., 0]
+
+    def _speed(self) -> np.ndarray | None:
+        """Speed of the nominal arm's ball along the inward normals, (N,), m/s; None without velocities."""
+        velocity = self.dataset.measurements.velocity
+        if velocity is None:
+            return None
+        still = np.zeros((len(self.q), self.chain.n + 2, 6))
+        by = reference.wrenches(self.chain, self.q, self.tools, still, self._inward)[:, 1:-1, 0]
+        return np.sum(by @ self.dataset.robot.link_from_reading * velocity, axis=1)
 
     def _faces(self, fitted: np.ndarray) -> tuple[Face, ...]:
         d = self.dataset

@@ -11,11 +11,12 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
+from bayescal.arm.robot import Robot
+from bayescal.effects.joints import carries, without_masses
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SHOULDER, ELBOW, WRIST = 3e-5, 2e-4, 2e-3  # rad/(N m)
 SPREAD = 1.5  # prior standard deviation over the prior mean
-NO_TORQUE = 1e-6  # N m: a joint that never carries more tells nothing of its compliance
 
 
 def typical(n: int) -> np.ndarray:
@@ -23,24 +24,26 @@ def typical(n: int) -> np.ndarray:
     return np.array([SHOULDER] * (n - 4) + [ELBOW] + [WRIST] * 3)[-n:]
 
 
+def expected(robot: Robot) -> np.ndarray:
+    """Compliances (n,), rad/(N m), that the robot file knows, and typical ones where it knows none."""
+    usual = typical(robot.n)
+    return usual if robot.compliance is None else np.where(robot.compliance > 0, robot.compliance, usual)
+
+
 def _parameters(c: Circumstances) -> list[Parameter]:
     assert c.moments is not None
     known = c.robot.compliance if c.robot.compliance is not None else np.zeros(c.robot.n)
     out = []
-    for j, usual in enumerate(typical(c.robot.n), start=1):
+    for j, usual in enumerate(expected(c.robot), start=1):
         torque = c.moments[:, j, 2]
-        if np.max(np.abs(torque), initial=0.0) < NO_TORQUE:
+        if not carries(torque):
             continue
-        nominal = float(known[j - 1])
-        mean = nominal if nominal > 0 else float(usual)
+        mean = float(usual)
         name = f"compliance {c.robot.joint_names[j - 1]}"
         sag = (Term(j, "rz", torque),)
+        nominal = float(known[j - 1])
         out.append(Parameter(name, "rad/(N m)", sag, SPREAD * mean, nominal, mean, positive=True))
     return out
 
 
-def _missing(c: Circumstances) -> str:
-    return "" if c.moments is not None else "the robot file gives no links (mass_kg, centre_of_mass_mm)"
-
-
-COMPLIANCE = Effect("compliance", "joints that yield to gravity torque", _parameters, _missing)
+COMPLIANCE = Effect("compliance", "joints that yield to gravity torque", _parameters, without_masses)

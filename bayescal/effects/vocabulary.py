@@ -15,6 +15,9 @@ UNITS = {
     "m": ("mm", 1e3),
     "rad": ("deg", 180.0 / np.pi),
     "rad/(N m)": ("urad/(N m)", 1e6),
+    "rad/(N m)^2": ("urad/(N m)^2", 1e6),
+    "kg": ("kg", 1.0),
+    "s": ("ms", 1e3),
     "1": ("1", 1.0),
 }
 """SI unit in memory -> unit in files and factor to it."""
@@ -37,6 +40,8 @@ class Circumstances:
     `tied_base` says that a target's place in F0 is stated, `tied_tool` that a tool's centre is: only
     then can the base, and the last row's theta and d, be told from the targets and the tool.
     `moments` are the gravity moments of `statics.gravity_moments`, None where the robot has no masses.
+    `approach` is the unit direction, in the flange frame at nominal geometry, in which the ball meets the
+    surface (its inward normal), and `speed` the ball's in that direction: nan where the target is none.
     """
 
     robot: Robot
@@ -48,9 +53,24 @@ class Circumstances:
     tool_centres: np.ndarray  # (tools, 3) m, nominal
     tool_u: tuple[float | None, ...]  # m, stated uncertainty of each tool's centre
     fitted_tools: tuple[int, ...]  # those used by the rows that are fitted
+    fitted: np.ndarray  # indices of the rows that are fitted, in the order of time
     tied_base: bool
     tied_tool: bool
+    readings: np.ndarray  # (N, n) rad
+    gravity: np.ndarray  # (3,) m/s2, in F0
+    load_centre: np.ndarray  # (N, 3) m, centre of mass of tool and payload in the flange frame
+    approach: np.ndarray  # (N, 3)
+    tool_radii: tuple[float | None, ...]  # m, of each tool's ball
+    velocity: np.ndarray | None = None  # (N, n) rad/s, of the readings
+    speed: np.ndarray | None = None  # (N,) m/s, None without velocities
+    time: np.ndarray | None = None  # (N,) s
+    temperature: np.ndarray | None = None  # (N,) degC, of the arm or the air; None if of the artefact
     faces: tuple[Face, ...] = ()
+
+    @property
+    def touching(self) -> np.ndarray:
+        """Which rows touch a surface, (N,)."""
+        return ~np.isnan(self.approach[:, 0])
 
 
 @dataclass(frozen=True)

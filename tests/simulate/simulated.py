@@ -23,6 +23,7 @@ links:
   - {mass_kg: 2, centre_of_mass_mm: [0, -50, 0]}
   - {mass_kg: 1, centre_of_mass_mm: [0, 0, 10]}
   - {mass_kg: 0.1, centre_of_mass_mm: [0, 0, -5]}
+reductions: [120, 121, 100, 100, 50, 50]
 """
 
 SEVEN = """\

@@ -122,12 +122,13 @@ def test_the_folder_reads_back(tmp_path):
     assert not [p for p in tmp_path.iterdir() if p.name != "out"]
 
 
-def test_every_effect_can_be_simulated():
-    for name in EFFECTS:
-        chosen = tuple(dict.fromkeys(("geometry", "compliance", name)))
-        s = simulate(Options(effects=chosen, payload=1.0, **{**LITTLE, "placements": 0}))
-        assert {p["effect"] for p in s.truth["parameters"]} >= {name, "tool"}
-        assert np.abs(s.world.residuals(s.exact) - s.shift).max() < 2e-12
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_can_be_simulated(name, tmp_path):
+    chosen = tuple(dict.fromkeys(("geometry", "compliance", name)))
+    robot = robot_file(tmp_path, "standard") if name == "gear-mesh" else Options().robot
+    s = simulate(Options(effects=chosen, robot=robot, payload=1.0, **{**LITTLE, "placements": 0}))
+    assert {p["effect"] for p in s.truth["parameters"]} >= {name, "tool"}
+    assert np.abs(s.world.residuals(s.exact) - s.shift).max() < 2e-12
 
 
 @pytest.mark.parametrize(
@@ -135,6 +136,7 @@ def test_every_effect_can_be_simulated():
     [
         ({"effects": ("geometri",)}, "--effects: no effect is called 'geometri'"),
         ({"effects": ("compliance",), "robot": "seven"}, "--effects: compliance cannot be judged"),
+        ({"effects": ("gear-mesh",)}, "--effects: gear-mesh cannot be judged: no reductions"),
         ({"robot": "small"}, "small: four faces of a 228.6 mm cube are out of its reach"),
         ({"robot": "nobody"}, "no robot is called"),
         ({"noise": -1e-6}, "--noise-um: "),

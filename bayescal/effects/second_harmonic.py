@@ -1,0 +1,19 @@
+"""Second harmonic: a joint errs twice a revolution, as an oval gear or a tilted scale makes it.
+
+Driver: sine and cosine of twice the link-relative angle. Prior: 0.07 mrad each, from amplitudes of
+0.03 to 0.19 mrad (an ABB IRB 120 measured with a laser tracker).
+"""
+
+from __future__ import annotations
+
+from bayescal.effects.joints import waves
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+
+SD = 7e-5  # rad
+
+
+def _parameters(c: Circumstances) -> list[Parameter]:
+    return [p for j in range(1, c.robot.n + 1) for p in waves(c, "second-harmonic", j, 2, SD)]
+
+
+SECOND_HARMONIC = Effect("second-harmonic", "oval gears and tilted scales: twice a turn", _parameters)

@@ -1,0 +1,306 @@
+"""What each effect does to the arm: one short check of its physics."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayescal.arm.chain import chain_of, points, wrenches
+from bayescal.arm.motion import CONTACT
+from bayescal.arm.transforms import AXES
+from bayescal.dataset import Target
+from bayescal.effects import EFFECTS
+from bayescal.effects.compliance import typical
+from bayescal.model import build
+from bayescal.scene import Scene
+
+
+def circumstances(dataset):
+    scene = Scene(dataset)
+    return scene.circumstances(scene.rows("calibrate"))
+
+
+def with_columns(dataset, **columns):
+    return replace(dataset, measurements=replace(dataset.measurements, **columns))
+
+
+def drivers(dataset, effect):
+    """Drivers (N,) by parameter, frame and axis."""
+    c = circumstances(dataset)
+    assert not EFFECTS[effect].missing(c)
+    return {
+        (p.name, t.frame, t.axis): np.broadcast_to(t.driver, len(c.q))
+        for p in EFFECTS[effect].parameters(c)
+        for t in p.terms
+    }
+
+
+def displacements(dataset, effect, **values):
+    """Displacements (N, n + 2, 6) of all frames at some values, the others as drawn."""
+    scene = Scene(dataset)
+    out = np.zeros((len(scene.q), scene.chain.n + 2, 6))
+    for (name, frame, axis), driver in drivers(dataset, effect).items():
+        out[:, frame, AXES.index(axis)] += values.get(name.replace(" ", "_").replace("-", "_"), 0.0) * driver
+    return out
+
+
+@pytest.fixture(scope="module")
+def dataset(cube):
+    return cube(seed=1).dataset
+
+
+@pytest.fixture(scope="module")
+def moments(dataset):
+    return Scene(dataset).moments
+
+
+@pytest.mark.parametrize(("effect", "order"), [("eccentricity", 1), ("second-harmonic", 2)])
+def test_waves_of_a_turn(dataset, effect, order):
+    """Two waves a joint that repeat with the link-relative angle: of J3 that is J2 + J3 on the pendant."""
+    now = drivers(dataset, effect)
+    assert len(now) == 12
+    on = dataset.measurements.readings.copy()
+    on[:, 1] += 0.4
+    on[:, 2] -= 0.4  # the elbow stays as it is
+    moved = drivers(with_columns(dataset, readings=on), effect)
+    for key in now:
+        assert np.allclose(moved[key], now[key]) == (key[1] != 2)
+    turned = dataset.measurements.readings + np.pi / order
+    again = drivers(with_columns(dataset, readings=turned), effect)
+    for key in now:
+        # the third link turns twice as far, the other way
+        np.testing.assert_allclose(again[key], now[key] if key[1] == 3 else -now[key], atol=1e-12)
+
+
+def test_gear_mesh_repeats_every_tooth(dataset):
+    now = drivers(dataset, "gear-mesh")
+    assert len(now) == 4 * 6
+    reading = dataset.measurements.readings.copy()
+    reading[:, 3] += 2 * np.pi / 100
+    whole = drivers(with_columns(dataset, readings=reading), "gear-mesh")
+    reading[:, 3] += np.pi / 100
+    half = drivers(with_columns(dataset, readings=reading), "gear-mesh")
+    for key in now:
+        np.testing.assert_allclose(whole[key], now[key], atol=1e-9)
+        sign = -1 if key[0].startswith("gear-mesh 100 J4") else 1
+        np.testing.assert_allclose(half[key], sign * now[key], atol=1e-9)
+    none = replace(dataset, robot=replace(dataset.robot, reductions=None))
+    assert "reductions" in EFFECTS["gear-mesh"].missing(circumstances(none))
+
+
+def test_backlash_turns_with_the_velocity(dataset):
+    now = drivers(dataset, "backlash")
+    velocity = dataset.measurements.velocity
+    back = drivers(with_columns(dataset, velocity=-3 * velocity), "backlash")
+    for key in now:
+        np.testing.assert_array_equal(back[key], -now[key])
+    np.testing.assert_array_equal(now["backlash J1", 1, "rz"], np.sign(velocity[:, 0]))
+    # the pendant's J2 moves the elbow too, by the reading's way and not the link's
+    np.testing.assert_array_equal(now["backlash J2", 3, "rz"], -np.sign(velocity[:, 1]))
+    assert ("backlash J3", 2, "rz") not in now
+    still = with_columns(dataset, velocity=np.where(np.arange(6) == 4, 0.0, velocity))
+    assert "backlash J5" not in {name for name, *_ in drivers(still, "backlash")}
+    missing = EFFECTS["backlash"].missing(circumstances(with_columns(dataset, velocity=None)))
+    assert "j1_degps" in missing
+
+
+def test_hysteresis_changes_flank_with_gravity(dataset, moments):
+    up = drivers(dataset, "hysteresis")
+    down = drivers(replace(dataset, gravity=-dataset.gravity), "hysteresis")
+    assert {name for name, *_ in up} == {f"hysteresis J{j}" for j in range(2, 7)}
+    for key in up:
+        np.testing.assert_allclose(down[key], -up[key], atol=1e-12)
+        assert np.all(np.abs(up[key]) <= 1)
+        assert np.all(up[key] * moments[:, key[1], 2] >= 0)
+    assert np.all(np.abs(up["hysteresis J2", 2, "rz"][np.abs(moments[:, 2, 2]) > 5]) > 0.99)
+
+
+def test_encoder_scale_is_a_longer_reading(dataset):
+    more = dataset.measurements.readings * np.where(np.arange(6) == 1, 1.0 + 1e-3, 1.0)
+    scene = Scene(dataset)
+    delta = displacements(dataset, "encoder-scale", encoder_scale_J2=1e-3)
+    expected = Scene(with_columns(dataset, readings=more)).points
+    np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), expected, atol=1e-14)
+
+
+def test_coupling_is_a_reading_of_the_joint_before(dataset):
+    reading = dataset.measurements.readings
+    more = reading.copy()
+    more[:, 2] += 1e-3 * reading[:, 1]
+    scene = Scene(dataset)
+    delta = displacements(dataset, "coupling", coupling_J2_to_J3=1e-3)
+    expected = Scene(with_columns(dataset, readings=more)).points
+    np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), expected, atol=1e-14)
+    assert len({name for name, *_ in drivers(dataset, "coupling")}) == 5
+
+
+def test_hardening_grows_with_the_square_of_the_torque(dataset, moments):
+    once = drivers(dataset, "hardening")
+    twice = drivers(replace(dataset, gravity=2 * dataset.gravity), "hardening")
+    for key in once:
+        np.testing.assert_allclose(twice[key], 4 * once[key], rtol=1e-9)
+        assert np.all(once[key] * moments[:, key[1], 2] >= 0)
+    sd = {p.name: p.sd for p in EFFECTS["hardening"].parameters(circumstances(dataset))}
+    assert sd["hardening J3"] * 8.0 == pytest.approx(0.3 * 2e-4)
+
+
+def test_bending_tilts_across_the_axis(dataset, moments):
+    found = drivers(dataset, "bending")
+    assert {axis for *_, axis in found} == {"rx", "ry"}
+    for (_, frame, axis), driver in found.items():
+        np.testing.assert_array_equal(driver, moments[:, frame, "xy".index(axis[1])])
+
+
+def test_base_compliance_lets_the_arm_sag(dataset, moments):
+    """What is on the side of the arm's weight comes down, what is across from it goes up."""
+    found = drivers(dataset, "base-compliance")
+    assert {(frame, axis) for _, frame, axis in found} == {(0, "rx"), (0, "ry")}
+    scene = Scene(dataset)
+    values = {"base_compliance_x": 1e-6, "base_compliance_y": 1e-6}
+    moved = points(scene.chain, scene.q, scene.tools, displacements(dataset, "base-compliance", **values))
+    ball, moment = scene.points, moments[:, 0]
+    weight = np.stack([moment[:, 1], -moment[:, 0]], axis=1)  # towards the centre of mass, N m
+    side = np.sum(ball[:, :2] * weight, axis=1)
+    np.testing.assert_allclose((moved - ball)[:, 2], -1e-6 * side, atol=1e-8)
+    assert np.mean(side > 0) > 0.5
+    hung = replace(dataset, gravity=np.array([-9.81, 0.0, 0.0]))
+    assert ("base-compliance z", 0, "rz") in drivers(hung, "base-compliance")
+
+
+def test_payload_is_the_moment_of_a_kilogram_more(dataset, moments):
+    found = drivers(dataset, "payload")
+    heavier = with_columns(dataset, payload=dataset.measurements.payload + 1.0)
+    more = Scene(heavier).moments - moments
+    assert {frame for _, frame, _ in found} == {2, 3, 4, 5, 6}
+    for (_, frame, axis), driver in found.items():
+        assert axis == "rz"
+        np.testing.assert_allclose(driver, typical(6)[frame - 1] * more[:, frame, 2], atol=1e-15)
+    known = np.array([0, 1e-5, 0, 0, 0, 0])
+    stiff = replace(dataset, robot=replace(dataset.robot, compliance=known))
+    ratio = drivers(stiff, "payload")["payload mass", 2, "rz"] / found["payload mass", 2, "rz"]
+    np.testing.assert_allclose(ratio, 1e-5 / 3e-5, rtol=1e-2)  # the drawing sags a little
+
+
+@pytest.mark.parametrize("convention", ["mdh", "dh"])
+def test_thermal_growth_makes_the_table_longer(dataset, convention):
+    """Of either convention: all lengths of the table grow by the strain at each row's temperature."""
+    dataset = replace(dataset, robot=replace(dataset.robot, convention=convention, d=dataset.robot.d + 0.01))
+    delta = displacements(dataset, "thermal-drift", thermal_drift_growth_by_temperature=1e-3)
+    scene, warm = Scene(dataset), dataset.measurements.temperature
+    moved = points(scene.chain, scene.q, scene.tools, delta)
+    for row, strain in ((np.argmin(warm), -1e-3), (np.argmax(warm), 1e-3)):
+        r = dataset.robot
+        grown = chain_of(replace(r, a=r.a * (1 + strain), d=r.d * (1 + strain)))
+        expected = points(grown, scene.q[[row]], scene.tools[[row]])
+        np.testing.assert_allclose(moved[[row]], expected, atol=1e-14)
+
+
+def test_drift_goes_by_temperature_else_by_time(dataset):
+    key = "thermal-drift J3 by {}", 3, "rz"
+    by = drivers(dataset, "thermal-drift")[key[0].format("temperature"), *key[1:]]
+    assert (by.min(), by.max()) == (-1, 1)
+    by = drivers(replace(dataset, temperature_of="artefact"), "thermal-drift")
+    np.testing.assert_allclose(by[key[0].format("time"), *key[1:]], np.linspace(-1, 1, len(Scene(dataset).q)))
+    neither = with_columns(dataset, temperature=None, time=np.zeros(len(dataset.measurements.ids)))
+    assert "temperature_c" in EFFECTS["thermal-drift"].missing(circumstances(neither))
+
+
+def test_step_moves_the_base_from_the_middle_on(cube):
+    """The middle is that of the fitted rows; every joint keeps its place in the base."""
+    dataset = cube(seed=1).dataset
+    count = len(dataset.measurements.ids)
+    role = np.where(np.arange(count) < 60, "calibrate", "validate")
+    found = drivers(with_columns(dataset, role=role), "step")
+    assert {frame for _, frame, _ in found} == {0}
+    assert {axis for *_, axis in found} == set(AXES)
+    for driver in found.values():
+        np.testing.assert_array_equal(driver, np.arange(count) >= 30)
+    scene = Scene(dataset)
+    moved = points(scene.chain, scene.q, scene.tools, displacements(dataset, "step", step_x=1e-3))
+    np.testing.assert_allclose((moved - scene.points)[:60], 0.0, atol=1e-15)
+    np.testing.assert_allclose((moved - scene.points)[60:], [[1e-3, 0, 0]] * (count - 60), atol=1e-12)
+
+
+def test_approach_is_the_inward_normal_in_the_flange(dataset):
+    """It turns with the flange's last joint, whose axis keeps its share of it."""
+    c = circumstances(dataset)
+    np.testing.assert_allclose(np.linalg.norm(c.approach, axis=1), 1.0, atol=1e-12)
+    turned = dataset.measurements.readings + np.where(np.arange(6) == 5, 0.3, 0.0)
+    after = circumstances(with_columns(dataset, readings=turned)).approach
+    np.testing.assert_allclose(after[:, 2], c.approach[:, 2], atol=1e-12)
+    turn = np.arctan2(after[:, 1], after[:, 0]) - np.arctan2(c.approach[:, 1], c.approach[:, 0])
+    np.testing.assert_allclose(np.exp(1j * turn), np.exp(0.3j), atol=1e-9)
+
+
+def test_approach_of_round_targets(dataset):
+    """A sphere is met towards its centre, a cylinder towards its axis; points are met by no surface."""
+    centre = np.array([0.4, 0.1, 0.1])
+    sphere = Target("s", "sphere", {"centre": centre, "diameter": 0.05})
+    pin = Target("p", "cylinder", {"point": centre, "axis": np.array([0.0, 0, 1]), "diameter": 0.05})
+    cone = Target("c", "fixed-point", {"centre": centre})
+    for target, across in ((sphere, np.ones(3)), (pin, np.array([1.0, 1, 0]))):
+        scene = Scene(replace(dataset, targets=(target,) * 4, certificates=()))
+        inward = (centre - scene.points) * across
+        inward /= np.linalg.norm(inward, axis=1)[:, None]
+        # a step of the tool along it leads to the centre
+        stepped = points(scene.chain, scene.q, scene.tools + circumstances(scene.dataset).approach)
+        np.testing.assert_allclose(stepped - scene.points, inward, atol=1e-9)
+    c = circumstances(replace(dataset, targets=(cone,) * 4, certificates=()))
+    assert np.all(np.isnan(c.approach))
+    assert not c.touching.any()
+    assert "surface" in EFFECTS["lobing"].missing(c)
+
+
+def test_lobing_has_three_lobes(dataset):
+    now = drivers(dataset, "lobing")
+    assert {(frame, axis) for _, frame, axis in now} == {(CONTACT, "normal")}
+    readings = dataset.measurements.readings
+    for turn, sign in ((2 * np.pi / 3, 1), (np.pi / 3, -1)):
+        turned = readings + np.where(np.arange(6) == 5, turn, 0.0)
+        again = drivers(with_columns(dataset, readings=turned), "lobing")
+        for key in now:
+            np.testing.assert_allclose(again[key], sign * now[key], atol=1e-9)
+    across = np.hypot(*(now[f"lobing {wave}", CONTACT, "normal"] for wave in ("sin", "cos")))
+    axial = circumstances(dataset).approach[:, 2]
+    np.testing.assert_allclose(across, np.sqrt(1 - axial**2), atol=1e-9)
+
+
+def test_latency_is_the_way_gone_since(dataset):
+    """Readings a moment late lie deeper by speed times delay: the effect takes that back."""
+    delay = 1e-4
+    late = with_columns(
+        dataset, readings=dataset.measurements.readings + delay * dataset.measurements.velocity
+    )
+    model, plain = build(Scene(dataset), ("latency",)), build(Scene(dataset), ())
+    moved = build(Scene(late), ())
+    values = np.array([delay if p.name == "latency" else 0.0 for p in model.parameters])
+    for with_delay, before, after in zip(model.blocks, plain.blocks, moved.blocks, strict=True):
+        own = np.zeros(before.size)
+        # a plane's pivot goes along with the late contacts: hold their balls against the plane of before
+        touching = before.residual(np.zeros(3), own)
+        deeper = before.kind.residual(own, after.motion.points(np.zeros(3))) - touching
+        undone = with_delay.residual(values, own) - touching
+        np.testing.assert_allclose(undone, -deeper, atol=1e-9)
+        assert np.max(np.abs(deeper)) > 1e-7
+    assert "j1_degps" in EFFECTS["latency"].missing(circumstances(with_columns(dataset, velocity=None)))
+
+
+def test_speed_is_that_of_the_ball(dataset):
+    c, scene = circumstances(dataset), Scene(dataset)
+    normal = np.array([t.values["normal"] for t in dataset.targets])[dataset.measurements.target]
+    still = np.zeros((len(c.q), 8, 6))
+    by = wrenches(scene.chain, c.q, scene.tools, still, normal)[:, 1:-1, 0]
+    rate = dataset.measurements.velocity @ dataset.robot.link_from_reading.T
+    np.testing.assert_allclose(c.speed, -np.sum(by * rate, axis=1), atol=1e-15)
+
+
+def test_a_larger_ball_touches_further_out(dataset):
+    ball = dataset.tools[0]
+    larger = replace(dataset, tools=(replace(ball, ball_radius=ball.ball_radius + 1e-5),))
+    model, other = build(Scene(dataset), ("ball-radius",)), build(Scene(larger), ())
+    (p, *_) = model.parameters
+    assert (p.name, p.nominal) == ("ball-radius ball", ball.ball_radius)
+    values = np.where(np.arange(len(model.parameters)) == 0, 1e-5, 0.0)
+    for a, b in zip(model.blocks, other.blocks, strict=True):
+        own = np.zeros(a.size)
+        np.testing.assert_allclose(a.residual(values, own), b.residual(np.zeros(3), own), atol=1e-15)
