@@ -22,6 +22,8 @@ TAIL = 4.0
 """Degrees of freedom of the Student t that weighs rows while outliers are sought."""
 LARGEST_SCALE_SD = 5e-3
 """Relative standard deviation of the arm's size beyond which no length counts as known."""
+LARGEST_STEP = 0.1
+"""Posterior standard deviations that a converged solution may be off its optimum."""
 ROUNDS = 25
 """At most so many reweightings."""
 MEDIAN_SIZE = {1: 0.6745, 3: 0.8881}
@@ -233,6 +235,7 @@ def estimate(model: Model, robust: bool = True, start: np.ndarray | None = None)
         if max(abs(np.log(rescaled.scale[g] / weights.scale[g])) for g in weights.scale) < 1e-4:
             break
         weights = rescaled
+    check_converged(linear, cov, z)
     check_within_reach(model, z)
     rejected = np.concatenate([b.rows[weights.row[b.target] == 0.0] for b in model.blocks])
     return Estimate(model, z, cov, weights, linear, iterations, np.sort(rejected), dof)
@@ -334,6 +337,18 @@ def check_length(model: Model) -> None:
             "dataset.yaml",
             "certify a distance between two fitted targets (certificates: parallel or distance), "
             "or keep the priors (--prior-width 1)",
+        )
+
+
+def check_converged(linear: Linear, covariance: np.ndarray, z: np.ndarray) -> None:
+    """Refuse a solution that a Newton step would still move by a tenth of a standard deviation."""
+    step = covariance @ (linear.jacobian.T @ linear.residual + z)
+    left = float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)), initial=0.0))
+    if not left < LARGEST_STEP:
+        raise BayescalError(
+            f"the fit stopped {left:.2g} standard deviations short of its optimum",
+            "Levenberg-Marquardt",
+            "check the robot file, the units of the readings and the targets' nominal places",
         )
 
 

@@ -8,6 +8,8 @@ Compliance and mass cannot be told apart: masses are taken as stated.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from bayescal.arm.motion import Term
@@ -30,20 +32,24 @@ def expected(robot: Robot) -> np.ndarray:
     return usual if robot.compliance is None else np.where(robot.compliance > 0, robot.compliance, usual)
 
 
-def _parameters(c: Circumstances) -> list[Parameter]:
+def loaded(c: Circumstances) -> Iterator[tuple[int, str, float, np.ndarray]]:
+    """Joints that carry gravity torque: number (from 1), name, expected compliance, torque (N,), N m."""
     assert c.moments is not None
-    known = c.robot.compliance if c.robot.compliance is not None else np.zeros(c.robot.n)
-    out = []
-    for j, usual in enumerate(expected(c.robot), start=1):
+    for j, (name, usual) in enumerate(zip(c.robot.joint_names, expected(c.robot), strict=True), start=1):
         torque = c.moments[:, j, 2]
-        if not carries(torque):
-            continue
-        mean = float(usual)
-        name = f"compliance {c.robot.joint_names[j - 1]}"
-        sag = (Term(j, "rz", torque),)
-        nominal = float(known[j - 1])
-        out.append(Parameter(name, "rad/(N m)", sag, SPREAD * mean, nominal, mean, positive=True))
-    return out
+        if carries(torque):
+            yield j, name, float(usual), torque
+
+
+def _parameters(c: Circumstances) -> list[Parameter]:
+    known = c.robot.compliance if c.robot.compliance is not None else np.zeros(c.robot.n)
+    return [
+        Parameter(
+            f"compliance {name}", "rad/(N m)", (Term(j, "rz", torque),), SPREAD * mean, float(known[j - 1]),
+            mean, positive=True,
+        )
+        for j, name, mean, torque in loaded(c)
+    ]  # fmt: skip
 
 
 COMPLIANCE = Effect("compliance", "joints that yield to gravity torque", _parameters, without_masses)

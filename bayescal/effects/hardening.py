@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.compliance import expected
-from bayescal.effects.joints import carries, without_masses
+from bayescal.effects.compliance import loaded
+from bayescal.effects.joints import without_masses
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 CHANGE = 0.3  # of the compliance
@@ -20,15 +20,13 @@ WOUND_UP = 1.6e-3  # rad
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    assert c.moments is not None
-    out = []
-    for j, (name, compliance) in enumerate(zip(c.robot.joint_names, expected(c.robot), strict=True), start=1):
-        torque = c.moments[:, j, 2]
-        if carries(torque):
-            sd = CHANGE * float(compliance) ** 2 / WOUND_UP
-            sag = (Term(j, "rz", torque * np.abs(torque)),)
-            out.append(Parameter(f"hardening {name}", "rad/(N m)^2", sag, sd))
-    return out
+    return [
+        Parameter(
+            f"hardening {name}", "rad/(N m)^2", (Term(j, "rz", torque * np.abs(torque)),),
+            CHANGE * compliance**2 / WOUND_UP,
+        )
+        for j, name, compliance, torque in loaded(c)
+    ]  # fmt: skip
 
 
 HARDENING = Effect("hardening", "gears that stiffen as they wind up", _parameters, without_masses)

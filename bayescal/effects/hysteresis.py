@@ -11,22 +11,18 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.compliance import expected
-from bayescal.effects.joints import carries, without_masses
+from bayescal.effects.compliance import loaded
+from bayescal.effects.joints import without_masses
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 5e-5  # rad
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    assert c.moments is not None
-    out = []
-    for j, (name, compliance) in enumerate(zip(c.robot.joint_names, expected(c.robot), strict=True), start=1):
-        torque = c.moments[:, j, 2]
-        if carries(torque):
-            side = np.tanh(torque * compliance / SD)
-            out.append(Parameter(f"hysteresis {name}", "rad", (Term(j, "rz", side),), SD))
-    return out
+    return [
+        Parameter(f"hysteresis {name}", "rad", (Term(j, "rz", np.tanh(torque * compliance / SD)),), SD)
+        for j, name, compliance, torque in loaded(c)
+    ]
 
 
 HYSTERESIS = Effect(

@@ -11,7 +11,7 @@ import pytest
 
 from bayescal.dataset import Certificate, read_dataset, write_dataset
 from bayescal.errors import BayescalError
-from bayescal.estimate import estimate
+from bayescal.estimate import check_converged, estimate, linearise
 from bayescal.fit import fit
 from bayescal.flatness import check_faces, with_form
 from bayescal.identify import identifiability
@@ -182,6 +182,14 @@ def test_latent_readings_agree_with_folded_in_noise(cube):
     assert np.max(np.abs(latent.z - folded.z)) > 0  # it did solve again
 
 
+def test_a_fit_short_of_its_optimum_is_refused(cube):
+    found = estimate(build(Scene(cube(seed=1, count=120).dataset), FULL))
+    check_converged(found.linear, found.covariance, found.z)
+    z = found.z + 0.2 * found.covariance[:, 5] / found.sd[5]  # a fifth of a standard deviation off
+    with pytest.raises(BayescalError, match="short of its optimum"):
+        check_converged(linearise(found.model, z, found.weights), found.covariance, z)
+
+
 def test_words_for_what_is_not_identifiable(cube):
     found = estimate(build(Scene(cube(seed=1, count=120).dataset), FULL))
     known = identifiability(found)
@@ -219,10 +227,14 @@ def test_a_bulging_face_is_seen_and_fitted(cube):
 def test_certified_flatness_keeps_the_form_small(cube):
     session = cube(seed=6, count=120).dataset
     certified = replace(
-        session, certificates=(*session.certificates, Certificate("flat", ("cube.+x",), u_form=1e-6))
+        session, certificates=(*session.certificates, Certificate("flat", ("cube.-x",), u_form=1e-6))
     )
     model = build(Scene(certified), (*FULL, "plane-form"))
-    assert sum(p.effect == "plane-form" for p in model.parameters) == 4 * 12
+    form = {p.name: p.sd for p in model.parameters if p.effect == "plane-form"}
+    assert len(form) == 4 * 12
+    for name, sd in form.items():  # the others are taken for granite, three times as uneven
+        face, shape = name.split(" form ")
+        assert sd == pytest.approx(form[f"cube.+z form {shape}"] / (3 if face == "cube.-x" else 1))
 
 
 def test_excess_over_repeats_is_told(cube):
