@@ -6,7 +6,7 @@ OUT ?= runs
 # small matrices: more than one BLAS thread only waits for the others
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: fit test lint bench study clean
+.PHONY: fit test lint bench study gap-study clean
 
 fit: $(VENV)/.run
 	$(BIN)/bayescal fit data/lrmate200ic-cube --samples 5000 --out $(OUT)/lrmate200ic-cube-fit
@@ -22,6 +22,9 @@ lint: $(VENV)/.test
 
 study: $(VENV)/.test
 	$(BIN)/python -m analysis.study
+
+gap-study: $(VENV)/.test
+	$(BIN)/python -m analysis.gap_study
 
 bench: $(VENV)/.bench $(VENV)-pybotics/.bench
 	$(BIN)/python -m analysis.benchmarks --pybotics $(VENV)-pybotics/bin/python

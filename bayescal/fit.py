@@ -9,11 +9,11 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, estimate
+from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.flatness import FORM, FaceCheck, check_faces, with_form
 from bayescal.identify import Identifiability, identifiability
 from bayescal.latent import with_latent_readings
-from bayescal.model import Model, build, with_parameters
+from bayescal.model import Model, with_parameters
 from bayescal.posterior import Draws, gaussian, sample
 from bayescal.scene import Scene
 from bayescal.unexplained import Unexplained, unexplained
@@ -21,7 +21,7 @@ from bayescal.validate import Validation, validate
 
 VALIDATION_DRAWS = 2000
 NOMINAL = ("nominal",)
-IN_ROBOT_FILE = ("geometry", "compliance", FORM)  # a face's form is no part of the arm
+IN_ROBOT_FILE = ("geometry", "compliance", FORM, "artefact")  # a face's form, a paper: no part of the arm
 WILD_SCALE = 100.0  # times the stated noise: no calibration any more
 
 
@@ -95,22 +95,24 @@ def fit(
             "--prior-width",
             "give a number above 0",
         )
-    if len(set(effects)) < len(effects):
+    if len({name.partition("@")[0] for name in effects}) < len(effects):
         raise BayescalError("an effect is named twice", "--model", "name it once")
     scene = Scene(dataset)
-    steps = [with_parameters(scene, (), ())]
-    steps += [build(scene, effects[: k + 1], prior_width) for k in range(len(effects))]
+    steps = [effects[:k] for k in range(len(effects) + 1)]
     ladder: list[Rung] = []
     faces: tuple[FaceCheck, ...] = ()
-    for k, model in enumerate(steps):
+    for k, step in enumerate(steps):
         progress("estimate", k / len(steps))
-        found = estimate(model, robust=robust)
+        if step:
+            found = calibrated(scene, step, prior_width, robust)
+        else:
+            found = estimate(with_parameters(scene, (), ()), robust=robust)
         last = k == len(steps) - 1
         if last:
             faces = check_faces(found)
             uneven = tuple(f.target for f in faces if f.uneven)
             if uneven and FORM not in effects and effects:
-                found = with_form(scene, found, uneven, robust)
+                found = with_form(found.model.scene, found, uneven, robust)
             if latent_joints:
                 found = with_latent_readings(found)
         left = unexplained(found)

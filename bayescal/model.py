@@ -7,16 +7,16 @@ maps to physical values by `Parameter`, a target's part by the `sd` of its kind.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from bayescal.arm.motion import CONTACT, Motion, Term
+from bayescal.arm.motion import CERTIFICATE, CONTACT, Motion, Term
 from bayescal.dataset import Certificate as CertificateEntry
 from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
-from bayescal.scene import Scene
+from bayescal.scene import Scene, stated_u
 from factors import certificate
 from factors.distance import Distance
 from factors.instrument import Instrument
@@ -26,7 +26,7 @@ ARM = "arm"
 LENGTHS = ("parallel", "distance", "diameter")
 """Certificates that state a length."""
 KNOWN_PLACE = 1e-3
-"""Standard uncertainty of a target's place, m, up to which two of them are as good as a length."""
+"""Standard uncertainty, m, up to which two targets' places, or a paper that may be wrong, are a length."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,16 @@ class Block:
             r = r + (values[..., self.contact_index] @ self.contact)[..., None, :]
         return r
 
+    def at_contact(self, values: np.ndarray) -> np.ndarray:
+        """What the model adds to residuals at the contact itself, (..., C), m, at deviations (..., P)."""
+        return values[..., self.contact_index] @ self.contact
+
+    def touched(self, values: np.ndarray) -> Kind:
+        """The kind with balls as large as the model says that they are at each contact, at (P,)."""
+        if not len(self.contact_index) or not hasattr(self.kind, "radius"):
+            return self.kind
+        return replace(self.kind, radius=self.kind.radius - self.at_contact(values))  # type: ignore[type-var]
+
     def linearise(self, values: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals (R,), m, and gradients by the arm's deviations (R, P) and the target's z (R, size)."""
         p = self.motion.points(values)
@@ -114,12 +124,33 @@ class Block:
 
 @dataclass(frozen=True)
 class Tie:
-    """A certificate between fitted targets: whitened residuals of their states."""
+    """A certificate between fitted targets: whitened residuals of their states.
+
+    `shift` (P', rows) is by how many of its stated uncertainties `u` (rows,) a unit of each of the
+    parameters `index` (P',) shifts what it states.
+    """
 
     kind: str
     targets: tuple[str, ...]
-    rows: int
     function: certificate.Certificate
+    u: np.ndarray
+    index: np.ndarray
+    shift: np.ndarray
+
+    @property
+    def rows(self) -> int:
+        """Number of residuals."""
+        return len(self.u)
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Names of the parts of z that it joins: the arm's too where a parameter shifts it."""
+        return (ARM, *self.targets) if len(self.index) else self.targets
+
+    def linearise(self, values: np.ndarray, *states: np.ndarray) -> certificate.Residual:
+        """Residuals (..., rows) at arm deviations (..., P) and states, and gradients by each state."""
+        r, slopes = self.function(*states)
+        return (r - values[..., self.index] @ self.shift if len(self.index) else r), slopes
 
 
 @dataclass(frozen=True)
@@ -193,10 +224,35 @@ class Model:
         """Whether anything but the priors says how long the arm is."""
         stated = {t.name for t in self.scene.dataset.targets if t.u is not None and t.u <= KNOWN_PLACE}
         return (
-            any(t.kind in LENGTHS for t in self.ties)
+            any(t.kind in LENGTHS and self._looseness(t) <= KNOWN_PLACE for t in self.ties)
             or any(isinstance(b.kind, Instrument | Distance) for b in self.blocks)
             or sum(b.target in stated for b in self.blocks) > 1
         )
+
+    def _looseness(self, tie: Tie) -> float:
+        """Standard uncertainty, m, that parameters add to the length, its last value, that a tie states."""
+        return float(tie.u[-1] * np.linalg.norm(tie.shift[:, -1] * self.sd[tie.index]))
+
+    def tied(self, tie: Tie, parts: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """A tie's residuals (rows,) and gradients (rows, size) by each of its variables' parts of z."""
+        blocks = [self.block_of[name] for name in tie.targets]
+        values = self.deviations(parts[ARM]) if ARM in tie.variables else np.zeros(0)
+        r, slopes = tie.linearise(values, *(b.state(parts[b.target]) for b in blocks))
+        by = {b.target: b.by_z(s) for b, s in zip(blocks, slopes, strict=True)}
+        if ARM in tie.variables:
+            by[ARM] = np.zeros((tie.rows, len(self.parameters)))
+            by[ARM][:, tie.index] = -(tie.shift.T * self.sd[tie.index])
+        return r, by
+
+    def driven(self, frame: int, axis: str, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters (P',) with a term at one axis of a frame, and its drivers (P', count)."""
+        index, drivers = [], []
+        for k, p in enumerate(self.parameters):
+            here = [t.driver for t in p.terms if (t.frame, t.axis) == (frame, axis)]
+            if here:
+                index.append(k)
+                drivers.append(np.sum([np.broadcast_to(d, count) for d in here], axis=0))
+        return np.array(index, int), np.array(drivers, float).reshape(len(index), count)
 
     def in_file_units(self) -> tuple[tuple[str, ...], np.ndarray]:
         """Units for files, and the factors (size,) to them from SI."""
@@ -209,6 +265,7 @@ class Model:
             (k, Term(t.frame, t.axis, t.driver if np.ndim(t.driver) == 0 else np.asarray(t.driver)[rows]))
             for k, p in enumerate(self.parameters)
             for t in p.terms
+            if t.frame >= 0
         ]
         return Motion(
             self.scene.chain, self.scene.q[rows], self.scene.tools[rows], terms, len(self.parameters)
@@ -217,13 +274,7 @@ class Model:
     def block(self, target: int, rows: np.ndarray) -> Block:
         """Any rows of one target under this model's parameters."""
         kind = self.scene.kind(target, rows)
-        index, drivers = [], []
-        for k, p in enumerate(self.parameters):
-            at_contact = [t.driver for t in p.terms if t.frame == CONTACT]
-            if at_contact:
-                index.append(k)
-                full = [np.broadcast_to(d, len(self.scene.q))[rows] for d in at_contact]
-                drivers.append(np.sum(full, axis=0))
+        index, drivers = self.driven(CONTACT, "normal", len(self.scene.q))
         return Block(
             self.scene.dataset.targets[target].name,
             self.scene.group(target),
@@ -231,8 +282,8 @@ class Model:
             self.motion(rows),
             kind,
             self.scene.sigma(rows),
-            np.array(index, int),
-            np.array(drivers).reshape(len(index), len(rows)),
+            index,
+            drivers[:, rows],
         )
 
 
@@ -267,25 +318,29 @@ def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Pa
     present = np.unique(scene.dataset.measurements.target[rows])
     blocks = tuple(bare.block(int(t), scene.rows_of(int(t), rows)) for t in present)
     kinds = {b.target: b.kind for b in blocks}
-    ties = tuple(tie for entry in scene.dataset.certificates if (tie := _tie(entry, kinds)) is not None)
+    numbered = enumerate(scene.dataset.certificates)
+    ties = tuple(tie for k, entry in numbered if (tie := _tie(bare, k, entry, kinds)) is not None)
     return Model(scene, effects, parameters, blocks, ties)
 
 
-def _tie(entry: CertificateEntry, kinds: Mapping[str, Kind]) -> Tie | None:
+def _tie(model: Model, number: int, entry: CertificateEntry, kinds: Mapping[str, Kind]) -> Tie | None:
     """A certificate as a factor, or None where one of its targets is not fitted."""
     if entry.kind not in TIES or any(name not in kinds for name in entry.targets):
         return None
-    rows, make = TIES[entry.kind]
-    return Tie(entry.kind, entry.targets, rows, make(entry, *(kinds[name] for name in entry.targets)))
+    function = TIES[entry.kind](entry, *(kinds[name] for name in entry.targets))
+    u = stated_u(entry)
+    index, drivers = model.driven(CERTIFICATE, str(number), len(u))
+    return Tie(entry.kind, entry.targets, function, u, index, drivers / u)
 
 
 def _centre(kind: Kind) -> np.ndarray:
     return kind.centre  # type: ignore[attr-defined]
 
 
-TIES: dict[str, tuple[int, Callable[..., certificate.Certificate]]] = {
-    "parallel": (3, lambda e, a, b: certificate.parallel(a, b, e.distance, e.u_distance, e.u_angle)),
-    "perpendicular": (1, lambda e, a, b: certificate.perpendicular(a, b, e.u_angle)),
-    "distance": (1, lambda e, a, b: certificate.distance(_centre(a), _centre(b), e.distance, e.u_distance)),
-    "diameter": (1, lambda e, a: certificate.diameter(a, a.diameter, e.u_distance)),
+TIES: dict[str, Callable[..., certificate.Certificate]] = {
+    "parallel": lambda e, a, b: certificate.parallel(a, b, e.distance, e.u_distance, e.u_angle),
+    "perpendicular": lambda e, a, b: certificate.perpendicular(a, b, e.u_angle),
+    "distance": lambda e, a, b: certificate.distance(_centre(a), _centre(b), e.distance, e.u_distance),
+    "diameter": lambda e, a: certificate.diameter(a, a.diameter, e.u_distance),
 }
+"""Of each kind of certificate its residuals, in the order of `scene.STATED`."""

@@ -12,8 +12,8 @@ from bayescal.arm import chain as reference
 from bayescal.arm.chain import Chain, chain_of, link_angles
 from bayescal.arm.statics import gravity_moments
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.dataset import Dataset, Target
-from bayescal.effects import Circumstances, Face
+from bayescal.dataset import Certificate, Dataset, Target
+from bayescal.effects import Circumstances, Face, Paper
 from bayescal.errors import BayescalError
 from factors.cylinder import Cylinder
 from factors.distance import Distance
@@ -26,13 +26,31 @@ from factors.sphere import Sphere
 LOOSE, LOOSE_ANGLE = 50e-3, 0.2  # m, rad: the contract's priors of a target that states none
 DIAMETER_SD = 1e-3  # m, of a diameter that no certificate states
 POINT_KINDS = ("instrument",)
+STATED = {
+    "parallel": (("parallel 1", "rad"), ("parallel 2", "rad"), ("distance", "m")),
+    "perpendicular": (("square", "rad"),),
+    "distance": (("distance", "m"),),
+    "diameter": (("diameter", "m"),),
+}
+"""What a certificate that ties targets states, a residual each, and in which unit, by its kind."""
+
+
+def stated_u(entry: Certificate) -> np.ndarray:
+    """Standard uncertainties, rad and m, of all that a certificate states, in the order of `STATED`."""
+    return np.array(
+        [entry.u_angle if unit == "rad" else entry.u_distance for _, unit in STATED[entry.kind]], float
+    )
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A dataset, and what follows from it before anything is fitted."""
+    """A dataset, and what follows from it before anything is fitted.
+
+    `delta` (N, n + 2, 6) says where the frames were found to stand beside the drawing, for the statics.
+    """
 
     dataset: Dataset
+    delta: np.ndarray | None = None
 
     @cached_property
     def chain(self) -> Chain:
@@ -52,14 +70,18 @@ class Scene:
     @cached_property
     def moments(self) -> np.ndarray | None:
         """Gravity moments (N, n + 1, 3), N m, or None where the robot file gives no masses."""
-        robot, m = self.dataset.robot, self.dataset.measurements
+        robot = self.dataset.robot
         if robot.masses is None:
             return None
-        mass = np.array([tool.mass for tool in self.dataset.tools])[m.tool]
-        if m.payload is not None:
-            mass = mass + m.payload
-        gravity, centre = self.dataset.gravity, self._load_centre
-        return gravity_moments(robot, self.chain, self._rigid_angles, gravity, mass, centre)
+        gravity, mass, centre = self.dataset.gravity, self._load_mass, self._load_centre
+        return gravity_moments(robot, self.chain, self._rigid_angles, gravity, mass, centre, self.delta)
+
+    @cached_property
+    def _load_mass(self) -> np.ndarray:
+        """Mass of the load on the flange, (N,), kg."""
+        m = self.dataset.measurements
+        mass = np.array([tool.mass for tool in self.dataset.tools], float)[m.tool]
+        return mass if m.payload is None else mass + m.payload
 
     @cached_property
     def _load_centre(self) -> np.ndarray:
@@ -113,6 +135,7 @@ class Scene:
             tied_tool=any(d.tools[k].u is not None for k in used),
             readings=m.readings,
             gravity=d.gravity,
+            load_mass=self._load_mass,
             load_centre=self._load_centre,
             approach=self._approach(),
             tool_radii=tuple(tool.ball_radius for tool in d.tools),
@@ -121,6 +144,7 @@ class Scene:
             time=m.time,
             temperature=None if d.temperature_of == "artefact" else m.temperature,
             faces=self._faces(fitted),
+            papers=self._papers({t.name for t in targets}),
         )
 
     @cached_property
@@ -167,6 +191,17 @@ class Scene:
             place = np.where(touching[:, None], np.clip(place, -1.1, 1.1), 0.0)
             name = d.targets[t].name
             out.append(Face(name, touching.astype(float), place, stated.get(name)))
+        return tuple(out)
+
+    def _papers(self, fitted: set[str]) -> tuple[Paper, ...]:
+        """All values stated of the targets of these names."""
+        out: list[Paper] = []
+        for number, entry in enumerate(self.dataset.certificates):
+            if entry.kind not in STATED or not fitted.issuperset(entry.targets):
+                continue
+            stated = zip(STATED[entry.kind], stated_u(entry), np.eye(len(STATED[entry.kind])), strict=True)
+            for (what, unit), u, rows in stated:
+                out.append(Paper(f"{' '.join(entry.targets)} {what}", unit, float(u), number, rows))
         return tuple(out)
 
     def group(self, target: int) -> str:

@@ -162,12 +162,14 @@ def cube_session(
     spread: float = 1.0,
     outliers: int = 0,
     joint: float = 0.0,
+    lean: tuple[float, float] = (0.0, 0.0),
 ) -> SimpleNamespace:
     """Contacts with four faces of a cube.
 
     `noise` is that of a contact, m, `stated` what the session says of it; `joint` that of a reading,
-    rad; `outliers` of the contacts are 8 to 100 times the noise off. Returns `dataset`, the `arm`,
-    true `planes` (normal, offset) by name and `outliers`.
+    rad; `outliers` of the contacts are 8 to 100 times the noise off. Face -y leans about x and z by
+    `lean`, rad, more than its paper says. Returns `dataset`, the `arm`, true `planes` (normal, offset) by
+    name and `outliers`.
     """
     rng = np.random.default_rng(seed)
     robot, _ = load_robot("fanuc-lrmate200ic")
@@ -179,6 +181,8 @@ def cube_session(
         normal = np.array(direction, float)
         targets.append(Target(name, "plane", {"normal": normal, "offset": float(normal @ CENTRE + SIDE / 2)}))
         crooked = rpy_matrix(U_ANGLE / 2 * rng.standard_normal(3)) @ turn @ normal
+        if name == "cube.-y":
+            crooked = rotation(0, lean[0]) @ rotation(2, lean[1]) @ crooked
         through = CENTRE + shift + turn @ normal * (SIDE / 2 + U_DISTANCE / 2 * rng.standard_normal())
         planes[name] = (crooked, float(crooked @ through))
         mine = count // 4 + (k < count % 4)
@@ -249,6 +253,27 @@ def tracker_session(
 def lrmate() -> Robot:
     """The built-in robot."""
     return load_robot("fanuc-lrmate200ic")[0]
+
+
+def written_out(model, tie, z: np.ndarray) -> np.ndarray:
+    """A tie's residuals at z: of its targets' states, less what its paper is said to be wrong by."""
+    states = [model.block_of[name].state(z[model.slices[name]]) for name in tie.targets]
+    r, _ = tie.function(*states)
+    values = dict(zip(model.names, model.physical(z), strict=True))
+    papers = model.scene.circumstances(model.scene.rows("calibrate")).papers
+    entries = model.scene.dataset.certificates
+    mine = [
+        p
+        for p in papers
+        if (entries[p.certificate].kind, entries[p.certificate].targets) == (tie.kind, tie.targets)
+    ]
+    return r - np.array([values.get(f"artefact {p.name}", 0.0) / p.u for p in mine])
+
+
+@pytest.fixture(scope="session")
+def tie_residuals():
+    """Whitened residuals of a certificate."""
+    return written_out
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,16 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from analysis.benchmarks import effective, kernel_speed, peer_emcee, peer_pybotics, peer_scipy, problem, whole
+from analysis.benchmarks import (
+    effective,
+    gap_speed,
+    kernel_speed,
+    peer_emcee,
+    peer_pybotics,
+    peer_scipy,
+    problem,
+    whole,
+)
 from bayescal.posterior import Density
 
 TOP = Path(__file__).parents[2]
@@ -95,7 +104,11 @@ def measure(folder: Path, python: Path) -> tuple[dict[str, Any], list[Row]]:
     samplers, aside = _sampler(given)
     rows += samplers
     fit = whole.second_run(folder)
-    seconds = {"fit_whole_process": fit, "gap_whole_process": None, "gap_compute": None}
+    gap, g = whole.second_run(folder, whole.GAP), gap_speed.measure(folder)
+    seconds = {"fit_whole_process": fit, "gap_whole_process": gap, "gap_compute": g["compute_s"]}
+    long = f"{g['many_s']:.2f} s of computing for {g['many_contacts']:.0f} contacts"
+    said = f"{long} against {g['compute_s']:.2f} s for {g['contacts']:.0f}, a contact"
+    aside.append(("gap_compute_a_contact_of_many", g["ratio_a_contact"], said))
     record = {
         "schema": "bayescal-bench/1",
         "contacts": given.contacts,
@@ -107,6 +120,8 @@ def measure(folder: Path, python: Path) -> tuple[dict[str, Any], list[Row]]:
     }
     rows += aside
     rows.append(("fit_whole_process, s", fit, "second run of the whole command, 5000 samples"))
+    rows.append(("gap_whole_process, s", gap, "second run of the whole command, pictures too"))
+    rows.append(("gap_compute, s", g["compute_s"], f"{g['contacts']:.0f} contacts, after imports"))
     return record, rows
 
 

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 FIT = ("fit", "--samples", "5000")
+GAP = ("gap",)
 
 
 def second_run(dataset: Path, command: tuple[str, ...] = FIT) -> float | None:

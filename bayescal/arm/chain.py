@@ -144,13 +144,15 @@ def wrenches(chain: Chain, q: np.ndarray, tool: np.ndarray, delta: np.ndarray, u
     return out
 
 
-def frames(chain: Chain, q: np.ndarray) -> np.ndarray:
+def frames(chain: Chain, q: np.ndarray, delta: np.ndarray | None = None) -> np.ndarray:
     """Poses in F0 of frames 0 to n, each behind its joint's Rz and Tz, and of the flange.
 
     Parameters
     ----------
     chain : Chain
     q : np.ndarray, shape (C, n), rad
+    delta : np.ndarray, shape (C, n + 2, 6), optional
+        Displacements of the frames; the tilts and slides across a frame's axis move what stands behind it.
 
     Returns
     -------
@@ -159,11 +161,26 @@ def frames(chain: Chain, q: np.ndarray) -> np.ndarray:
     """
     count, n = q.shape
     out = np.empty((count, n + 2, 4, 4))
-    out[:, 0] = chain.base
+    delta = np.zeros((count, n + 2, 6)) if delta is None else delta
+    behind = np.tile(chain.base, (count, 1, 1)) @ _moved(delta[:, 0], (0, 1, 2))
+    out[:, 0] = behind
     for i in range(1, n + 1):
-        joint = np.tile(np.eye(4), (count, 1, 1))
-        joint[:, :3, :3] = rotation(2, q[:, i - 1])
-        joint[:, 2, 3] = chain.d[i - 1]
-        out[:, i] = out[:, i - 1] @ chain.link[i - 1] @ joint
-    out[:, n + 1] = out[:, n] @ chain.link[n]
+        own = delta[:, i].copy()
+        own[:, 0] += q[:, i - 1]
+        own[:, 1] += chain.d[i - 1]
+        out[:, i] = behind @ chain.link[i - 1] @ _moved(own, (0,))
+        behind = out[:, i] @ _moved(own, (1, 2)) if delta[:, i, 2:].any() else out[:, i]
+    out[:, n + 1] = behind @ chain.link[n] @ _moved(delta[:, n + 1], (0, 1, 2))
+    return out
+
+
+def _moved(delta: np.ndarray, parts: tuple[int, ...]) -> np.ndarray:
+    """Transforms (C, 4, 4) of some parts of D of delta (C, 6): 0 is Rz Tz, 1 Rx Tx, 2 Ry Ty."""
+    out = np.tile(np.eye(4), (len(delta), 1, 1))
+    for part in parts:
+        axis = (2, 0, 1)[part]
+        step = np.tile(np.eye(4), (len(delta), 1, 1))
+        step[:, :3, :3] = rotation(axis, delta[:, 2 * part])
+        step[:, axis, 3] = delta[:, 2 * part + 1]
+        out = out @ step
     return out

@@ -15,14 +15,17 @@ from bayescal.arm.transforms import AXES
 
 CONTACT = -1
 """The frame of a term that moves the ball along the direction of its contact, not the arm."""
+CERTIFICATE = -2
+"""The frame of a term that moves nothing, but shifts what a certificate states."""
 
 
 @dataclass(frozen=True)
 class Term:
     """Displacement of one axis of one frame by parameter x driver.
 
-    `frame` counts 0 (base), 1 to n, n + 1 (tool), or is `CONTACT`; `axis` is one of
-    `transforms.AXES`, or "normal" at the contact; `driver` is a number or one value a row, (N,).
+    `frame` counts 0 (base), 1 to n, n + 1 (tool), or is `CONTACT` or `CERTIFICATE`; `axis` is one of
+    `transforms.AXES`, "normal" at the contact, or the number of a certificate of the session; `driver`
+    is a number or one value a row, (N,): of a certificate one value for each that it states.
     """
 
     frame: int
@@ -52,8 +55,8 @@ class Motion:
     tool : np.ndarray, shape (C, 3)
         Nominal ball centres in the flange frame, m.
     terms : sequence of (int, Term)
-        Parameter index and term; drivers are numbers or of shape (C,). Those at the contact move no
-        frame and are left to the residual.
+        Parameter index and term; drivers are numbers or of shape (C,). Those at the contact or of a
+        certificate move no frame and are left to the residual.
     size : int
         Number P of parameters.
     """
@@ -62,7 +65,7 @@ class Motion:
         self, chain: Chain, q: np.ndarray, tool: np.ndarray, terms: Sequence[tuple[int, Term]], size: int
     ) -> None:
         self.chain, self.q, self.tool, self.size = chain, q, tool, size
-        self.terms = tuple((k, term) for k, term in terms if term.frame != CONTACT)
+        self.terms = tuple((k, term) for k, term in terms if term.frame >= 0)
         self.count = len(q)
         n = chain.n
         constant: list[tuple[int, int]] = []

@@ -1,10 +1,10 @@
-"""Gravity moments on every frame of the arm, at its nominal geometry."""
+"""Gravity moments on every frame of the arm, as drawn or as it stands."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from bayescal.arm.chain import Chain, frames
+from bayescal.arm.chain import Chain, displaced, frames
 from bayescal.arm.robot import Robot
 
 
@@ -15,11 +15,14 @@ def gravity_moments(
     gravity: np.ndarray,
     load_mass: np.ndarray,
     load_centre: np.ndarray,
+    delta: np.ndarray | None = None,
 ) -> np.ndarray:
     """Moment of the weight of all that a frame carries, about its origin, in its own axes.
 
-    Deflections shift these moments by parts in a thousand, far less than the masses are known to:
-    they are computed once a dataset. About joint j the torque is component z of frame j.
+    They are computed once a fit, not once an evaluation. As drawn they are off by parts in a thousand,
+    which a fit takes up; what it cannot take up still looks like an error of a joint by its angle, so a
+    diagnosis computes them again where the arm was found to stand. About joint j the torque is component z
+    of frame j.
 
     Parameters
     ----------
@@ -34,6 +37,8 @@ def gravity_moments(
         kg on the flange: tool and payload.
     load_centre : np.ndarray, shape (C, 3)
         Its centre of mass in the flange frame, m.
+    delta : np.ndarray, shape (C, n + 2, 6), optional
+        Where the frames stand beside the drawing, sag included.
 
     Returns
     -------
@@ -42,7 +47,7 @@ def gravity_moments(
     """
     assert robot.masses is not None
     assert robot.centres_of_mass is not None
-    pose = frames(chain, q)
+    pose = frames(chain, q, delta)
     n = chain.n
     out = np.empty((len(q), n + 1, 3))
     weight = load_mass[:, None] * gravity  # of all beyond the frame, N, in F0
@@ -51,10 +56,12 @@ def gravity_moments(
     for i in range(n, -1, -1):
         if i > 0:
             # the contract's link frame stands behind the joint's whole row: in standard DH, behind `link`
-            centre = robot.centres_of_mass[i - 1]
+            centre = np.tile(robot.centres_of_mass[i - 1], (len(q), 1))
             if robot.convention == "dh":
-                centre = chain.link[i, :3, :3] @ centre + chain.link[i, :3, 3]
-            where = pose[:, i, :3, :3] @ centre + pose[:, i, :3, 3]
+                centre = centre @ chain.link[i, :3, :3].T + chain.link[i, :3, 3]
+                if delta is not None:
+                    centre = displaced(centre, np.where(np.arange(6) < 2, 0.0, delta[:, i]))
+            where = (pose[:, i, :3, :3] @ centre[..., None])[..., 0] + pose[:, i, :3, 3]
             own = robot.masses[i - 1] * gravity
             weight = weight + own
             moment = moment + np.cross(where, own)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
+from bayescal.effects.artefact import ARTEFACT
 from bayescal.effects.backlash import BACKLASH
 from bayescal.effects.ball_radius import BALL_RADIUS
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
@@ -24,7 +27,7 @@ from bayescal.effects.second_harmonic import SECOND_HARMONIC
 from bayescal.effects.step import STEP
 from bayescal.effects.thermal_drift import THERMAL_DRIFT
 from bayescal.effects.tool import TOOL
-from bayescal.effects.vocabulary import UNITS, Circumstances, Effect, Face, Parameter
+from bayescal.effects.vocabulary import UNITS, Circumstances, Effect, Face, Paper, Parameter, Scan
 from bayescal.errors import BayescalError
 
 EFFECTS = {
@@ -48,16 +51,23 @@ EFFECTS = {
         LOBING,
         LATENCY,
         PLANE_FORM,
+        ARTEFACT,
         BALL_RADIUS,
     )
 }
-"""What `--model` may name. The tool belongs to every model and is not among them.
+"""What `--model` may name. The tool belongs to every model and is not among them."""
 
-Of the vocabulary `artefact` is not among them either: it moves no frame and no contact, but the value of a
-certificate.
-"""
-
-__all__ = ["EFFECTS", "UNITS", "Circumstances", "Effect", "Face", "Parameter", "parameters_of"]
+__all__ = [
+    "EFFECTS",
+    "UNITS",
+    "Circumstances",
+    "Effect",
+    "Face",
+    "Paper",
+    "Parameter",
+    "Scan",
+    "parameters_of",
+]
 
 
 def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple[Parameter, ...]:
@@ -68,15 +78,36 @@ def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple
     BayescalError
         For an unknown effect, or one for which the session lacks what it needs.
     """
-    chosen = []
-    for name in names:
-        if name not in EFFECTS:
-            raise BayescalError(f"no effect is called '{name}'", "--model", f"known: {', '.join(EFFECTS)}")
-        chosen.append(EFFECTS[name])
+    chosen = [*(_named(name) for name in names), (TOOL, None)]
     out: list[Parameter] = []
-    for effect in (*chosen, TOOL):
-        if lacks := effect.missing(circumstances):
+    for effect, setting in chosen:
+        lacks = effect.missing(circumstances)
+        if lacks and (setting is None or effect.scan is None or not len(effect.scan.values(circumstances))):
             remedy = "leave it out, or add what is missing"
             raise BayescalError(f"{effect.name} cannot be judged: {lacks}", "--model", remedy)
-        out += [replace(p, effect=effect.name) for p in effect.parameters(circumstances)]
+        if setting is None or effect.scan is None:
+            found = effect.parameters(circumstances)
+        else:
+            found = effect.scan.parameters(circumstances, setting)
+        out += [replace(p, effect=effect.name) for p in found]
     return tuple(out)
+
+
+def _named(name: str) -> tuple[Effect, float | None]:
+    """An effect and the setting that its name may carry: ``step@212``."""
+    plain, at, setting = name.partition("@")
+    if plain not in EFFECTS:
+        raise BayescalError(f"no effect is called '{plain}'", "--model", f"known: {', '.join(EFFECTS)}")
+    effect = EFFECTS[plain]
+    if not at:
+        return effect, None
+    if effect.scan is None:
+        raise BayescalError(f"{plain} has no setting", f"--model {name}", f"say {plain}")
+    try:
+        value = float(setting)
+    except ValueError:
+        value = float("nan")
+    if not 0 < value < np.inf:
+        what = f"'{setting}' is no number above 0"
+        raise BayescalError(what, f"--model {name}", f"give the {effect.scan.what}")
+    return effect, value

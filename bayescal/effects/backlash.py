@@ -1,7 +1,8 @@
 """Backlash: play in a gear, so that the link trails its motor by half the play, whichever way it turns.
 
 Driver: the sign of the velocity of the *reading*, on every link that this reading moves: on coupled axes
-the motors have the play, not the angles between links. A value below 0 trails, one above 0 leads. Prior:
+the motors have the play, not the angles between links. Below 0.03 deg/s a joint hardly turns
+(assumed), and the sign fades. A value below 0 trails, one above 0 leads. Prior:
 0.08 mrad, from half-widths of 0.003 to 0.16 mrad (an ABB IRB 120 measured with a laser tracker; J4
 and J6 worst).
 """
@@ -10,19 +11,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.effects.joints import moved, without_velocity
+from bayescal.effects.joints import at, moved, without_velocity
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 8e-5  # rad
+STANDSTILL = np.radians(0.03)  # rad/s: slower than that, a joint stands anywhere in its play
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     assert c.velocity is not None
     out = []
     for j, name in enumerate(c.robot.joint_names, start=1):
-        way = np.sign(c.velocity[:, j - 1])
-        if np.any(way):
-            out.append(Parameter(f"backlash {name}", "rad", moved(c, j, way), SD))
+        speed = c.velocity[:, j - 1]
+        way = speed / np.hypot(speed, STANDSTILL)
+        if np.any(speed):
+            out.append(Parameter(f"backlash {name}", "rad", moved(c, j, way), SD, **at(j, f"approach {j}")))
     return out
 
 

@@ -25,7 +25,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
         if np.any(used):
             larger = (Term(CONTACT, "normal", -used.astype(float)),)
             name = f"ball-radius {c.tool_names[k]}"
-            out.append(Parameter(name, "m", larger, SD, c.tool_radii[k] or 0.0))
+            out.append(Parameter(name, "m", larger, SD, c.tool_radii[k] or 0.0, site="probe", driver="1"))
     return out
 
 

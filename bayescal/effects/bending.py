@@ -1,37 +1,48 @@
-"""Bending: bearings and links that tilt across their joint's axis under gravity.
+"""Bending: bearings and links that yield across their joint's axis, and links that bend along their length.
 
-Driver: the components x and y of the gravity moment in the joint's frame, each turning it about its own
-axis; one compliance a joint, alike both ways. Prior: about a tenth of the joint's usual compliance,
-with 1.5 times that as standard deviation. Assumed, and of the right order: bending and base tilt took
-the mean error of an ABB IRB 120 from 0.099 to 0.081 mm, which is 0.06 mm at half a metre and 30 N m.
-Where the first axis is upright, its bending differs from `base-compliance` only where the base yields
+Two compliances a link. Its bearing tilts at the joint by the gravity moment across the axis (components x
+and y in the joint's frame, each about its own axis). The link itself bends and twists by the moment at its
+root, so that its far end, the next joint's frame, turns about that moment. Prior: about 0.3 of the joint's
+usual compliance, with 1.5 times that as standard deviation (assumed; of the right order: bending and base
+tilt took the mean error of an ABB IRB 120 from 0.099 to 0.081 mm, which is 0.06 mm at half a metre and 30 N
+m). Where the first axis is upright, its bearing differs from `base-compliance` only where the base yields
 more one way than the other.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
+from bayescal.arm.chain import frames
 from bayescal.arm.motion import Term
 from bayescal.effects.compliance import SPREAD, typical
 from bayescal.effects.joints import carries, without_masses
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
 
-SHARE = 0.1  # of the joint's compliance about its axis
+SHARE = 0.3  # of the joint's compliance about its axis
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     assert c.moments is not None
+    turned = frames(c.chain, c.q)[:, :, :3, :3]
     out = []
     for j, (name, about) in enumerate(zip(c.robot.joint_names, typical(c.robot.n), strict=True), start=1):
-        across = c.moments[:, j, :2]
-        if carries(across):
-            tilt = (Term(j, "rx", across[:, 0]), Term(j, "ry", across[:, 1]))
-            mean = SHARE * float(about)
-            out.append(
-                Parameter(f"bending {name}", "rad/(N m)", tilt, SPREAD * mean, 0.0, mean, positive=True)
-            )
+        moment = c.moments[:, j]
+        mean = SHARE * float(about)
+        where: Where = {"site": f"link {j}", "driver": "bending moment"}
+        terms = {"bearing": [Term(j, "rx", moment[:, 0]), Term(j, "ry", moment[:, 1])], "link": []}
+        if j < c.robot.n:
+            # the moment at the root, in the frame at the far end
+            far = np.einsum("cji,cjk,ck->ci", turned[:, j + 1], turned[:, j], moment)
+            terms["link"] = [Term(j + 1, f"r{axis}", far[:, k]) for k, axis in enumerate("xyz")]
+        for part, own in terms.items():
+            if any(carries(np.asarray(term.driver)) for term in own):
+                label = f"bending {name} {part}"
+                sd = SPREAD * mean
+                out.append(Parameter(label, "rad/(N m)", tuple(own), sd, 0.0, mean, positive=True, **where))
     return out
 
 
 BENDING = Effect(
-    "bending", "bearings and links that tilt across their axis by gravity", _parameters, without_masses
+    "bending", "bearings and links that yield across their axis by gravity", _parameters, without_masses
 )

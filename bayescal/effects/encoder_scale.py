@@ -7,7 +7,7 @@ to err, but what is slower than one turn looks like it.
 
 from __future__ import annotations
 
-from bayescal.effects.joints import moved
+from bayescal.effects.joints import at, moved
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 1e-4  # rad a rad
@@ -15,7 +15,7 @@ SD = 1e-4  # rad a rad
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     return [
-        Parameter(f"encoder-scale {name}", "1", moved(c, j, c.readings[:, j - 1]), SD)
+        Parameter(f"encoder-scale {name}", "1", moved(c, j, c.readings[:, j - 1]), SD, **at(j, f"angle {j}"))
         for j, name in enumerate(c.robot.joint_names, start=1)
         if c.readings[:, j - 1].any()
     ]

@@ -2,29 +2,55 @@
 
 Driver: sine and cosine of N and 2 N times the link-relative angle, N the motor's turns a turn of the
 joint; a strain-wave gear meshes twice a turn. Prior: 0.05 mrad each, from amplitudes of 0.02 to
-0.13 mrad at 2 N (an ABB IRB 120 measured with a laser tracker).
+0.13 mrad at 2 N (an ABB IRB 120 measured with a laser tracker). Where the robot file gives no
+reductions the ratio is scanned, or given as ``gear-mesh@100``.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
 from bayescal.effects.joints import waves
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 
 SD = 5e-5  # rad
+RATIOS = np.arange(20.0, 201.0)  # usual of small arms; one apart, as two radians just tell them
 
 
-def _parameters(c: Circumstances) -> list[Parameter]:
-    assert c.robot.reductions is not None
+def _meshing(c: Circumstances, reductions: np.ndarray) -> list[Parameter]:
     return [
         p
-        for j, turns in enumerate(c.robot.reductions, start=1)
+        for j, turns in enumerate(reductions, start=1)
         for order in (float(turns), 2.0 * float(turns))
         for p in waves(c, f"gear-mesh {order:g}", j, order, SD)
     ]
 
 
+def _parameters(c: Circumstances) -> list[Parameter]:
+    assert c.robot.reductions is not None
+    return _meshing(c, c.robot.reductions)
+
+
+def _at(c: Circumstances, turns: float) -> list[Parameter]:
+    return _meshing(c, np.full(c.robot.n, turns))
+
+
+def _ratios(c: Circumstances) -> np.ndarray:
+    return RATIOS if c.robot.reductions is None else np.empty(0)
+
+
 def _missing(c: Circumstances) -> str:
-    return "" if c.robot.reductions is not None else "no reductions in the robot file"
+    return (
+        ""
+        if c.robot.reductions is not None
+        else "no reductions in the robot file (or gear-mesh@100 for a ratio of 100)"
+    )
 
 
-GEAR_MESH = Effect("gear-mesh", "the reducer's ripple: once and twice a motor turn", _parameters, _missing)
+GEAR_MESH = Effect(
+    "gear-mesh",
+    "the reducer's ripple: once and twice a motor turn",
+    _parameters,
+    _missing,
+    Scan("motor turns a joint turn", "{:g} motor turns a joint turn", _ratios, _at),
+)

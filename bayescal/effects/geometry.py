@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
 
 LENGTH_SD = 0.3e-3  # m
 TWIST_SD = 1e-3  # rad
@@ -32,7 +32,8 @@ def _nominal(c: Circumstances, kind: str, i: int) -> float:
 
 def _link(c: Circumstances, kind: str, i: int) -> Parameter:
     axis, unit, sd = KINDS[kind]
-    return Parameter(f"{kind}{i}", unit, (Term(i, axis),), sd, _nominal(c, kind, i))
+    where: Where = {"site": f"joint {i}" if kind in ("theta", "d") else f"link {i}", "driver": "1"}
+    return Parameter(f"{kind}{i}", unit, (Term(i, axis),), sd, _nominal(c, kind, i), **where)
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
@@ -44,7 +45,8 @@ def _parameters(c: Circumstances) -> list[Parameter]:
                 f"base {axis[1]}" if axis[0] == "t" else f"base {axis}",
                 "m" if axis[0] == "t" else "rad",
             )
-            out.append(Parameter(name, unit, (Term(0, axis),), BASE_SD[axis[0]]))
+            term = (Term(0, axis),)
+            out.append(Parameter(name, unit, term, BASE_SD[axis[0]], site="base", driver="1"))
     for i in range(1, n + 1):
         last = i == n
         # the first zero and height are the base's too, the last the tool's: told apart where those are tied

@@ -1,9 +1,10 @@
 """Hysteresis: a joint that rests on the one or the other flank, as gravity pushes it.
 
-Driver: a smooth sign, tanh of the gravity torque over the torque at which the joint's usual compliance
-turns it by as much as the prior scale: small torques leave it between the flanks. Prior: 0.05 mrad,
-the middle of the half-widths of 0.003 to 0.16 mrad that approaches from two sides show (an ABB IRB 120
-measured with a laser tracker; that gravity's flanks are as far apart is assumed).
+Driver: a smooth sign, tanh of the gravity torque over a small share of the joint's usual torque (that which
+nine contacts in ten stay below): small torques leave it between the flanks. How small is scanned:
+``hysteresis@0.02`` changes flanks within 2 %. Prior: 0.05 mrad, the middle of the half-widths of 0.003 to
+0.16 mrad that approaches from two sides show (an ABB IRB 120 measured with a laser tracker; that gravity's
+flanks are as far apart is assumed). A change over a larger share of the torque is `hardening`.
 """
 
 from __future__ import annotations
@@ -12,19 +13,36 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.effects.compliance import loaded
-from bayescal.effects.joints import without_masses
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.joints import at, usual, without_masses
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 
 SD = 5e-5  # rad
+SHARES = np.array([0.02, 0.06, 0.12])
+
+
+def _at(c: Circumstances, share: float) -> list[Parameter]:
+    return [
+        Parameter(
+            f"hysteresis {name}", "rad", (Term(j, "rz", np.tanh(torque / (share * usual(c, torque)))),), SD,
+            **at(j, f"sign of torque {j}"),
+        )
+        for j, name, _, torque in loaded(c)
+    ]  # fmt: skip
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    return [
-        Parameter(f"hysteresis {name}", "rad", (Term(j, "rz", np.tanh(torque * compliance / SD)),), SD)
-        for j, name, compliance, torque in loaded(c)
-    ]
+    return _at(c, float(SHARES[1]))
 
 
 HYSTERESIS = Effect(
-    "hysteresis", "joints that rest on a flank, by the sign of gravity torque", _parameters, without_masses
+    "hysteresis",
+    "joints that rest on a flank, by the sign of gravity torque",
+    _parameters,
+    without_masses,
+    Scan(
+        "share of the usual torque within which it changes",
+        "changing flanks within {:.0%} of the usual torque",
+        lambda c: SHARES,
+        _at,
+    ),
 )

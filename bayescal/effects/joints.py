@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.vocabulary import Circumstances, Parameter
+from bayescal.effects.vocabulary import Circumstances, Parameter, Where
 
+TURNS = {1.0: "once a turn", 2.0: "twice a turn"}
 NO_TORQUE = 1e-6  # N m: a joint that never carries more tells nothing of what torque does to it
 
 
@@ -23,15 +24,28 @@ def waves(c: Circumstances, effect: str, joint: int, order: float, sd: float) ->
     """
     angle = order * c.q[:, joint - 1]
     name = f"{effect} {c.robot.joint_names[joint - 1]}"
+    turns = TURNS.get(order, f"{order:g} times a turn")
     return [
-        Parameter(f"{name} {wave}", "rad", (Term(joint, "rz", driver),), sd)
+        Parameter(
+            f"{name} {wave}", "rad", (Term(joint, "rz", driver),), sd, **at(joint, f"angle {joint}, {turns}")
+        )
         for wave, driver in (("sin", np.sin(angle)), ("cos", np.cos(angle)))
     ]
+
+
+def at(joint: int, driver: str) -> Where:
+    """Site and driver, in words, of a parameter that acts at a joint (from 1)."""
+    return {"site": f"joint {joint}", "driver": driver}
 
 
 def carries(torque: np.ndarray) -> bool:
     """Whether any row of a torque (...), N m, is one to speak of."""
     return bool(np.max(np.abs(torque), initial=0.0) >= NO_TORQUE)
+
+
+def usual(c: Circumstances, torque: np.ndarray) -> float:
+    """Torque (N m) that nine in ten of the fitted contacts stay below, of a joint's torques (N,)."""
+    return max(float(np.quantile(np.abs(torque[c.fitted]), 0.9)), NO_TORQUE)
 
 
 def without_masses(c: Circumstances) -> str:

@@ -19,7 +19,8 @@ SD = 2e-3  # s
 def _parameters(c: Circumstances) -> list[Parameter]:
     assert c.speed is not None
     speed = np.where(c.touching, c.speed, 0.0)
-    return [Parameter("latency", "s", (Term(CONTACT, "normal", speed),), SD)] if speed.any() else []
+    term = Term(CONTACT, "normal", speed)
+    return [Parameter("latency", "s", (term,), SD, site="probe", driver="speed")] if speed.any() else []
 
 
 def _missing(c: Circumstances) -> str:

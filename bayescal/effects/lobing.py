@@ -12,10 +12,11 @@ import numpy as np
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects.joints import without_surface
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
 
 SD = 5e-6  # m
 LOBES = 3
+PROBE: Where = {"site": "probe", "driver": "direction of contact"}
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
@@ -23,7 +24,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     across, azimuth = np.hypot(x, y), LOBES * np.arctan2(y, x)
     waves = (("sin", across * np.sin(azimuth)), ("cos", across * np.cos(azimuth)))
     return [
-        Parameter(f"lobing {wave}", "m", (Term(CONTACT, "normal", driver),), SD)
+        Parameter(f"lobing {wave}", "m", (Term(CONTACT, "normal", driver),), SD, **PROBE)
         for wave, driver in waves
         if driver.any()
     ]

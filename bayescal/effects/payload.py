@@ -1,8 +1,8 @@
 """Payload: a mass on the flange that nobody stated (or less than was stated), sagging every joint.
 
 Driver: the torques of one kilogram at the tool's centre of mass times the joints' compliances, those
-that the robot file knows, else the usual ones: the session's own are not known beforehand, so the
-value is in kilograms only as far as they are right. Prior: 0.3 kg (assumed: a probe, its cable and
+that a fit has found or the robot file knows, else the usual ones: the value is in kilograms only as far
+as they are right. Prior: 0.3 kg (assumed: a probe, its cable and
 bracket weighed by guess).
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from bayescal.arm.motion import Term
 from bayescal.arm.statics import gravity_moments
 from bayescal.effects.compliance import expected
-from bayescal.effects.joints import carries
+from bayescal.effects.joints import carries, without_masses
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 0.3  # kg
@@ -23,14 +23,15 @@ SD = 0.3  # kg
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     count, n = c.q.shape
+    known = expected(c.robot) if c.compliance is None else c.compliance
     weightless = replace(c.robot, masses=np.zeros(n), centres_of_mass=np.zeros((n, 3)))
     moments = gravity_moments(weightless, c.chain, c.q, c.gravity, np.ones(count), c.load_centre)
     terms = tuple(
         Term(j, "rz", compliance * moments[:, j, 2])
-        for j, compliance in enumerate(expected(c.robot), start=1)
+        for j, compliance in enumerate(known, start=1)
         if carries(moments[:, j, 2])
     )
-    return [Parameter("payload mass", "kg", terms, SD)] if terms else []
+    return [Parameter("payload mass", "kg", terms, SD, site="tool", driver="mass")] if terms else []
 
 
-PAYLOAD = Effect("payload", "a mass on the flange that was not stated", _parameters)
+PAYLOAD = Effect("payload", "a mass on the flange that was not stated", _parameters, without_masses)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander2d
 
 from bayescal.arm.motion import CONTACT, Term
-from bayescal.effects.vocabulary import Circumstances, Effect, Face, Parameter
+from bayescal.effects.vocabulary import Circumstances, Effect, Face, Parameter, Where
 
 GRANITE = 3e-6  # m, root mean square
 DEGREES = (2, 3, 4)
@@ -37,9 +37,11 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     out = []
     for face in c.faces:
         scale = GRANITE if face.u_form is None else face.u_form
+        where: Where = {"site": face.name, "driver": "place on the face"}
         for name, share, values in shapes(face):
             # material that stands out meets the ball early: the arm's own residual is larger by it
-            out.append(Parameter(name, "m", (Term(CONTACT, "normal", -values),), scale * share))
+            term = (Term(CONTACT, "normal", -values),)
+            out.append(Parameter(name, "m", term, scale * share, **where))
     return out
 
 

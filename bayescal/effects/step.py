@@ -1,9 +1,9 @@
 """Step: the base has been bumped, and stands elsewhere from then on.
 
-Driver: 0 before a moment and 1 from it on, for each of the six displacements of the base. The moment is
-not linear, so it is given: the middle of the fitted rows, which are in the order of time. Who suspects
-another looks with `after` where it explains most. Prior: 0.05 mm and 0.1 mrad (assumed: 0.05 mm at
-half a metre; a greater bump would have been noticed).
+Driver: 0 before a row and 1 from it on, for each of the six displacements of the base. The row is not
+linear: it is given, as ``step@212`` for the 212th row of the session, or is the middle one of the fitted
+rows, which are in the order of time. Who suspects another scans them. Prior: 0.05 mm and 0.1 mrad
+(assumed: 0.05 mm at half a metre; a greater bump would have been noticed).
 """
 
 from __future__ import annotations
@@ -11,28 +11,48 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan, Where
 
 SD = {"t": ("m", 5e-5), "r": ("rad", 1e-4)}
+MOMENTS = 48
+EDGE = 0.03  # of the fitted rows: before and after must each show themselves
 
 
-def after(c: Circumstances, moment: float = 0.5) -> np.ndarray:
-    """1 for the rows from a moment on, else 0, (N,); the moment as a share of the fitted rows."""
-    first = c.fitted[min(int(moment * len(c.fitted)), len(c.fitted) - 1)]
-    return (np.arange(len(c.q)) >= first).astype(float)
+def after(c: Circumstances, row: float) -> np.ndarray:
+    """1 from the row of that number (from 1) on, else 0, (N,)."""
+    return (np.arange(len(c.q)) >= row - 1).astype(float)
 
 
-def _parameters(c: Circumstances) -> list[Parameter]:
-    since = after(c)
+def moments(c: Circumstances) -> np.ndarray:
+    """Numbers (from 1) of rows that may be the first after a step, evenly spread over the fitted ones."""
+    count = len(c.fitted)
+    low = max(1, round(EDGE * count))
+    at = np.unique(np.linspace(low, count - low, MOMENTS).round().astype(int))
+    return c.fitted[at[(at > 0) & (at < count)]] + 1.0
+
+
+def _at(c: Circumstances, row: float) -> list[Parameter]:
+    since = after(c, row)
+    where: Where = {"site": "base", "driver": "moment"}
     out = []
     for axis in ("tx", "ty", "tz", "rx", "ry", "rz"):
         unit, sd = SD[axis[0]]
-        out.append(Parameter(f"step {axis.removeprefix('t')}", unit, (Term(0, axis, since),), sd))
+        out.append(Parameter(f"step {axis.removeprefix('t')}", unit, (Term(0, axis, since),), sd, **where))
     return out
+
+
+def _parameters(c: Circumstances) -> list[Parameter]:
+    return _at(c, c.fitted[len(c.fitted) // 2] + 1.0)
 
 
 def _missing(c: Circumstances) -> str:
     return "" if len(c.fitted) > 1 else "there is no before and after of a single row"
 
 
-STEP = Effect("step", "a base that was bumped in the middle of the session", _parameters, _missing)
+STEP = Effect(
+    "step",
+    "a base that was bumped at some moment of the session",
+    _parameters,
+    _missing,
+    Scan("first row after it", "from row {:.0f} on", moments, _at),
+)

@@ -1,11 +1,12 @@
 """Thermal drift: the arm grows as it warms up, and its joint zeros wander.
 
-Driver: the temperature, or the time where none is recorded (an artefact's is none of the arm's), from -1
-to 1 over the session. One value makes every length of the arm grow alike; each joint zero has a
-drift of its own. The base's is left out: about the first axis it is that of the first zero. Values are
-half of what happens over the session. Prior: zeros 0.05 mrad, from drifts of 0.06 to 0.13 mrad over a
-session (an ABB IRB 120 measured with a laser tracker); growth 5e-5, as of aluminium (23e-6 1/K) over
-4 K (assumed).
+Driver: the temperature, or the time where none is recorded (an artefact's is none of the arm's), from -1 to
+1 over the session. One value makes every length of the arm grow alike; each joint zero has a drift of its
+own, and the base slides; its turn about the first axis is that of the first zero. Values are half of what
+happens over the session. An arm that warms up on its own clock does so with a time constant, which is
+scanned, or given: ``thermal-drift@600`` for ten minutes. Prior: zeros 0.05 mrad, from drifts of 0.06 to
+0.13 mrad over a session (an ABB IRB 120 measured with a laser tracker); growth 5e-5, as of aluminium (23e-6
+1/K) over 4 K, and the base 0.02 mm (both assumed).
 """
 
 from __future__ import annotations
@@ -13,15 +14,26 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.joints import at
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
+from bayescal.errors import BayescalError
 
 ZERO_SD = 5e-5  # rad
 GROWTH_SD = 5e-5  # m a m
+BASE_SD = 2e-5  # m
+SHARES = (1 / 16, 1 / 8, 1 / 4, 4.0)  # of the session: time constants worth trying, the last a straight line
+
+
+def _clock(c: Circumstances) -> np.ndarray | None:
+    """Times (N,), s, held within those of the fitted rows: how a drift went on afterwards is not known."""
+    if c.time is None or not len(c.fitted):
+        return c.time
+    return np.clip(c.time, np.min(c.time[c.fitted]), np.max(c.time[c.fitted]))
 
 
 def course(c: Circumstances) -> tuple[str, np.ndarray] | None:
     """What the drift goes by, and its course over the session (N,) from -1 to 1; None if nothing varies."""
-    for name, values in (("temperature", c.temperature), ("time", c.time)):
+    for name, values in (("temperature", c.temperature), ("time", _clock(c))):
         if values is not None and len(values) and np.ptp(values) > 0:
             low, high = np.min(values), np.max(values)
             return name, (2.0 * values - (low + high)) / (high - low)
@@ -37,19 +49,51 @@ def _lengths(c: Circumstances, driver: np.ndarray) -> tuple[Term, ...]:
     return tuple(Term(frame, axis, length * driver) for frame, axis, length in along + across if length)
 
 
+def _drifting(c: Circumstances, by: str, driver: np.ndarray) -> list[Parameter]:
+    lengths, out = _lengths(c, driver), []
+    if lengths:
+        out.append(Parameter(f"thermal-drift growth by {by}", "1", lengths, GROWTH_SD, site="arm", driver=by))
+    for axis in "xyz":
+        term = (Term(0, f"t{axis}", driver),)
+        out.append(
+            Parameter(f"thermal-drift base {axis} by {by}", "m", term, BASE_SD, site="base", driver=by)
+        )
+    for j, name in enumerate(c.robot.joint_names, start=1):
+        term = (Term(j, "rz", driver),)
+        out.append(Parameter(f"thermal-drift {name} by {by}", "rad", term, ZERO_SD, **at(j, by)))
+    return out
+
+
 def _parameters(c: Circumstances) -> list[Parameter]:
     found = course(c)
     assert found is not None
-    by, driver = found
-    lengths = _lengths(c, driver)
-    out = [Parameter(f"thermal-drift growth by {by}", "1", lengths, GROWTH_SD)] if lengths else []
-    for j, name in enumerate(c.robot.joint_names, start=1):
-        out.append(Parameter(f"thermal-drift {name} by {by}", "rad", (Term(j, "rz", driver),), ZERO_SD))
-    return out
+    return _drifting(c, *found)
+
+
+def _warming(c: Circumstances, constant: float) -> list[Parameter]:
+    """The drift of an arm that warms up with a time constant, s, in place of the recorded course."""
+    time = _clock(c)
+    if time is None or not np.ptp(time) > 0:
+        what = "a time constant needs time_s that varies"
+        raise BayescalError(what, f"--model thermal-drift@{constant:g}", "say thermal-drift")
+    grown = 1.0 - np.exp(-(time - np.min(time)) / constant)
+    return _drifting(c, "time", 2.0 * grown / np.max(grown) - 1.0)
+
+
+def _constants(c: Circumstances) -> np.ndarray:
+    time = _clock(c)
+    span = 0.0 if time is None else float(np.ptp(time))
+    return span * np.array(SHARES) if span > 0 else np.empty(0)
 
 
 def _missing(c: Circumstances) -> str:
     return "" if course(c) else "no temperature_c of the arm or the air, and no time_s, that varies"
 
 
-THERMAL_DRIFT = Effect("thermal-drift", "lengths and joint zeros that drift", _parameters, _missing)
+THERMAL_DRIFT = Effect(
+    "thermal-drift",
+    "lengths, base and joint zeros that drift",
+    _parameters,
+    _missing,
+    Scan("time constant of warming up, s", "warming up in {:.0f} s", _constants, _warming),
+)

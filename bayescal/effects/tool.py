@@ -24,7 +24,17 @@ def _parameters(c: Circumstances) -> list[Parameter]:
         driver = 1.0 if np.all(used) else used
         for axis, name in enumerate("xyz"):
             terms = (Term(c.chain.n + 1, f"t{name}", driver),)
-            out.append(Parameter(f"{c.tool_names[k]} {name}", "m", terms, sd, float(c.tool_centres[k, axis])))
+            out.append(
+                Parameter(
+                    f"{c.tool_names[k]} {name}",
+                    "m",
+                    terms,
+                    sd,
+                    float(c.tool_centres[k, axis]),
+                    site="tool",
+                    driver="1",
+                )
+            )
     return out
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import TypedDict
 
 import numpy as np
 
@@ -16,6 +17,7 @@ UNITS = {
     "rad": ("deg", 180.0 / np.pi),
     "rad/(N m)": ("urad/(N m)", 1e6),
     "rad/(N m)^2": ("urad/(N m)^2", 1e6),
+    "m/(N m)": ("um/(N m)", 1e6),
     "kg": ("kg", 1.0),
     "s": ("ms", 1e3),
     "1": ("1", 1.0),
@@ -31,6 +33,17 @@ class Face:
     rows: np.ndarray  # (N,) 1 for the rows that touch it, else 0
     place: np.ndarray  # (N, 2), 0 for the others
     u_form: float | None  # m, standard uncertainty of its form where stated or estimated
+
+
+@dataclass(frozen=True)
+class Paper:
+    """One value that a certificate between fitted targets states, with standard uncertainty u."""
+
+    name: str
+    unit: str  # "rad" or "m", that of u
+    u: float
+    certificate: int  # of the session
+    rows: np.ndarray  # (values that the certificate states,) 1 for this one, else 0
 
 
 @dataclass(frozen=True)
@@ -58,6 +71,7 @@ class Circumstances:
     tied_tool: bool
     readings: np.ndarray  # (N, n) rad
     gravity: np.ndarray  # (3,) m/s2, in F0
+    load_mass: np.ndarray  # (N,) kg, of tool and payload
     load_centre: np.ndarray  # (N, 3) m, centre of mass of tool and payload in the flange frame
     approach: np.ndarray  # (N, 3)
     tool_radii: tuple[float | None, ...]  # m, of each tool's ball
@@ -66,11 +80,20 @@ class Circumstances:
     time: np.ndarray | None = None  # (N,) s
     temperature: np.ndarray | None = None  # (N,) degC, of the arm or the air; None if of the artefact
     faces: tuple[Face, ...] = ()
+    compliance: np.ndarray | None = None  # (n,) rad/(N m), where a fit has found them
+    papers: tuple[Paper, ...] = ()
 
     @property
     def touching(self) -> np.ndarray:
         """Which rows touch a surface, (N,)."""
         return ~np.isnan(self.approach[:, 0])
+
+
+class Where(TypedDict):
+    """Site and driver of a parameter, in words."""
+
+    site: str  # where it acts: "joint 4", "base", "probe"
+    driver: str  # what it varies with: "torque 4", "time"
 
 
 @dataclass(frozen=True)
@@ -89,6 +112,8 @@ class Parameter:
     nominal: float = 0.0
     mean: float | None = None  # of the prior
     positive: bool = False
+    site: str = ""  # see `Where`
+    driver: str = ""
     effect: str = field(default="", compare=False)
 
     @property
@@ -102,6 +127,20 @@ class Parameter:
 
 
 @dataclass(frozen=True)
+class Scan:
+    """A setting of an effect that it is not linear in, and that must be tried: when, how often, how fast.
+
+    `values` are those worth trying in a session, none where nothing is open; `parameters` are the effect's
+    at one of them. A model names one as ``effect@value``.
+    """
+
+    what: str  # of the setting, in words, with its unit
+    words: str  # for a report, to be formatted with the setting: "from row {:.0f} on"
+    values: Callable[[Circumstances], np.ndarray]
+    parameters: Callable[[Circumstances, float], list[Parameter]]
+
+
+@dataclass(frozen=True)
 class Effect:
     """A cause of error: its name and the parameters it brings to a session.
 
@@ -112,3 +151,4 @@ class Effect:
     summary: str
     parameters: Callable[[Circumstances], list[Parameter]]
     missing: Callable[[Circumstances], str] = lambda circumstances: ""
+    scan: Scan | None = None

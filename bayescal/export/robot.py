@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.arm.chain import chain_of, displaced
-from bayescal.arm.motion import CONTACT
 from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import AXES, rigid, rotation
 from bayescal.effects.geometry import PARALLEL
@@ -31,7 +30,7 @@ def calibrated_robot(fitted: Estimate, name: str = "") -> Robot:
         for term in p.terms:
             if p.effect == "compliance":
                 compliance[term.frame - 1] += value
-            elif term.frame != CONTACT and term.frame <= robot.n and np.ndim(term.driver) == 0:
+            elif 0 <= term.frame <= robot.n and np.ndim(term.driver) == 0:  # not a contact's, not a paper's
                 delta[term.frame, AXES.index(term.axis)] += value * float(term.driver)
     out = _displaced_rows(robot, delta)
     return replace(

@@ -64,7 +64,7 @@ class Density:
             contacts += np.einsum("wkc,wkc->w", r, r)
         rest = np.einsum("wd,wd->w", z, z)
         for tie in model.ties:
-            r, _ = tie.function(*(states[name] for name in tie.targets))
+            r, _ = tie.linearise(values, *(states[name] for name in tie.targets))
             rest += np.einsum("wk,wk->w", r, r)
         return contacts, rest
 

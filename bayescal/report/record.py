@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-import platform
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
-from bayescal import __version__
 from bayescal.estimate import Estimate
 from bayescal.fit import Fit, Rung
 from bayescal.model import Block
+from bayescal.report.origin import origin
+from bayescal.report.text import MM, UM
 from bayescal.validate import PointCheck, Validation, inside95, interval95
 
 SCHEMA = "bayescal-fit/1"
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "emcee", "arviz")
-UM = 1e6
-MM = 1e3
 
 
 def fit_record(fit: Fit) -> dict[str, Any]:
     """The contents of fit.json."""
     rung = fit.final
     return {
-        "schema": SCHEMA,
-        "dataset": {"name": fit.dataset.name, "sha256": fit.dataset.sha256},
-        "software": {"bayescal": __version__, "python": platform.python_version()}
-        | {name: version(name) for name in LIBRARIES},
-        "seed": fit.seed,
+        **origin(SCHEMA, fit.dataset, fit.seed, LIBRARIES),
         "model": list(rung.effects),
         "prior_width": fit.prior_width,
         "parameters": _parameters(fit),

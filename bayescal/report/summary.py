@@ -10,38 +10,23 @@ from rich.table import Table
 from rich.text import Text
 
 from bayescal.fit import Fit, Rung
+from bayescal.report.text import UM, facts, model_label, plain_table, um
 from bayescal.validate import PlaneCheck, PointCheck, Validation, inside95, interval95
 
-LABELS = {
-    ("nominal",): "as drawn",
-    ("geometry",): "kinematic",
-    ("geometry", "compliance"): "kinematic + stiffness",
-}
 MOST_PAIRS = 15
 MOST_DIRECTIONS = 6
-UM = 1e6
 
 
 def fit_summary(fit: Fit) -> RenderableType:
     """Headline, ladder of models, distances, parameters, sampler, warnings."""
     title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
-    parts: list[RenderableType] = [title, _facts(_headline(fit)), "", _ladder(fit)]
+    parts: list[RenderableType] = [title, facts(_headline(fit)), "", _ladder(fit)]
     if fit.final.validation.distances:
         parts += ["", _distances(fit.final.validation, fit.ladder[0].validation)]
-    parts += ["", _facts([*_knowledge(fit), ("posterior", _sampler(fit), "")])]
+    parts += ["", facts([*_knowledge(fit), ("posterior", _sampler(fit), "")])]
     if fit.warnings:
-        parts += ["", _facts(("warning", warning, "yellow") for warning in fit.warnings)]
+        parts += ["", facts(("warning", warning, "yellow") for warning in fit.warnings)]
     return Group(*parts)
-
-
-def _facts(rows: Iterable[tuple[str, str, str]]) -> Table:
-    """Lines of a heading, what it says, and the style of that."""
-    table = Table.grid(padding=(0, 2, 0, 0))
-    table.add_column(style="dim", no_wrap=True, min_width=15)
-    table.add_column()
-    for heading, text, style in rows:
-        table.add_row(heading, Text(text, style))
-    return table
 
 
 def _headline(fit: Fit) -> Iterable[tuple[str, str, str]]:
@@ -89,33 +74,24 @@ def _predicted(rung: Rung) -> str:
 
 
 def _ladder(fit: Fit) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
-    table.add_column("held out (um)", no_wrap=True)
     v = fit.final.validation
     headings = ["planes rms"] * bool(v.planes)
     headings += ["distances rms", "worst", "predicted 95 %"] * bool(v.distances)
     headings += ["points mean"] * bool(v.points)
-    for heading in (*headings, "inside"):
-        table.add_column(heading, justify="right")
+    table = plain_table("held out (um)", *headings, "inside")
     for rung in fit.ladder:
         v = rung.validation
         cells = []
         if v.planes:
-            cells.append(_um(np.sqrt(np.mean(np.concatenate([p.residuals for p in v.planes]) ** 2))))
+            cells.append(um(np.sqrt(np.mean(np.concatenate([p.residuals for p in v.planes]) ** 2))))
         if v.distances:
             low, high = interval95(np.concatenate([d.predicted for d in v.distances]))
-            cells.append(_um(np.sqrt(np.mean([d.error**2 for d in v.distances]))))
-            cells += [_um(v.worst_distance), f"{UM * low:+.0f} .. {UM * high:+.0f}"]
+            cells.append(um(np.sqrt(np.mean([d.error**2 for d in v.distances]))))
+            cells += [um(v.worst_distance), f"{UM * low:+.0f} .. {UM * high:+.0f}"]
         if v.points:
-            cells.append(
-                _um(np.mean(np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])))
-            )
-        table.add_row(LABELS.get(rung.effects, " + ".join(rung.effects)), *cells, _inside(v))
+            cells.append(um(np.mean(np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points]))))
+        table.add_row(model_label(rung.effects), *cells, _inside(v))
     return table
-
-
-def _um(value: float) -> str:
-    return f"{UM * value:.1f}" if UM * value < 100 else f"{UM * value:.0f}"
 
 
 def _inside(v: Validation) -> str:
@@ -127,10 +103,7 @@ def _inside(v: Validation) -> str:
 
 
 def _distances(v: Validation, nominal: Validation) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
-    table.add_column("distances (um)", no_wrap=True)
-    for heading in ("certified mm", "as drawn", "calibrated", "predicted 95 %", ""):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = plain_table("distances (um)", "certified mm", "as drawn", "calibrated", "predicted 95 %", "")
     order = sorted(range(len(v.distances)), key=lambda k: -abs(v.distances[k].error))
     for k in sorted(order[:MOST_PAIRS]):
         d, n = v.distances[k], nominal.distances[k]

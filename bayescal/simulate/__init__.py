@@ -14,7 +14,7 @@ from bayescal.robots import load_robot
 from bayescal.simulate.options import Options, stream
 from bayescal.simulate.record import document
 from bayescal.simulate.session import plan
-from bayescal.simulate.touch import World, touch
+from bayescal.simulate.touch import World, misstated, touch
 from bayescal.simulate.truth import distance_certificates, draws, noise, true_targets
 
 __all__ = ["Options", "Simulation", "simulate"]
@@ -52,8 +52,8 @@ def simulate(options: Options) -> Simulation:
     """
     options.check()
     for name in options.effects:
-        if name not in EFFECTS:
-            raise BayescalError(f"no effect is called '{name}'", "--effects", f"known: {', '.join(EFFECTS)}")
+        if (plain := name.partition("@")[0]) not in EFFECTS:
+            raise BayescalError(f"no effect is called '{plain}'", "--effects", f"known: {', '.join(EFFECTS)}")
     robot, _ = load_robot(options.robot)
     planned, scenery = plan(options, robot)
     targets = true_targets(options, scenery)
@@ -61,7 +61,7 @@ def simulate(options: Options) -> Simulation:
     planned = replace(planned, certificates=papers)
     world = World(options.effects, lambda model: draws(options, model), targets)
     try:
-        world.model(planned)
+        world = misstated(world, planned)
     except BayescalError as error:
         raise BayescalError(error.what, "--effects", error.remedy) from None
     shift, gross = noise(options, len(planned.measurements.ids))
@@ -71,5 +71,5 @@ def simulate(options: Options) -> Simulation:
     read = np.radians(np.round(np.degrees(read), READING))
     dataset = replace(exact, measurements=replace(exact.measurements, readings=read))
     return Simulation(
-        dataset, document(options, dataset, world.model(exact), targets, gross), world, exact, shift
+        dataset, document(options, dataset, world.model(exact), world.targets, gross), world, exact, shift
     )

@@ -240,9 +240,14 @@ def _found(
     p0, slopes0 = _centres_of(s, block, s.estimate.z[None], tool_sd)
     p, slopes = _centres_of(s, block, s.z, tool_sd)
     scale = s.estimate.weights.scale.get(block.group, 1.0)
-    keep = robust_rows(block.kind, p0[0], scale * sigma, slopes0, tool_sd)
-    at = find(block.kind, p0, keep / (scale * sigma), None, slopes0, tool_sd)
-    drawn = find(block.kind, p, keep / (scale * sigma), _noise(s, block), slopes, tool_sd)
+    values = s.model.deviations(s.estimate.z[s.model.slices[ARM]])
+    kind, noise = block.touched(values), _noise(s, block)
+    if len(block.contact_index):  # a draw's own lobing or ball, beside the estimate's
+        drawn_values = s.model.deviations(s.z[:, s.model.slices[ARM]])
+        noise = noise - (block.at_contact(drawn_values) - block.at_contact(values))[:, None, :]
+    keep = robust_rows(kind, p0[0], scale * sigma, slopes0, tool_sd)
+    at = find(kind, p0, keep / (scale * sigma), None, slopes0, tool_sd)
+    drawn = find(kind, p, keep / (scale * sigma), noise, slopes, tool_sd)
     return at, drawn
 
 

@@ -7,7 +7,7 @@ import pytest
 
 matplotlib = pytest.importorskip("matplotlib")
 ROOT = Path(__file__).parents[2]
-FIGURES = {"first_fit": 3}
+FIGURES = {"first_fit": 3, "first_gap": 3}
 
 
 @pytest.fixture
@@ -34,7 +34,10 @@ def test_notebook(path, pyplot, monkeypatch, capsys):
         drawn = [axes for axes in figure.axes if axes.has_data()]
         assert drawn
         assert any(axes.get_ylabel() for axes in drawn)
-    said = capsys.readouterr().out
+    CHECKS[path.stem](left, capsys.readouterr().out)
+
+
+def fitted(left, said):
     assert "compliance_J2" in said
     assert "d2 and d3 only as their sum" in said
     errors = left["errors"]
@@ -44,3 +47,15 @@ def test_notebook(path, pyplot, monkeypatch, capsys):
         < 0.1 * errors["nominal"].max()
     )
     assert left["inside"].mean() > 0.7
+
+
+def diagnosed(left, said):
+    """What was hidden is found, at a joint that has it, and the distances are the better for it."""
+    assert left["named"] == {left["HIDDEN"]}
+    assert left["first"].driver.startswith("approach")
+    assert f"90 % set: {left['HIDDEN']}" in said
+    distances = next(s for s in left["gap"].shrinkage if s.what == "distances")
+    assert distances.after < 0.5 * distances.before
+
+
+CHECKS = {"first_fit": fitted, "first_gap": diagnosed}

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_pinocchio import robots
 
-from bayescal.arm.chain import chain_of, link_angles, points, wrenches
+from bayescal.arm.chain import chain_of, frames, link_angles, points, wrenches
 from bayescal.arm.transforms import AXES, rigid, rotation, rpy_matrix, rpy_of
 
 ANGLES = st.floats(-3.14, 3.14)
@@ -104,3 +104,17 @@ def test_displacements_are_dh_errors(lrmate, convention):
     delta[:, 1:7, 0], delta[:, 1:7, 1], delta[:, at, 2], delta[:, at, 3] = theta, d, alpha, a
     found = points(chain_of(robot), q, tool, delta)
     np.testing.assert_allclose(found, points(chain_of(wrong), q + theta, tool), atol=1e-14)
+
+
+@given(robots(), st.integers(0, 2**32 - 1))
+def test_displaced_frames_carry_the_ball(robot, seed):
+    """Of displacements that differ from row to row; the tool's may only slide its ball."""
+    rng = np.random.default_rng(seed)
+    q, tool = rng.uniform(-3, 3, (4, robot.n)), rng.uniform(-0.2, 0.2, (4, 3))
+    delta = 0.1 * rng.standard_normal((4, robot.n + 2, 6))
+    delta[:, -1, ::2] = 0.0
+    chain = chain_of(robot)
+    pose = frames(chain, q, delta)
+    ball = (pose[:, -1, :3, :3] @ tool[..., None])[..., 0] + pose[:, -1, :3, 3]
+    np.testing.assert_allclose(ball, points(chain, q, tool, delta), atol=1e-12)
+    np.testing.assert_allclose(frames(chain, q, 0 * delta), frames(chain, q), atol=1e-14)

@@ -7,7 +7,7 @@ import pytest
 
 from bayescal.arm.chain import chain_of
 from bayescal.arm.kernel import MAX_ANGLE, WIDTH, _cos, _sin
-from bayescal.arm.motion import CONTACT, Motion, Term
+from bayescal.arm.motion import CERTIFICATE, CONTACT, Motion, Term
 from bayescal.arm.transforms import AXES
 
 COUNTS = (1, 127, 128, 129, 500)
@@ -41,6 +41,7 @@ def shared(n, count, rng):
         (4, Term(n + 1, "ty", (tool == 0) * 1.0)), (5, Term(n, "rz")), (5, Term(n, "rz", sign)),
         (6, Term(1, "ry", np.zeros(count))), (7, Term(CONTACT, "normal", drift)),
         (8, Term(1, "tz", drift)), (8, Term(1, "tz")), (9, Term(4, "ty")), (9, Term(4, "ty")),
+        (10, Term(CERTIFICATE, "0", np.array([0.0, 0.0, 1.0]))),
     ]  # fmt: skip
 
 

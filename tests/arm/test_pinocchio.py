@@ -109,6 +109,43 @@ def test_random_arms(robot, seed):
     check_statics(robot, rng.uniform(-3, 3, (3, robot.n)), np.array([1.0, -2.0, -9.0]))
 
 
+def misbuilt(robot: Robot, rng: np.random.Generator) -> tuple[Robot, np.ndarray]:
+    """A robot whose rows and base are a little wrong, and the same as displacements of its frames."""
+    delta = 0.05 * rng.standard_normal((robot.n + 2, 6))
+    delta[1:-1, 4:] = 0.0  # no row has room for a turn about y behind its twist
+    delta[-1] = 0.0
+    mdh = robot.convention == "mdh"
+    if mdh:  # behind the last joint there is no row
+        delta[-2, 2:] = 0.0
+    rows = slice(1, None) if mdh else slice(None)
+    turns = delta[1 : robot.n, 2:] if mdh else delta[1:-1, 2:]
+    alpha, a = robot.alpha.copy(), robot.a.copy()
+    alpha[rows] += turns[:, 0]
+    a[rows] += turns[:, 1]
+    parts = [screw(axis, *delta[0, 2 * k : 2 * k + 2]) for k, axis in enumerate("zxy")]
+    base = pin.SE3(robot.base) * parts[0] * parts[1] * parts[2]
+    offset, d = robot.offset + delta[1:-1, 0], robot.d + delta[1:-1, 1]
+    return replace(robot, alpha=alpha, a=a, offset=offset, d=d, base=base.homogeneous), delta
+
+
+@settings(max_examples=40)
+@given(robots(), st.integers(0, 2**32 - 1))
+def test_displaced_arms_are_misbuilt_ones(robot, seed):
+    """Frames, and the moments of the weights on them, where the arm stands beside its drawing."""
+    rng = np.random.default_rng(seed)
+    wrong, delta = misbuilt(robot, rng)
+    q, gravity = rng.uniform(-3, 3, (3, robot.n)), np.array([1.0, -2.0, -9.0])
+    there, turned = np.tile(delta, (3, 1, 1)), q + delta[1:-1, 0]
+    chain, other = chain_of(robot), chain_of(wrong)
+    np.testing.assert_allclose(frames(chain, q, there), frames(other, turned), atol=1e-12)
+    load, at = np.full(3, LOAD), np.tile(AT, (3, 1))
+    found = gravity_moments(robot, chain, q, gravity, load, at, there)
+    np.testing.assert_allclose(found, moments_of(wrong, turned, gravity), atol=1e-10)
+    check_statics(wrong, turned, gravity)
+    drawn = gravity_moments(robot, chain, q, gravity, load, at, 0 * there)
+    np.testing.assert_allclose(drawn, moments_of(robot, q, gravity), atol=1e-12)
+
+
 def test_lrmate(lrmate):
     rng = np.random.default_rng(1)
     assert lrmate.convention == "mdh"

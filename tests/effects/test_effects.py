@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayescal.arm.chain import chain_of, link_angles
-from bayescal.arm.motion import CONTACT
+from bayescal.arm.motion import CERTIFICATE, CONTACT
 from bayescal.arm.statics import gravity_moments
 from bayescal.arm.transforms import AXES
 from bayescal.dataset import Noise, Tool
@@ -63,15 +63,21 @@ def test_parameters(model, effects):
         assert np.isfinite(p.nominal)
         assert p.centre > 0 if p.positive else p.centre == p.nominal
         assert p.terms
+        assert p.site
+        assert p.driver
 
 
 def test_drivers(model):
     count = len(model.scene.q)
     for p in model.parameters:
         for term in p.terms:
-            assert np.shape(term.driver) in ((), (count,))
             assert np.all(np.isfinite(term.driver))
             assert np.any(np.asarray(term.driver) != 0)
+            if term.frame == CERTIFICATE:
+                assert np.shape(term.driver) in ((1,), (3,))
+                assert model.scene.dataset.certificates[int(term.axis)].kind != "flat"
+                continue
+            assert np.shape(term.driver) in ((), (count,))
             if term.frame == CONTACT:
                 assert term.axis == "normal"
             else:
@@ -118,7 +124,34 @@ def test_columns_are_slopes(model):
         slope = (block.residual(alone, own + step) - block.residual(alone, own - step)) / 2e-4
         np.testing.assert_allclose(by_target, slope.reshape(block.size, -1).T, atol=1e-9)
         felt = np.maximum(felt, np.max(np.abs(by_arm * scale), axis=0))
+    for tie in model.ties:
+        _, by = model.tied(tie, {name: z[own] for name, own in model.slices.items()})
+        felt = np.maximum(felt, np.max(np.abs(by.get(ARM, 0.0)), axis=0))
     assert np.all(felt > 1e-9), "a parameter that moves nothing"
+
+
+def test_ties_have_their_slopes(model):
+    """The Jacobian of every certificate, and that draws are worked on as one by one."""
+    rng = np.random.default_rng(0)
+    parts = {name: rng.standard_normal(own.stop - own.start) for name, own in model.slices.items()}
+    for tie in model.ties:
+        r, by = model.tied(tie, parts)
+        assert r.shape == (tie.rows,)
+        assert set(by) == set(tie.variables)
+        for name, slope in by.items():
+            steps = 1e-4 * np.eye(len(parts[name]))
+            up, down = (
+                np.array([model.tied(tie, parts | {name: parts[name] + way * s})[0] for s in steps])
+                for way in (1, -1)
+            )
+            atol = 1e-6 * max(1.0, np.max(np.abs(r)))
+            np.testing.assert_allclose(slope, (up - down).T / 2e-4, rtol=1e-5, atol=atol)
+        draws = {name: part + 0.1 * rng.standard_normal((4, len(part))) for name, part in parts.items()}
+        states = [model.block_of[name].state(draws[name]) for name in tie.targets]
+        many, _ = tie.linearise(model.deviations(draws[ARM]), *states)
+        for k in range(4):
+            one, _ = model.tied(tie, {name: part[k] for name, part in draws.items()})
+            np.testing.assert_allclose(many[k], one, rtol=1e-12)
 
 
 def test_any_rows(model):
@@ -151,6 +184,110 @@ def test_what_is_missing_is_told(name, cube):
         assert parameters_of((name,), circumstances)
     if name == "compliance":
         assert "mass" in words
+
+
+SCANNED = [name for name, effect in EFFECTS.items() if effect.scan]
+
+
+@pytest.fixture(params=SCANNED)
+def scanned(request, cube):
+    """An effect with a setting, and a session that leaves it open."""
+    dataset = cube(seed=1).dataset
+    scene = Scene(replace(dataset, robot=replace(dataset.robot, reductions=None)))
+    return EFFECTS[request.param], scene.circumstances(scene.rows("calibrate"))
+
+
+def test_settings_worth_trying(scanned):
+    """Each is a finite number with the same parameters, their drivers finite and none of them empty."""
+    effect, c = scanned
+    values = effect.scan.values(c)
+    assert len(values) > 2
+    assert np.all(np.isfinite(values))
+    assert np.all(np.diff(np.sort(values)) > 0)
+    if effect.name == "gear-mesh":
+        values = values[::30]
+    told = []
+    for value in values:
+        found = effect.scan.parameters(c, float(value))
+        told.append(
+            [(p.name.replace(f"{2 * value:g} ", "").replace(f"{value:g} ", ""), p.unit) for p in found]
+        )
+        for p in found:
+            assert p.site
+            assert p.driver
+            for term in p.terms:
+                assert np.all(np.isfinite(term.driver))
+                assert np.any(term.driver)
+    assert told[0]
+    assert all(names == told[0] for names in told)
+
+
+def test_a_setting_is_named_behind_its_effect(scanned):
+    effect, c = scanned
+    value = float(effect.scan.values(c)[1])
+    named = parameters_of((f"{effect.name}@{value!r}",), c)
+    assert {p.effect for p in named} == {effect.name, "tool"}
+    for p, q in zip(named, effect.scan.parameters(c, value), strict=False):
+        assert (p.name, p.unit, p.sd, p.nominal) == (q.name, q.unit, q.sd, q.nominal)
+        for a, b in zip(p.terms, q.terms, strict=True):
+            assert (a.frame, a.axis) == (b.frame, b.axis)
+            np.testing.assert_array_equal(a.driver, b.driver)
+    assert len(named) == len(effect.scan.parameters(c, value)) + 3  # the tool
+
+
+def told(parameters):
+    return [
+        (p.name, p.sd, [(t.frame, t.axis, np.asarray(t.driver).tolist()) for t in p.terms])
+        for p in parameters
+    ]
+
+
+def test_without_a_setting_it_is_the_usual_one(cube):
+    """What an effect is where none is named: the middle of the rows, 6 % of the usual torque."""
+    scene = Scene(cube(seed=1).dataset)
+    c = scene.circumstances(scene.rows("calibrate"))
+    for name, setting in (("step", "61"), ("hysteresis", "0.06")):
+        assert told(parameters_of((name,), c)) == told(parameters_of((f"{name}@{setting}",), c))
+
+
+def test_gear_mesh_without_reductions_needs_a_ratio(cube):
+    dataset = cube(seed=1).dataset
+    scene = Scene(replace(dataset, robot=replace(dataset.robot, reductions=None)))
+    c = scene.circumstances(scene.rows("calibrate"))
+    with pytest.raises(BayescalError, match="gear-mesh@100"):
+        parameters_of(("gear-mesh",), c)
+    names = [p.name for p in parameters_of(("gear-mesh@100",), c)]
+    assert len([n for n in names if n.startswith("gear-mesh 100 ")]) == 12
+    assert len([n for n in names if n.startswith("gear-mesh 200 ")]) == 12
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("geometry@3", "geometry has no setting"),
+        ("step@x", "'x' is no number"),
+        ("step@", "'' is no number"),
+        ("step@nan", "'nan' is no number"),
+        ("thermal-drift@0", "'0' is no number above 0"),
+        ("gear-mesh@-3", "'-3' is no number above 0"),
+        ("hysteresis@inf", "'inf' is no number"),
+        ("nonsense@1", "no effect is called 'nonsense'"),
+    ],
+)
+def test_settings_that_cannot_be(name, words, cube):
+    scene = Scene(cube(seed=1).dataset)
+    with pytest.raises(BayescalError, match=words) as caught:
+        parameters_of((name,), scene.circumstances(scene.rows("calibrate")))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_time_constant_needs_the_time(cube):
+    dataset = cube(seed=1).dataset
+    timeless = Scene(replace(dataset, measurements=replace(dataset.measurements, time=None)))
+    c = timeless.circumstances(timeless.rows("calibrate"))
+    assert parameters_of(("thermal-drift",), c)
+    with pytest.raises(BayescalError, match="time_s"):
+        parameters_of(("thermal-drift@600",), c)
 
 
 def test_unknown_effect(cube):

@@ -94,7 +94,7 @@ def test_beta_where_axes_are_parallel():
     )  # fmt: skip
     circumstances = Circumstances(
         robot, chain_of(robot), np.zeros((1, 6)), None, np.zeros(1, int), ("t",), np.zeros((1, 3)), (None,),
-        (0,), np.zeros(1, int), False, False, np.zeros((1, 6)), np.zeros(3), np.zeros((1, 3)),
+        (0,), np.zeros(1, int), False, False, np.zeros((1, 6)), np.zeros(3), np.zeros(1), np.zeros((1, 3)),
         np.full((1, 3), np.nan), (None,),
     )  # fmt: skip
     found = {p.name: p.nominal for p in EFFECTS["geometry"].parameters(circumstances)}

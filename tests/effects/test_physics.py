@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayescal.arm.chain import chain_of, points, wrenches
+from bayescal.arm.chain import chain_of, frames, points, wrenches
 from bayescal.arm.motion import CONTACT
 from bayescal.arm.transforms import AXES
-from bayescal.dataset import Target
+from bayescal.dataset import Certificate, Target
 from bayescal.effects import EFFECTS
 from bayescal.effects.compliance import typical
+from bayescal.effects.joints import usual
 from bayescal.model import build
 from bayescal.scene import Scene
 
@@ -91,17 +92,29 @@ def test_gear_mesh_repeats_every_tooth(dataset):
 def test_backlash_turns_with_the_velocity(dataset):
     now = drivers(dataset, "backlash")
     velocity = dataset.measurements.velocity
-    back = drivers(with_columns(dataset, velocity=-3 * velocity), "backlash")
+    back = drivers(with_columns(dataset, velocity=-velocity), "backlash")
+    fast = drivers(with_columns(dataset, velocity=1000 * velocity), "backlash")
     for key in now:
         np.testing.assert_array_equal(back[key], -now[key])
-    np.testing.assert_array_equal(now["backlash J1", 1, "rz"], np.sign(velocity[:, 0]))
+        np.testing.assert_array_equal(np.sign(fast[key]), np.sign(now[key]))
+    some = np.abs(velocity[:, 0]) > np.radians(0.001)
+    np.testing.assert_allclose(fast["backlash J1", 1, "rz"][some], np.sign(velocity[some, 0]), atol=1e-3)
     # the pendant's J2 moves the elbow too, by the reading's way and not the link's
-    np.testing.assert_array_equal(now["backlash J2", 3, "rz"], -np.sign(velocity[:, 1]))
+    np.testing.assert_array_equal(now["backlash J2", 3, "rz"], -now["backlash J2", 2, "rz"])
+    np.testing.assert_array_equal(np.sign(now["backlash J2", 2, "rz"]), np.sign(velocity[:, 1]))
     assert ("backlash J3", 2, "rz") not in now
     still = with_columns(dataset, velocity=np.where(np.arange(6) == 4, 0.0, velocity))
     assert "backlash J5" not in {name for name, *_ in drivers(still, "backlash")}
     missing = EFFECTS["backlash"].missing(circumstances(with_columns(dataset, velocity=None)))
     assert "j1_degps" in missing
+
+
+def test_a_joint_that_hardly_turns_stands_in_its_play(dataset):
+    """Nothing at rest, half of the play's square at 0.03 deg/s, all of it from ten times that on."""
+    speed = np.radians(np.resize([0.0, 1e-4, 0.03, 0.3, 1.0], len(dataset.measurements.ids)))
+    slow = with_columns(dataset, velocity=np.tile(speed[:, None], 6))
+    found = drivers(slow, "backlash")["backlash J1", 1, "rz"][:5]
+    np.testing.assert_allclose(found, [0.0, 1 / 300, np.sqrt(0.5), 0.995, 0.9996], rtol=1e-4)
 
 
 def test_hysteresis_changes_flank_with_gravity(dataset, moments):
@@ -115,6 +128,28 @@ def test_hysteresis_changes_flank_with_gravity(dataset, moments):
     assert np.all(np.abs(up["hysteresis J2", 2, "rz"][np.abs(moments[:, 2, 2]) > 5]) > 0.99)
 
 
+@pytest.mark.parametrize("effect", ["hysteresis", "hardening"])
+def test_knees_are_shares_of_the_usual_torque(dataset, moments, effect):
+    """Of the torque that nine contacts in ten stay below: a heavier world changes nothing."""
+    knee = 0.2
+    light, heavy = circumstances(dataset), circumstances(replace(dataset, gravity=3 * dataset.gravity))
+    one, three = (EFFECTS[effect].scan.parameters(c, knee) for c in (light, heavy))
+    assert [p.name for p in one] == [f"{effect} J{j}" for j in range(2, 7)]
+    for p, q in zip(one, three, strict=True):
+        (term,), (same,) = p.terms, q.terms
+        np.testing.assert_allclose(term.driver, same.driver, atol=1e-12)
+        torque = moments[:, term.frame, 2]
+        assert np.mean(np.abs(torque) <= usual(light, torque)) == pytest.approx(0.9, abs=0.01)
+        share = torque / usual(light, torque)
+        np.testing.assert_allclose(term.driver, np.tanh(share / knee), atol=1e-12)
+        assert np.all(np.abs(term.driver[np.abs(share) > 3 * knee]) > 0.99)  # beyond, a flank
+        soft = np.abs(share) < 0.1 * knee  # below, a compliance
+        np.testing.assert_allclose(term.driver[soft], share[soft] / knee, rtol=4e-3)
+        if effect == "hardening":  # the wind-up at the knee changes by the same share as without one
+            compliance = typical(6)[term.frame - 1]
+            assert p.sd == pytest.approx(0.3 * compliance * knee * usual(light, torque))
+
+
 def test_encoder_scale_is_a_longer_reading(dataset):
     more = dataset.measurements.readings * np.where(np.arange(6) == 1, 1.0 + 1e-3, 1.0)
     scene = Scene(dataset)
@@ -123,15 +158,24 @@ def test_encoder_scale_is_a_longer_reading(dataset):
     np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), expected, atol=1e-14)
 
 
-def test_coupling_is_a_reading_of_the_joint_before(dataset):
+@pytest.mark.parametrize(("of", "to"), [(2, 3), (1, 2), (4, 6), (2, 1)])
+def test_coupling_is_a_reading_of_another_joint(dataset, of, to):
     reading = dataset.measurements.readings
     more = reading.copy()
-    more[:, 2] += 1e-3 * reading[:, 1]
+    more[:, to - 1] += 1e-3 * reading[:, of - 1]
     scene = Scene(dataset)
-    delta = displacements(dataset, "coupling", coupling_J2_to_J3=1e-3)
+    delta = displacements(dataset, "coupling", **{f"coupling_J{of}_to_J{to}": 1e-3})
     expected = Scene(with_columns(dataset, readings=more)).points
     np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), expected, atol=1e-14)
-    assert len({name for name, *_ in drivers(dataset, "coupling")}) == 5
+
+
+def test_coupling_is_with_the_two_joints_before_and_the_one_after(dataset):
+    pairs = ["12", "13", "23", "24", "34", "35", "45", "46", "56", "21", "32", "43", "54", "65"]
+    expected = {f"coupling J{of} to J{to}" for of, to in pairs}
+    assert {name for name, *_ in drivers(dataset, "coupling")} == expected
+    still = dataset.measurements.readings * (np.arange(6) != 3)
+    left = {name for name, *_ in drivers(with_columns(dataset, readings=still), "coupling")}
+    assert left == {name for name in expected if "J4 to" not in name}
 
 
 def test_hardening_grows_with_the_square_of_the_torque(dataset, moments):
@@ -144,17 +188,44 @@ def test_hardening_grows_with_the_square_of_the_torque(dataset, moments):
     assert sd["hardening J3"] * 8.0 == pytest.approx(0.3 * 2e-4)
 
 
-def test_bending_tilts_across_the_axis(dataset, moments):
-    found = drivers(dataset, "bending")
-    assert {axis for *_, axis in found} == {"rx", "ry"}
-    for (_, frame, axis), driver in found.items():
-        np.testing.assert_array_equal(driver, moments[:, frame, "xy".index(axis[1])])
+def turned_about(point, turn, ball):
+    """Ball centres (N, 3) after a small turn (N, 3), rad in F0, about points (N, 3)."""
+    return ball + np.cross(turn, ball - point)
+
+
+def test_a_bearing_yields_across_its_axis(dataset, moments):
+    """All behind the joint turns about its frame by the moment, but for the component about the axis."""
+    scene, found = Scene(dataset), drivers(dataset, "bending")
+    pose = frames(scene.chain, scene.q)
+    for j in range(1, 7):
+        assert {axis for name, _, axis in found if name == f"bending J{j} bearing"} == {"rx", "ry"}
+        across = 1e-6 * moments[:, j] * [1, 1, 0]
+        turn = (pose[:, j, :3, :3] @ across[..., None])[..., 0]
+        moved = turned_about(pose[:, j, :3, 3], turn, scene.points)
+        delta = displacements(dataset, "bending", **{f"bending_J{j}_bearing": 1e-6})
+        np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), moved, atol=1e-9)
+
+
+def test_a_link_yields_to_the_moment_at_its_root(dataset, moments):
+    """All behind the next frame turns about it, by the whole moment and about the moment's own direction."""
+    scene, found = Scene(dataset), drivers(dataset, "bending")
+    pose = frames(scene.chain, scene.q)
+    for j in range(1, 6):
+        assert {(frame, axis) for name, frame, axis in found if name == f"bending J{j} link"} == {
+            (j + 1, axis) for axis in ("rx", "ry", "rz")
+        }
+        turn = 1e-6 * (pose[:, j, :3, :3] @ moments[:, j, :, None])[..., 0]
+        moved = turned_about(pose[:, j + 1, :3, 3], turn, scene.points)
+        delta = displacements(dataset, "bending", **{f"bending_J{j}_link": 1e-6})
+        np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), moved, atol=1e-9)
+        assert np.max(np.abs(moved - scene.points)) > 1e-8
+    assert not [name for name, *_ in found if name == "bending J6 link"]
 
 
 def test_base_compliance_lets_the_arm_sag(dataset, moments):
     """What is on the side of the arm's weight comes down, what is across from it goes up."""
     found = drivers(dataset, "base-compliance")
-    assert {(frame, axis) for _, frame, axis in found} == {(0, "rx"), (0, "ry")}
+    assert {(frame, axis) for _, frame, axis in found} == {(0, axis) for axis in ("rx", "ry", "tx", "ty")}
     scene = Scene(dataset)
     values = {"base_compliance_x": 1e-6, "base_compliance_y": 1e-6}
     moved = points(scene.chain, scene.q, scene.tools, displacements(dataset, "base-compliance", **values))
@@ -165,6 +236,25 @@ def test_base_compliance_lets_the_arm_sag(dataset, moments):
     assert np.mean(side > 0) > 0.5
     hung = replace(dataset, gravity=np.array([-9.81, 0.0, 0.0]))
     assert ("base-compliance z", 0, "rz") in drivers(hung, "base-compliance")
+
+
+def test_a_hinge_below_the_base_is_a_tilt_and_a_slide(dataset, moments):
+    """A stand that yields 0.35 m below the origin, half as much one way as the other."""
+    yields, depth = np.array([1e-6, 2e-6, 0.0]), 0.35
+    values = {
+        "base_compliance_x": yields[0],
+        "base_compliance_y": yields[1],
+        "base_compliance_slide_x": -depth * yields[0],
+        "base_compliance_slide_y": depth * yields[1],
+    }
+    scene = Scene(dataset)
+    moved = points(scene.chain, scene.q, scene.tools, displacements(dataset, "base-compliance", **values))
+    hinge = np.array([0.0, 0.0, -depth])
+    expected = turned_about(hinge, yields * moments[:, 0], scene.points)
+    np.testing.assert_allclose(moved, expected, atol=3e-9)
+    alone = {name: value for name, value in values.items() if "slide" not in name}
+    tilted = points(scene.chain, scene.q, scene.tools, displacements(dataset, "base-compliance", **alone))
+    assert np.max(np.abs(moved - tilted)) > 1e-5
 
 
 def test_payload_is_the_moment_of_a_kilogram_more(dataset, moments):
@@ -219,6 +309,41 @@ def test_step_moves_the_base_from_the_middle_on(cube):
     moved = points(scene.chain, scene.q, scene.tools, displacements(dataset, "step", step_x=1e-3))
     np.testing.assert_allclose((moved - scene.points)[:60], 0.0, atol=1e-15)
     np.testing.assert_allclose((moved - scene.points)[60:], [[1e-3, 0, 0]] * (count - 60), atol=1e-12)
+
+
+def test_a_step_splits_at_its_row(dataset):
+    """The row of that number, counted from 1, is the first that the bumped base carries."""
+    c = circumstances(dataset)
+    count = len(c.q)
+    for row in (2, 43, count):
+        for p in EFFECTS["step"].scan.parameters(c, row):
+            (term,) = p.terms
+            np.testing.assert_array_equal(term.driver, np.arange(1, count + 1) >= row)
+    role = np.where(np.arange(count) % 3 == 0, "calibrate", "validate")
+    rows = EFFECTS["step"].scan.values(circumstances(with_columns(dataset, role=role)))
+    assert np.all((rows - 1) % 3 == 0)  # only a fitted row can tell when it was
+    assert rows.min() > 1
+
+
+def test_an_arm_that_warms_up_slows_down(dataset):
+    """From -1 to 1 over the session, ever slower, and the faster over the smaller the time constant."""
+    c = circumstances(dataset)
+    halfway = []
+    for constant in EFFECTS["thermal-drift"].scan.values(c):
+        courses = [
+            p.terms[0].driver
+            for p in EFFECTS["thermal-drift"].scan.parameters(c, constant)
+            if "growth" not in p.name
+        ]
+        assert len(courses) == 3 + 6
+        for course in courses:
+            assert (course[0], course[-1]) == (-1, pytest.approx(1))
+            assert np.all(np.diff(course) > 0)
+            assert np.all(np.diff(course, 2) < 0)
+        halfway.append(courses[0][len(c.q) // 2])
+    assert np.all(np.diff(halfway) < 0)
+    assert halfway[-1] == pytest.approx(0.0, abs=0.1)  # a straight line
+    assert EFFECTS["thermal-drift"].scan.parameters(c, 600.0)[-1].driver == "time"
 
 
 def test_approach_is_the_inward_normal_in_the_flange(dataset):
@@ -304,3 +429,55 @@ def test_a_larger_ball_touches_further_out(dataset):
     for a, b in zip(model.blocks, other.blocks, strict=True):
         own = np.zeros(a.size)
         np.testing.assert_allclose(a.residual(values, own), b.residual(np.zeros(3), own), atol=1e-15)
+
+
+def spheres(dataset, length, diameter):
+    """Contacts with four spheres instead, two of them of one artefact: its length and a diameter."""
+    places = [[0.4, -0.1, 0.1], [0.4, 0.1, 0.1], [0.45, -0.1, 0.2], [0.45, 0.1, 0.2]]
+    targets = tuple(
+        Target(f"s{k}", "sphere", {"centre": np.array(place), "diameter": diameter})
+        for k, place in enumerate(places)
+    )
+    papers = (
+        Certificate("flat", ("s3",), u_form=1e-6),
+        Certificate("diameter", ("s0",), u_distance=1e-6),
+        Certificate("distance", ("s0", "s1"), length, 2e-6),
+        Certificate("distance", ("s0", "nowhere"), length, 2e-6),
+    )
+    return replace(dataset, targets=targets, certificates=papers)
+
+
+def test_a_paper_that_is_wrong_by_so_much_is_one_that_is_right(dataset):
+    """Said too short by 40 um, with 40 um added, pulls as one that says the truth."""
+    parallel, *square = dataset.certificates
+    said = replace(parallel, distance=parallel.distance - 40e-6)
+    cases = [
+        (dataset, replace(dataset, certificates=(said, *square)), "cube.+y cube.-y distance"),
+        (spheres(dataset, 0.2, 0.05), spheres(dataset, 0.2 - 40e-6, 0.05), "s0 s1 distance"),
+    ]
+    rng = np.random.default_rng(0)
+    for right, wrong, name in cases:
+        plain, free = build(Scene(right), ()), build(Scene(wrong), ("artefact",))
+        value = np.array([40e-6 if p.name == f"artefact {name}" else 0.0 for p in free.parameters])
+        assert np.count_nonzero(value) == 1
+        for honest, loose in zip(plain.ties, free.ties, strict=True):
+            states = [1e-3 * rng.standard_normal(len(plain.block_of[t].kind.sd)) for t in honest.targets]
+            expected, _ = honest.linearise(np.zeros(3), *states)
+            np.testing.assert_allclose(loose.linearise(value, *states)[0], expected, atol=1e-9)
+
+
+def test_every_paper_between_fitted_targets_may_be_wrong(dataset):
+    def told(dataset):
+        parameters = EFFECTS["artefact"].parameters(circumstances(dataset))
+        return {p.name.removeprefix("artefact "): (p.unit, p.sd) for p in parameters}
+
+    turn, length = ("rad", pytest.approx(1.2e-4)), ("m", pytest.approx(3e-5))
+    opposite = {f"cube.+y cube.-y parallel {k}": turn for k in (1, 2)} | {"cube.+y cube.-y distance": length}
+    square = {f"cube.{pair} square": turn for pair in ("+y cube.-x", "+y cube.+z", "-x cube.+z")}
+    assert told(dataset) == opposite | square
+    ball = {"s0 diameter": ("m", pytest.approx(1e-5)), "s0 s1 distance": ("m", pytest.approx(2e-5))}
+    assert told(spheres(dataset, 0.2, 0.05)) == ball
+    role = np.where(dataset.measurements.target == 1, "validate", "calibrate")  # cube.-y is held out
+    assert told(with_columns(dataset, role=role)) == square
+    none = circumstances(replace(dataset, certificates=()))
+    assert "certificate" in EFFECTS["artefact"].missing(none)

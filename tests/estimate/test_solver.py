@@ -38,11 +38,13 @@ CASES = {
     "tracker": lambda cube, tracker: (tracker(seed=2).dataset, BOTH),
     "arm as drawn": lambda cube, tracker: (cube(seed=2).dataset, ()),
     "faces with form": lambda cube, tracker: (cube(seed=2).dataset, (*BOTH, "plane-form")),
+    "wrong paper": lambda cube, tracker: (cube(seed=2).dataset, (*BOTH, "artefact")),
+    "wrong paper of known faces": lambda cube, tracker: (known_cube(cube(seed=2)), ("artefact",)),
 }
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
-def test_same_optimum_and_covariance_as_scipy(case, cube, tracker):
+def test_same_optimum_and_covariance_as_scipy(case, cube, tracker, tie_residuals):
     model = build(Scene((made := case(cube, tracker))[0]), made[1])
     weights = unit_weights(model, np.zeros(model.size))
     whole = {b.target: weights.row[b.target] * np.linspace(0.2, 1.5, len(b.rows)) for b in model.blocks}
@@ -56,10 +58,7 @@ def test_same_optimum_and_covariance_as_scipy(case, cube, tracker):
             r = b.residual(model.deviations(z[model.slices["arm"]]), z[model.slices[b.target]]).ravel()
             row = np.tile(weights.row[b.target], b.kind.rows)
             parts.append(r * np.sqrt(row) / (1.3 * weights.sigma[b.target]))
-        for tie in model.ties:
-            states = [model.block_of[t].state(z[model.slices[t]]) for t in tie.targets]
-            parts.append(tie.function(*states)[0])
-        return np.concatenate([*parts, z])
+        return np.concatenate([*parts, *(tie_residuals(model, tie, z) for tie in model.ties), z])
 
     def jacobian(z):
         return np.vstack([linearise(model, z, weights).jacobian, np.eye(model.size)])
@@ -93,6 +92,8 @@ def test_no_length_is_refused(cube):
         estimate(build(Scene(without(dataset, "parallel", "perpendicular")), BOTH, prior_width=1000.0))
     with pytest.raises(BayescalError, match="length"):  # squareness is no length
         estimate(build(Scene(without(dataset, "parallel")), BOTH, prior_width=1000.0))
+    with pytest.raises(BayescalError, match="length"):  # nor is a length that may be wrong by centimetres
+        estimate(build(Scene(dataset), (*BOTH, "artefact"), prior_width=1000.0))
 
 
 def test_a_length_is_enough(cube):

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -84,6 +85,36 @@ def test_targets_are_found_too(cube):
         sd = found.sd[own] * block.kind.sd
         assert abs(told["normal"] @ middle - told["offset"] - (normal @ middle - offset)) < 4.5 * sd[2]
         assert np.max(np.abs(told["normal"] - normal)) < 4.5 * sd[:2].max()
+
+
+def wrong_by(session, model) -> dict[str, float]:
+    """How wrong the papers of a cube are, by the names of the model's parameters."""
+    normal = {name: n for name, (n, _) in session.planes.items()}
+    a, b = (model.block_of[f"cube.{side}"].kind for side in ("+y", "-y"))
+    both, middle = normal["cube.+y"] + normal["cube.-y"], 0.5 * (a.pivot + b.pivot)
+    apart = session.planes["cube.+y"][1] + session.planes["cube.-y"][1] - both @ middle
+    out = {"cube.+y cube.-y distance": apart - session.dataset.certificates[0].distance}
+    out |= {f"cube.+y cube.-y parallel {k}": float(t @ both) for k, t in enumerate(a.tangents, start=1)}
+    for pair in (c.targets for c in session.dataset.certificates[1:]):
+        out[f"{' '.join(pair)} square"] = float(normal[pair[0]] @ normal[pair[1]])
+    return {f"artefact {name}": value for name, value in out.items()}
+
+
+@pytest.mark.parametrize("lean", [(2.2e-4, 0.0), (0.0, -2.2e-4)], ids=["about x", "about z"])
+def test_a_wrong_paper_is_told(cube, lean):
+    """A face 50 um out of parallel over the cube's side: its paper takes that, not the arm."""
+    total, count = 0.0, 0
+    for seed in range(4):
+        session = cube(seed=seed, lean=lean)
+        found = fit(session.dataset, (*BOTH, "artefact"))
+        wrong = wrong_by(session, found.model)
+        truth = SimpleNamespace(values=session.arm.values | wrong)
+        check_pulls(found, truth)
+        total += distance2(found, truth)
+        count += len(found.model.parameters)
+        k = found.model.names.index(max(wrong, key=lambda name: abs(wrong[name])))
+        assert abs(found.z[k]) > 4 * found.sd[k]
+    check_covariance(total, count)
 
 
 def test_trackers(tracker):

@@ -30,8 +30,11 @@ def few(cube):
     return estimate(build(Scene(session), ("geometry", "compliance")), robust=False)
 
 
-def test_density_is_the_written_out_posterior(fitted):
+@pytest.mark.parametrize("more", [(), ("artefact",)], ids=["fitted", "wrong paper"])
+def test_density_is_the_written_out_posterior(fitted, more, tie_residuals):
     """Sum by sum, from residuals of the model's blocks."""
+    if more:
+        fitted = estimate(build(fitted.model.scene, (*fitted.model.effects, *more)))
     density, model = Density(fitted), fitted.model
     rng = np.random.default_rng(0)
     x = Linearised.of(density).draw(3, rng, spread=2.0)
@@ -45,8 +48,7 @@ def test_density_is_the_written_out_posterior(fitted):
             sigma = fitted.weights.sigma[block.target]
             total += np.sum((-0.5 * (r / (kappa * sigma)) ** 2 - np.log(kappa))[kept])
         for tie in model.ties:
-            states = [model.block_of[n].state(z[model.slices[n]]) for n in tie.targets]
-            total -= 0.5 * np.sum(tie.function(*states)[0] ** 2)
+            total -= 0.5 * np.sum(tie_residuals(model, tie, z) ** 2)
         expected.append(total)
     actual = density(x)
     np.testing.assert_allclose(actual - actual[0], np.array(expected) - expected[0], rtol=1e-9, atol=1e-6)

@@ -7,12 +7,16 @@ from simulated import LITTLE, lrmate, robot_file
 
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.arm.statics import gravity_moments
+from bayescal.errors import BayescalError
+from bayescal.model import build
 from bayescal.robots import load_robot
+from bayescal.scene import Scene
 from bayescal.simulate import Options, Simulation, simulate
 from bayescal.simulate.artefacts import Scenery
 from bayescal.simulate.record import key_of
 from bayescal.simulate.scenery import SIZE, Cube
 from bayescal.simulate.truth import true_targets
+from factors.kind import tangents
 
 KEYS = {"theta": ("rz", 1), "d": ("tz", 1), "alpha": ("rx", 1), "a": ("tx", 1), "beta": ("ry", 1)}
 COMPONENT = {"rz": 0, "tz": 1, "rx": 2, "tx": 3, "ry": 4}
@@ -20,13 +24,17 @@ SI = {"mm": 1e-3, "deg": np.pi / 180, "urad_per_nm": 1e-6}
 
 
 def gaps(s: Simulation, readings: np.ndarray) -> np.ndarray:
-    """How far the true ball is off the true surfaces (N,), m, by the numbers of truth.json alone."""
+    """How far the true ball is off the true surfaces (N,), m, by the numbers of truth.json alone.
+
+    The weights pull on the arm where its errors and its sag have put it.
+    """
     d, m = s.dataset, s.dataset.measurements
     robot, tool = d.robot, d.tools[0]
     chain = chain_of(robot)
     q = link_angles(robot, readings)
     delta = np.zeros((len(q), robot.n + 2, 6))
     load = np.full(len(q), tool.mass) + (0.0 if m.payload is None else m.payload)
+    compliance = np.zeros(robot.n)
     for p in s.truth["parameters"]:
         unit = next(u for u in SI if f"value_{u}" in p)
         off = (p[f"value_{unit}"] - p[f"nominal_{unit}"]) * SI[unit]
@@ -34,13 +42,13 @@ def gaps(s: Simulation, readings: np.ndarray) -> np.ndarray:
             kind = p["name"].rstrip("0123456789")
             delta[:, int(p["name"][len(kind) :]), COMPONENT[KEYS[kind][0]]] += off
         elif p["effect"] == "compliance":
-            joint = robot.joint_names.index(p["name"].split()[1])
-            com = np.tile(tool.centre_of_mass, (len(q), 1))
-            delta[:, joint + 1, 0] += (
-                off * gravity_moments(robot, chain, q, d.gravity, load, com)[:, joint + 1, 2]
-            )
+            compliance[robot.joint_names.index(p["name"].split()[1])] = off
         else:
             delta[:, -1, [3, 5, 1]["xyz".index(p["name"][-1])]] += off
+    stiff, com = delta.copy(), np.tile(tool.centre_of_mass, (len(q), 1))
+    for _ in range(10 if compliance.any() else 0):
+        torque = gravity_moments(robot, chain, q, d.gravity, load, com, delta)[:, 1:, 2]
+        delta[:, 1:-1, 0] = stiff[:, 1:-1, 0] + compliance * torque
     ball = points(chain, q, tool.centre, delta)
     out = np.empty(len(q))
     for k, t in enumerate(s.truth["targets"]):
@@ -156,3 +164,42 @@ def test_units_of_keys():
     assert key_of("rad/(N m)")[0] == "value_urad_per_nm"
     assert key_of("1") == ("value", 1.0)
     assert key_of("rad/s^2")[0] == "value_rad_per_s2"
+
+
+def test_a_paper_is_as_wrong_as_the_truth_says():
+    """By so much more than of the same faces without: they are turned and moved, and touched there."""
+    s, right = (lrmate(effects=e) for e in (("geometry", "artefact"), ("geometry",)))
+    said = {}
+    for p in s.truth["parameters"]:
+        key = next(k for k in p if k.startswith("value"))
+        said[p["name"].removeprefix("artefact ")] = p[key] * SI[key.removeprefix("value_")]
+    assert sum(name.startswith("cube") for name in said) == 6
+
+    def told(session: Simulation) -> dict[str, float]:
+        true = {t["name"]: t for t in session.truth["targets"] if t["kind"] == "plane"}
+        normal = {name: np.array(t["normal"]) for name, t in true.items()}
+        pivot = {b.target: b.kind.pivot for b in build(Scene(s.dataset), ()).blocks}
+        a, b = "cube.+y", "cube.-y"
+        both, middle = normal[a] + normal[b], 0.5 * (pivot[a] + pivot[b])
+        apart = 1e-3 * (true[a]["offset_mm"] + true[b]["offset_mm"]) - both @ middle
+        turned = tangents(np.array([0.0, 1.0, 0.0])) @ both
+        out = {f"{a} {b} distance": apart, f"{a} {b} parallel 1": turned[0], f"{a} {b} parallel 2": turned[1]}
+        for pair in ((a, "cube.-x"), (a, "cube.+z"), ("cube.-x", "cube.+z")):
+            out[f"{' '.join(pair)} square"] = normal[pair[0]] @ normal[pair[1]]
+        return out
+
+    wrong, as_stated = told(s), told(right)
+    for name, value in wrong.items():
+        assert value - as_stated[name] == pytest.approx(said[name], abs=1e-7 if "distance" in name else 1e-10)
+    assert max(abs(said[name]) for name in wrong) > 5e-5
+    assert np.abs(s.world.residuals(s.exact) - s.shift).max() < 2e-12
+    assert s.truth["targets"][4:] == right.truth["targets"][4:]  # no paper of the spheres is fitted
+
+
+def test_settings_are_simulated_too(tmp_path):
+    s = simulate(Options(effects=("step@20",), **{**LITTLE, "placements": 0}))
+    assert s.truth["effects"] == ["step@20"]
+    (p, *_) = s.world.model(s.exact).parameters
+    np.testing.assert_array_equal(p.terms[0].driver, np.arange(len(s.shift)) >= 19)
+    with pytest.raises(BayescalError, match="--effects: geometry has no setting"):
+        simulate(Options(effects=("geometry@3",), **LITTLE))

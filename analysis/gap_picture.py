@@ -1,0 +1,20 @@
+"""The README's picture of a gap: a session with play in its gears, diagnosed by a model without.
+
+Run from the top of the project: ``python analysis/gap_picture.py``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bayescal.gap.diagnose import diagnose
+from bayescal.report.gap_arm import draw_where
+from bayescal.simulate import Options, simulate
+
+ROOT = Path(__file__).resolve().parents[1]
+HIDDEN = Options(effects=("geometry", "compliance", "backlash"), seed=4)
+
+
+if __name__ == "__main__":
+    out = ROOT / "docs" / "pictures" / "gap-where.png"
+    draw_where(diagnose(simulate(HIDDEN).dataset)).savefig(out, dpi=100)

@@ -1,0 +1,1 @@
+"""The blind check: worlds of another making, in which something withheld is wrong."""

@@ -1,0 +1,113 @@
+"""Candidates: every effect that the baseline leaves out, in each setting, at all sites and at each alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.effects import EFFECTS, Circumstances, Effect, Parameter
+from bayescal.effects.compliance import SPREAD
+
+WIDE = 64
+"""Settings up to which a scan is carried along whole."""
+NOTHING = "nothing in this session varies with it"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One form of an effect: its setting if any, its site or "" for all, its columns of the pool."""
+
+    effect: str
+    setting: float | None
+    site: str
+    columns: np.ndarray  # (k,)
+    log_prior: float  # within the effect
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """All variants by effect, their parameters as one pool, and what cannot be judged, with why."""
+
+    pool: tuple[Parameter, ...]
+    variants: dict[str, tuple[Variant, ...]]
+    missing: dict[str, str]
+
+
+def candidates(circumstances: Circumstances, baseline: tuple[str, ...]) -> Candidates:
+    """List the candidates beside a baseline model, but for scans so wide that they are screened first."""
+    plain = {name.partition("@")[0] for name in baseline}
+    out = Candidates((), {}, {})
+    for effect in EFFECTS.values():
+        if effect.name in plain or wide(effect, circumstances):
+            continue
+        lacks = effect.missing(circumstances)
+        settings: list[float | None] = [] if lacks else [None]
+        if effect.scan is not None and not lacks:
+            settings += [float(v) for v in effect.scan.values(circumstances)]
+        out = extended(out, effect, settings, circumstances, lacks)
+    return out
+
+
+def wide(effect: Effect, c: Circumstances) -> bool:
+    """Whether an effect has more settings than one would carry along."""
+    return effect.scan is not None and len(effect.scan.values(c)) > WIDE
+
+
+def extended(
+    known: Candidates, effect: Effect, settings: Sequence[float | None], c: Circumstances, lacks: str = ""
+) -> Candidates:
+    """Candidates with some settings of one effect more; each weighs as one of all that the scan has."""
+    found = [(value, parameters) for value in settings if (parameters := at_setting(effect, value, c))]
+    if not found:
+        return replace(known, missing=known.missing | {effect.name: lacks or NOTHING})
+    count = max(len(found), 0 if effect.scan is None else len(effect.scan.values(c)))
+    pool, variants = list(known.pool), []
+    for value, parameters in found:
+        joined = in_proportion(effect, parameters)
+        weight = -float(np.log(count)) - float(np.log(2.0)) * len(joined)
+        variants += _subsets(effect.name, value, parameters, len(pool), weight)
+        pool += parameters
+        variants += [Variant(effect.name, value, "", np.array([len(pool)]), weight) for _ in joined]
+        pool += joined
+    return Candidates(tuple(pool), known.variants | {effect.name: tuple(variants)}, known.missing)
+
+
+def in_proportion(effect: Effect, parameters: Sequence[Parameter]) -> list[Parameter]:
+    """One parameter for several that physics keeps positive: all in proportion to what is usual, or none."""
+    if len(parameters) < 2 or not all(p.positive and p.mean for p in parameters):
+        return []
+    terms = tuple(
+        replace(t, driver=np.asarray(t.driver) * (p.mean or 0.0)) for p in parameters for t in p.terms
+    )
+    sites = {p.site for p in parameters}
+    name = f"{effect.name} in proportion"
+    return [
+        Parameter(
+            name, "1", terms, SPREAD, site=sites.pop() if len(sites) == 1 else "arm",
+            driver=parameters[0].driver.split(" ")[0], effect=effect.name,
+        )
+    ]  # fmt: skip
+
+
+def at_setting(effect: Effect, value: float | None, c: Circumstances) -> list[Parameter]:
+    """Parameters of an effect at a setting, or at its usual one."""
+    found = effect.parameters(c) if value is None or effect.scan is None else effect.scan.parameters(c, value)
+    return [replace(p, effect=effect.name) for p in found]
+
+
+def _subsets(
+    effect: str, value: float | None, parameters: list[Parameter], first: int, log_prior: float
+) -> list[Variant]:
+    sites: dict[tuple[str, str], list[int]] = {}
+    for k, p in enumerate(parameters):
+        sites.setdefault((p.site, p.driver), []).append(first + k)
+    every = np.arange(first, first + len(parameters))
+    if len(sites) == 1:
+        return [Variant(effect, value, "", every, log_prior)]
+    half = log_prior - np.log(2.0)
+    alone = half - np.log(len(sites))
+    return [Variant(effect, value, "", every, half)] + [
+        Variant(effect, value, site, np.array(columns), alone) for (site, _), columns in sites.items()
+    ]

@@ -1,0 +1,242 @@
+"""Generic cells: a smooth function of one coordinate at one site, for what no effect of ours explains.
+
+They say where the gap lies before anyone says what it is, and together they are the rival 'unknown'. A cell
+is told in the same terms as an effect: a site displaced by parameters times drivers.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.arm import chain as reference
+from bayescal.arm.motion import CONTACT, Term
+from bayescal.effects import Circumstances, Parameter
+from bayescal.effects.backlash import STANDSTILL
+from bayescal.effects.joints import moved
+from bayescal.effects.plane_form import shapes
+
+WAVES = 4  # half periods of a smooth function over the session
+LENGTH, ANGLE = 1e-5, 1e-4  # m, rad: prior standard deviation of a wave
+BUMP_WIDTHS = (0.04, 0.1)  # rad, of a defect at one place of a turn
+MOMENTS = 16  # that a change may have, by cell
+TURNS = tuple(np.arange(2.0, 20.5, 0.75))  # of a swinging base, a session
+GRID, SPOT = (-0.8, 0.0, 0.8), 0.5  # of the workspace's half width
+SPOTS = (
+    (0.2, tuple(np.linspace(-0.9, 0.9, 7))),
+    (0.4, tuple(np.linspace(-0.8, 0.8, 4))),
+)  # width, centres, a face
+FEWEST_ON_SPOT = 3
+FEWEST = 12  # contacts that a defect or a change must move
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A site, a coordinate, and the sets of columns that stand for it: one smooth set, or many local ones."""
+
+    site: str
+    driver: str
+    sets: tuple[tuple[Parameter, ...], ...]
+    known: bool = (
+        False  # the vocabulary has this very function: it places the gap, but is no rival of its name
+    )
+
+
+def smooth(x: np.ndarray, fitted: np.ndarray, waves: int = WAVES) -> list[np.ndarray]:
+    """Cosines of 1 to `waves` half periods over the range of a coordinate x (N,)."""
+    mine = x[fitted]
+    low, high = float(np.min(mine)), float(np.max(mine))
+    if not high > low:
+        return []
+    u = np.clip((x - low) / (high - low), 0.0, 1.0)
+    return [np.cos(np.pi * k * u) for k in range(1, waves + 1)]
+
+
+def cells(c: Circumstances) -> list[Cell]:
+    """Every cell of a session."""
+    return [
+        cell
+        for make in (_joints, _bending, _time, _sway, _probe, _region, _faces)
+        for cell in make(c)
+        if any(cell.sets)  # a joint that stood still turns by no function of its angle
+    ]
+
+
+def _at_joint(c: Circumstances, j: int, drivers: list[np.ndarray]) -> tuple[Parameter, ...]:
+    return tuple(Parameter("", "rad", moved(c, j, d), ANGLE) for d in drivers)
+
+
+def _joints(c: Circumstances) -> Iterator[Cell]:
+    n = c.robot.n
+    for j in range(1, n + 1):
+        site = f"joint {j}"
+        for k in range(1, n + 1):
+            waves = smooth(c.readings[:, k - 1], c.fitted)
+            if waves:
+                yield Cell(site, f"angle {k}", (_at_joint(c, j, waves),))
+        yield Cell(site, f"angle {j}, one place", tuple(_bumps(c, j)))
+        if c.moments is not None:
+            waves = smooth(c.moments[:, j, 2], c.fitted)
+            if waves and np.ptp(c.moments[c.fitted, j, 2]) > 1e-3:
+                yield Cell(site, f"torque {j}", (_at_joint(c, j, waves),))
+        if c.velocity is not None and np.any(c.velocity[c.fitted, j - 1]):
+            speed = c.velocity[:, j - 1]
+            yield Cell(
+                site, f"approach {j}", (_at_joint(c, j, [speed / np.hypot(speed, STANDSTILL)]),), known=True
+            )
+            size = float(np.sqrt(np.mean(speed[c.fitted] ** 2)))
+            yield Cell(site, f"speed {j}", (_at_joint(c, j, [speed / size]),))
+
+
+def _bumps(c: Circumstances, j: int) -> Iterator[tuple[Parameter, ...]]:
+    """Defects at one place of a turn: a bump each, on the link-relative angle."""
+    angle = c.q[:, j - 1]
+    mine = angle[c.fitted]
+    for width in BUMP_WIDTHS:
+        for centre in np.arange(np.min(mine), np.max(mine) + width, width):
+            driver = np.exp(-0.5 * ((angle - centre) / width) ** 2)
+            if np.sum(driver[c.fitted] > 0.5) >= FEWEST / 2:
+                yield (Parameter("", "rad", (Term(j, "rz", driver),), ANGLE),)
+
+
+def _bending(c: Circumstances) -> Iterator[Cell]:
+    for j in range(1, c.robot.n + 1):
+        waves = smooth(c.q[:, j - 1], c.fitted)
+        yield Cell(
+            f"link {j}",
+            f"angle {j}",
+            (
+                tuple(
+                    Parameter("", "rad", (Term(j, axis, w),), ANGLE) for axis in ("rx", "ry") for w in waves
+                ),
+            ),
+        )
+    if c.moments is None:
+        return
+    for axis in range(3):
+        waves = smooth(c.moments[:, 0, axis], c.fitted, 3)
+        if waves and np.ptp(c.moments[c.fitted, 0, axis]) > 1e-3:
+            turns = [Parameter("", "rad", (Term(0, f"r{'xyz'[axis]}", w),), ANGLE) for w in waves]
+            yield Cell("base", "base moment", (tuple(turns),))
+
+
+Mover = Callable[[np.ndarray], list[Parameter]]
+
+
+def movers(c: Circumstances) -> dict[str, Mover]:
+    """Every site that may wander with time, and the parameters that a driver gives it."""
+
+    def frame(f: int, axes: tuple[str, ...]) -> Mover:
+        return lambda d: [
+            Parameter(
+                "",
+                "m" if a[0] == "t" else "rad",
+                (Term(f, a, d),),
+                LENGTH if a[0] == "t" else ANGLE / 2,
+            )
+            for a in axes
+        ]
+
+    def joint(j: int) -> Mover:
+        return lambda d: [Parameter("", "rad", moved(c, j, d), ANGLE)]
+
+    def contact(rows: np.ndarray) -> Mover:
+        return lambda d: [Parameter("", "m", (Term(CONTACT, "normal", d * rows),), LENGTH)]
+
+    out = {"base": frame(0, ("tx", "ty", "tz", "rx", "ry", "rz"))}
+    out |= {f"joint {j}": joint(j) for j in range(1, c.robot.n + 1)}
+    out["tool"] = frame(c.chain.n + 1, ("tx", "ty", "tz"))
+    if np.any(c.touching):
+        out["probe"] = contact(c.touching.astype(float))
+    out |= {face.name: contact(face.rows) for face in c.faces}
+    return out
+
+
+def _time(c: Circumstances) -> Iterator[Cell]:
+    clocks = [("time", np.arange(len(c.q), dtype=float) if c.time is None else c.time)]
+    if c.temperature is not None:
+        clocks.append(("temperature", c.temperature))
+    order = np.arange(len(c.q))
+    count = len(c.fitted)
+    at = np.linspace(FEWEST, count - FEWEST, MOMENTS if count > 3 * FEWEST else 0).round().astype(int)
+    for site, move in movers(c).items():
+        for name, clock in clocks:
+            waves = smooth(clock, c.fitted, 3 if site == "base" else WAVES)
+            yield Cell(site, name, (tuple(p for w in waves for p in move(w)),) if waves else ())
+        steps = [tuple(move((order >= c.fitted[k]).astype(float))) for k in at]
+        yield Cell(site, "moment", tuple(steps))
+
+
+def _sway(c: Circumstances) -> Iterator[Cell]:
+    """A base that swings, a few times to many times a session."""
+    clock = np.arange(len(c.q), dtype=float) if c.time is None else c.time
+    span = float(np.ptp(clock[c.fitted]))
+    if not span > 0:
+        return
+    base, sets = movers(c)["base"], []
+    for turns in TURNS:
+        phase = 2 * np.pi * turns * clock / span
+        sets.append((*base(np.sin(phase)), *base(np.cos(phase))))
+    yield Cell("base", "time, to and fro", tuple(sets))
+
+
+def _region(c: Circumstances) -> Iterator[Cell]:
+    """A probe that errs by where in the workspace it touches: all over, or at one place."""
+    if not np.any(c.touching):
+        return
+    place = reference.points(c.chain, c.q, c.tool_centres[c.tool])
+    low, high = place[c.fitted].min(axis=0), place[c.fitted].max(axis=0)
+    half = np.maximum(0.5 * (high - low), 1e-3)
+    u = np.clip((place - 0.5 * (low + high)) / half, -1.2, 1.2)
+    on = c.touching.astype(float)
+    products = [u[:, i] * u[:, j] for i in range(3) for j in range(i, 3)]
+    yield Cell("probe", "place in the workspace", (_contact(on, [*u.T, *products]),))
+    spots = [
+        np.exp(-0.5 * np.sum(((u - at) / SPOT) ** 2, axis=1)) for at in itertools.product(GRID, repeat=3)
+    ]
+    seen = [s for s in spots if np.sum(s[c.fitted] > 0.5) >= FEWEST / 2]
+    yield Cell("probe", "place in the workspace, one region", tuple(_contact(on, [s]) for s in seen))
+
+
+def _probe(c: Circumstances) -> Iterator[Cell]:
+    if not np.any(c.touching):
+        return
+    x, y, z = np.where(c.touching[:, None], c.approach, 0.0).T
+    second = [x * y, y * z, z * x, x * x - y * y, 3 * z * z - 1.0]
+    third = [
+        x * (x * x - 3 * y * y),
+        y * (3 * x * x - y * y),
+        z * (x * x - y * y),
+        x * y * z,
+        x * (5 * z * z - 1),
+    ]
+    third += [y * (5 * z * z - 1), z * (5 * z * z - 3)]
+    on = c.touching.astype(float)
+    yield Cell("probe", "direction of contact", (_contact(on, second + third),))
+    if c.speed is not None:
+        waves = smooth(np.where(c.touching, c.speed, 0.0), c.fitted, 2)
+        yield Cell("probe", "speed", (_contact(on, waves),) if waves else ())
+
+
+def _contact(on: np.ndarray, drivers: list[np.ndarray]) -> tuple[Parameter, ...]:
+    return tuple(Parameter("", "m", (Term(CONTACT, "normal", on * d),), LENGTH) for d in drivers)
+
+
+def _faces(c: Circumstances) -> Iterator[Cell]:
+    for face in c.faces:
+        spots = []
+        for width, grid in SPOTS:
+            for at in itertools.product(grid, repeat=2):
+                spot = np.exp(-0.5 * np.sum(((face.place - at) / width) ** 2, axis=1)) * face.rows
+                if np.sum(spot[c.fitted] > 0.5) >= FEWEST_ON_SPOT:
+                    spots.append(_contact(face.rows, [spot]))
+        yield Cell(face.name, "place on the face, one spot", tuple(spots))
+        yield Cell(
+            face.name,
+            "place on the face",
+            (_contact(face.rows, [v for _, _, v in shapes(face)]),),
+            known=True,
+        )

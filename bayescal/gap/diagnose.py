@@ -1,0 +1,278 @@
+"""The diagnosis, end to end: fit, search, weigh, refit, and all that is to be said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.dataset import Dataset
+from bayescal.effects import EFFECTS, Circumstances
+from bayescal.effects.compliance import expected
+from bayescal.estimate import Estimate, calibrated, estimate
+from bayescal.gap.advise import advise
+from bayescal.gap.blind import blind_spots, unseen
+from bayescal.gap.candidates import Candidates, candidates, wide
+from bayescal.gap.cells import cells
+from bayescal.gap.gate import worse
+from bayescal.gap.heldout import HeldOut, held_out
+from bayescal.gap.ladder import ladder
+from bayescal.gap.magnitude import magnitude, noise_floor
+from bayescal.gap.margins import margins
+from bayescal.gap.masses import masses
+from bayescal.gap.notes import cautions, play_or_late, warnings
+from bayescal.gap.problem import Problem, Slopes, State, again, fit_state, of_paper, without_nuisance
+from bayescal.gap.refit import model_name, refit
+from bayescal.gap.result import Gap, Hypothetical, Named, Place, Verdict
+from bayescal.gap.screen import screened
+from bayescal.gap.search import Hypothesis, Member, Search
+from bayescal.gap.shrinkage import shrinkage
+from bayescal.gap.unknown import Pool
+from bayescal.gap.verdict import Decision, decide
+from bayescal.gap.where import places, places_named
+from bayescal.model import with_parameters
+from bayescal.scene import Scene
+
+COMPLIANCE = "compliance"
+PROMOTED = 3.0
+"""Nats that compliance must bring for a model without it to be judged with it."""
+ADVISED = 3
+"""Pairs that advice is given for."""
+UNSEEN = "no contact of this session would show it at any size worth trying"
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Examined:
+    """One baseline and everything that was weighed beside it."""
+
+    fitted: Estimate
+    circumstances: Circumstances
+    candidates: Candidates
+    problem: Problem
+    pool: Pool
+    search: Search
+    decision: Decision
+
+
+def with_compliance(c: Circumstances, fitted: Estimate) -> Circumstances:
+    """Circumstances with the compliances that a fit found: other effects act through them."""
+    known = expected(c.robot).copy()
+    values = fitted.model.physical(fitted.z)
+    for value, p in zip(values, fitted.model.parameters, strict=False):
+        if p.effect == COMPLIANCE:
+            known[int(p.site.removeprefix("joint ")) - 1] = max(value, 0.2 * p.centre)
+    return replace(c, compliance=known)
+
+
+def examine(scene: Scene, effects: tuple[str, ...], robust: bool, prior_width: float) -> Examined:
+    """Fit a baseline where the arm was found to stand, and weigh everything that it leaves out."""
+    fitted = calibrated(scene, effects, prior_width, robust)
+    stands = fitted.model.scene
+    c = with_compliance(stands.circumstances(stands.rows("calibrate")), fitted)
+    known, generic = candidates(c, effects), cells(c)
+    nuisance = masses(c, stands.delta) if COMPLIANCE in effects else []
+    slopes = Slopes.of(fitted, [p for p in known.pool if of_paper(p)])
+    p = slopes.problem(fitted.z, known.pool, nuisance)
+    if any(wide(effect, c) for effect in EFFECTS.values()):
+        states = [fit_state(p, (), (), robust=r) for r in ((True, False) if robust else (False,))]
+        known = screened(known, slopes, states, c, effects)
+        p = slopes.problem(fitted.z, known.pool, nuisance)
+    pool = Pool.of(generic, slopes.columns([q for cell in generic for own in cell.sets for q in own]))
+    search = Search(p, known, robust)
+    search.run()
+    return Examined(fitted, c, known, p, pool, search, decide(search, pool))
+
+
+def diagnose(
+    dataset: Dataset,
+    effects: tuple[str, ...] = ("geometry", COMPLIANCE),
+    seed: int = 0,
+    robust: bool = True,
+    prior_width: float = 1.0,
+    progress: Progress = lambda stage, fraction: None,
+) -> Gap:
+    """Diagnose the gap between a calibrated model and the machine.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    effects : tuple of str
+        The model as it stands: names of `effects.EFFECTS`.
+    seed : int
+        Of intervals; one seed, one result.
+    robust : bool
+        Let every hypothesis leave out its outliers.
+    prior_width : float
+        Factor on the prior standard deviations of the arm.
+    progress : callable
+        Told the stage and the fraction of it that is done.
+
+    Raises
+    ------
+    BayescalError
+        Where the session cannot be fitted, with the reason.
+    """
+    progress("estimate", 0.0)
+    scene = Scene(dataset)
+    first = examine(scene, effects, robust, prior_width)
+    progress("search", 0.3)
+    last, promoted = first, _promoted(first)
+    if promoted:
+        last = examine(scene, (*effects, COMPLIANCE), robust, prior_width)
+    progress("refit", 0.6)
+    before = held_out(first.fitted)
+    last, final, after = _confirmed(last, held_out(last.fitted) if promoted else before, robust)
+    members = last.decision.members
+    noise = noise_floor(final, after.main)
+    progress("report", 0.8)
+    size = magnitude(first.fitted, final, before, after, seed)
+    chosen = last.decision.hypothesis
+    verdict = _verdict(last, promoted)
+    changed = bool(members) or promoted
+    rungs = _rungs(scene, effects, prior_width, robust, first.fitted, last, promoted)
+    plain = without_nuisance(last.problem, last.fitted.model.size)
+    named = tuple(m.effect for m in members)
+    spots = blind_spots(last.fitted, last.candidates, plain, again(chosen.state, plain), named)
+    pairs = [
+        (replace(a, state=again(a.state, plain)), replace(b, state=again(b.state, plain)))
+        for a, b in _rivals(last)
+    ]
+    return Gap(
+        dataset=dataset,
+        baseline=effects,
+        seed=seed,
+        magnitude=size,
+        where=_where(first, last, promoted, noise.sd),
+        margins=margins(first.fitted, before, noise.sd, noise.dof),
+        verdict=verdict,
+        shrinkage=shrinkage(before, after, noise.sd, seed, noise.dof) if changed else (),
+        ladder=ladder(rungs),
+        advice=advise(last.fitted, last.candidates, pairs),
+        blind_spots=unseen(spots),
+        residuals=_residuals(first.fitted, final),
+        warnings=warnings(first.fitted, final, before, after),
+    )
+
+
+def _confirmed(e: Examined, before: HeldOut, robust: bool) -> tuple[Examined, Estimate, HeldOut]:
+    """The refit with what was named, less the names that make held-out measurements worse."""
+    d = e.decision
+    while d.members:
+        final = refit(e.fitted, e.candidates.pool, d.members, robust)
+        after = held_out(final)
+        spoilt = worse(before, after)
+        if not spoilt:
+            return replace(e, decision=d), final, after
+        *kept, last = d.members
+        withheld = f"{last.effect} explains the fitted contacts but spoils what was held out: {spoilt}"
+        kind = "ambiguous" if d.kind == "named" else d.kind if kept else "unknown"
+        footnotes = (*d.footnotes, withheld)
+        d = replace(d, kind=kind, hypothesis=e.search.hypothesis(kept), footnotes=footnotes)
+    return replace(e, decision=d), e.fitted, before
+
+
+def _where(first: Examined, last: Examined, promoted: bool, noise: float) -> tuple[Place, ...]:
+    """Places of compliance where that was missing, then of all else."""
+    out: tuple[Place, ...] = ()
+    null = first.search.hypotheses[frozenset()].state
+    if promoted:
+        every = max(first.candidates.variants[COMPLIANCE], key=lambda v: len(v.columns))
+        own = first.search.hypothesis([Member(every, 1.0, 0.0)])
+        excess, size = _excess(null, own.state, noise), first.fitted.model.size
+        out = places_named(own, first.candidates.pool, first.circumstances, excess, size)
+        null = last.search.hypotheses[frozenset()].state
+    chosen, size = last.decision.hypothesis, last.fitted.model.size
+    excess = _excess(null, chosen.state, noise)
+    return (*out, *places(chosen, last.pool, last.candidates.pool, last.circumstances, excess, size))
+
+
+def _excess(null: State, chosen: State, noise: float) -> float:
+    """Excess variance of a contact under the model as it stands, m2.
+
+    Over the noise, or, where that is known less well, over what the chosen hypothesis leaves.
+    """
+    p = null.problem
+    keep = chosen.weight[: p.count] > 0
+    square, left = (float(np.mean((s.residual[: p.count] * p.sigma)[keep] ** 2)) for s in (null, chosen))
+    own = noise**2 * (1.0 - null.taken / max(float(np.sum(keep)), 1.0))
+    return max(square - min(own, left), 0.0)
+
+
+def _promoted(first: Examined) -> bool:
+    """Whether a model without compliance is to be judged with it: much else acts through compliance."""
+    if COMPLIANCE not in first.candidates.variants:
+        return False
+    sets = first.search.hypotheses
+    own = sets.get(frozenset((COMPLIANCE,)))
+    best = max(sets.values(), key=lambda h: h.score)
+    gained = own is not None and own.score - sets[frozenset()].score > PROMOTED
+    return gained and COMPLIANCE in best.names
+
+
+def _verdict(e: Examined, promoted: bool) -> Verdict:
+    d = e.decision
+    probability = dict(d.probability)
+    named = [_named(m, d, e) for m in d.members]
+    kind, credible = d.kind, d.credible
+    if promoted:
+        sure = 1.0
+        probability |= {COMPLIANCE: sure, "null": 0.0}
+        compliance = Named(COMPLIANCE, COMPLIANCE, "", "", sure, float("nan"))
+        named, credible = [compliance, *named], (COMPLIANCE, *credible)
+        kind = {"null": "named", "unknown": "named+unexplained"}.get(kind, kind)
+    return Verdict(
+        kind,
+        tuple(named),
+        probability,
+        credible,
+        tuple(Hypothetical(w.effects, w.probability, w.log_evidence) for w in d.weighed[:12]),
+        d.footnotes,
+        e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
+        (*play_or_late(d.alone, e.pool, d.credible), *cautions(e.fitted.model.scene.dataset)),
+    )
+
+
+def _named(member, d: Decision, e: Examined) -> Named:
+    v = member.variant
+    scan = EFFECTS[v.effect].scan
+    setting = scan.words.format(v.setting) if scan is not None and v.setting is not None else ""
+    return Named(v.effect, model_name(member), v.site, setting, d.probability[v.effect], d.needed[v.effect])
+
+
+def _rungs(
+    scene: Scene, effects: tuple[str, ...], width: float, robust: bool, baseline: Estimate, last: Examined,
+    promoted: bool,
+) -> list[tuple[tuple[str, ...], Estimate]]:  # fmt: skip
+    """Nominal, each effect of the baseline, then each that was named, in the order in which they entered."""
+    out: list[tuple[tuple[str, ...], Estimate]]
+    out = [(("nominal",), estimate(with_parameters(scene, (), ()), robust=robust))]
+    for k in range(1, len(effects)):
+        out.append((effects[:k], calibrated(scene, effects[:k], width, robust)))
+    if effects:
+        out.append((effects, baseline))
+    if promoted:
+        out.append(((*effects, COMPLIANCE), last.fitted))
+    for k in range(1, len(last.decision.members) + 1):
+        found = refit(last.fitted, last.candidates.pool, last.decision.members[:k], robust)
+        out.append((found.model.effects, found))
+    return out
+
+
+def _rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:
+    """Pairs of hypotheses that the data cannot tell apart: the leader and those with a share of the doubt."""
+    named = [w for w in e.decision.weighed if w.cell is None]
+    leader = named[0]
+    rivals = [w for w in named[1:] if w.probability > 0.05 and w.hypothesis.names != leader.hypothesis.names]
+    return [(leader.hypothesis, w.hypothesis) for w in rivals[:ADVISED]]
+
+
+def _residuals(before: Estimate, after: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of the session, and residuals before and after at each, m."""
+    rows, old, new = [], [], []
+    for a, b in zip(before.model.blocks, after.model.blocks, strict=True):
+        rows.append(np.tile(a.rows, a.kind.rows))
+        old.append(before.residuals(a).ravel())
+        new.append(after.residuals(b).ravel())
+    return np.concatenate(rows), np.concatenate(old), np.concatenate(new)

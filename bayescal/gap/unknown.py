@@ -1,0 +1,107 @@
+"""'Something else': the evidence of generic cells beside a hypothesis, every one with its own outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayescal.gap.cells import Cell
+from bayescal.gap.evidence import SCALE_PRIOR, SCALES, log_bayes, log_sum, project
+from bayescal.gap.problem import State, fit_state
+from bayescal.gap.search import Hypothesis
+
+SITES = {"joint": 0.35, "link": 0.1, "base": 0.15, "tool": 0.1, "probe": 0.2}
+"""Where something unknown may sit, before one looks."""
+FACES = 0.1
+"""The rest: faces, one after another."""
+TRIED = 3
+"""Cells that are fitted with outliers of their own."""
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Cells and their columns (R, K): `sets` are columns, `owner` the cell of each set."""
+
+    cells: tuple[Cell, ...]
+    columns: np.ndarray
+    sets: tuple[np.ndarray, ...]
+    owner: np.ndarray
+
+    @cached_property
+    def log_prior(self) -> np.ndarray:
+        """Log weight of every cell among what may be unknown, (cells,): -inf for what has a name."""
+        kinds = [next((k for k in SITES if cell.site.startswith(k)), "") for cell in self.cells]
+        known = np.array([cell.known for cell in self.cells])
+        weight = np.array([SITES.get(k, FACES) / kinds.count(k) for k in kinds])
+        weight[known] = 0.0
+        with np.errstate(divide="ignore"):
+            return np.log(weight / np.sum(weight))
+
+    @classmethod
+    def of(cls, cells: Sequence[Cell], columns: np.ndarray) -> Pool:
+        """Number the columns of cells, which stand in their order."""
+        sets, owner, first = [], [], 0
+        for i, cell in enumerate(cells):
+            for own in cell.sets:
+                sets.append(np.arange(first, first + len(own)))
+                owner.append(i)
+                first += len(own)
+        return cls(tuple(cells), columns, tuple(sets), np.array(owner, int))
+
+
+@dataclass(frozen=True)
+class Found:
+    """One cell against a hypothesis: nats averaged over its sets and scales, its best set and scale."""
+
+    cell: int
+    gain: float
+    best: int  # set of the pool
+    scale: float
+
+
+def found(state: State, pool: Pool) -> list[Found]:
+    """What every cell would add to a state."""
+    bayes = log_bayes(project(state, pool.columns), pool.sets) + SCALE_PRIOR
+    out = []
+    for i in range(len(pool.cells)):
+        own = np.flatnonzero(pool.owner == i)
+        table = bayes[own]
+        j, k = np.unravel_index(int(np.argmax(table)), table.shape)
+        gain = float(log_sum(table) - np.log(len(own)))
+        out.append(Found(i, gain, int(own[j]), float(SCALES[k])))
+    return out
+
+
+def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray | None = None) -> State:
+    """A state with one set of a pool's columns added."""
+    p = state.problem
+    own = pool.sets[at]
+    width = p.pool.shape[1]
+    wide = replace(p, pool=np.column_stack([p.pool, pool.columns[:, own]]))
+    columns = np.concatenate([state.columns, np.arange(width, width + len(own))])
+    return fit_state(wide, columns, np.concatenate([state.scales, np.full(len(own), scale)]), start)
+
+
+def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[Found]]:
+    """Log evidence of 'something else' over a hypothesis, averaged over cells, and each cell's own.
+
+    Where the hypothesis leaves contacts out, the leading cells are tried on all of them: a defect at one
+    place looks like a handful of outliers.
+    """
+    state = hypothesis.state
+    cells = found(state, pool)
+    if state.gross:
+        whole = fit_state(state.problem, state.columns, state.scales, robust=False)
+        full = found(whole, pool)
+        for rank in sorted(full, key=lambda f: -f.gain)[:TRIED]:
+            fitted = [with_set(state, pool, rank.best, s).log_evidence for s in SCALES]
+            sets = int(np.sum(pool.owner == rank.cell))
+            gain = float(log_sum(np.array(fitted) + SCALE_PRIOR)) - state.log_evidence - np.log(sets)
+            if gain > cells[rank.cell].gain:
+                cells[rank.cell] = replace(
+                    rank, gain=gain, scale=float(SCALES[int(np.argmax(fitted + SCALE_PRIOR))])
+                )
+    return float(log_sum(np.array([f.gain for f in cells]) + pool.log_prior)), cells

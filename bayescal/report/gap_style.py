@@ -1,0 +1,55 @@
+"""How the pictures of a diagnosis look."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+INK = "#22313f"
+GREY = "#7b8794"
+FAINT = "#c3ccd5"
+NOISE = "#edf1f5"
+ACCENT = "#1b4f72"
+GUILTY = "#c0392b"
+SERIES = ("#1b4f72", "#d68910", "#3a8f6b", "#8e5ea2", "#5b8db8", "#a0522d")
+DPI = 130
+WIDTH = 58
+"""Letters in a line of a remark."""
+
+
+def figure(width: float, height: float, title: Sequence[str]) -> Figure:
+    """A new figure (inches) that nothing but its owner knows, with the first lines of a title."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    out = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(out)
+    out.suptitle("\n".join(title), x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold")
+    return out
+
+
+def tidy(axes: Any) -> None:
+    """No frame where nothing is read off, and letters that can be read at 1200 pixels."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=9.5, colors=INK)
+    axes.title.set_fontsize(10.5)
+    axes.title.set_color(GREY)
+    for at in ("left", "right"):
+        axes.set_title(axes.get_title(at), loc=at, fontsize=10.5, color=GREY)
+    axes.xaxis.label.set(fontsize=10, color=INK)
+    axes.yaxis.label.set(fontsize=10, color=INK)
+    for text in axes.texts:
+        text.set_fontsize(9)
+    legend = axes.get_legend()
+    for text in legend.get_texts() if legend else ():
+        text.set_fontsize(9.5)
+
+
+def remark(axes: Any, words: str, x: float, y: float, side: str) -> None:
+    """Words inside the axes, at a fraction of them."""
+    lines = textwrap.fill(words, WIDTH)
+    axes.text(x, y, lines, transform=axes.transAxes, ha=side, va="bottom", color=GREY)

@@ -1,0 +1,22 @@
+"""How every record begins: what it is, of which data, made by what."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterable
+from importlib.metadata import version
+from typing import Any
+
+from bayescal import __version__
+from bayescal.dataset import Dataset
+
+
+def origin(schema: str, dataset: Dataset, seed: int, libraries: Iterable[str]) -> dict[str, Any]:
+    """Schema, dataset with its hash, versions of ourselves and of the libraries, seed."""
+    return {
+        "schema": schema,
+        "dataset": {"name": dataset.name, "sha256": dataset.sha256},
+        "software": {"bayescal": __version__, "python": platform.python_version()}
+        | {name: version(name) for name in libraries},
+        "seed": seed,
+    }

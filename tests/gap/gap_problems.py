@@ -1,0 +1,118 @@
+"""Linear problems that the tests of the engine share: sessions of every kind, linearised without a fit."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bayescal.dataset import Dataset, Noise, Target
+from bayescal.effects import Circumstances
+from bayescal.estimate import Estimate, linearise, unit_weights
+from bayescal.gap.candidates import Candidates, candidates
+from bayescal.gap.cells import cells
+from bayescal.gap.evidence import project
+from bayescal.gap.masses import masses
+from bayescal.gap.problem import Problem, Slopes, State, fit_state, of_paper
+from bayescal.gap.search import Search
+from bayescal.gap.unknown import Pool
+from bayescal.gap.verdict import Decision, decide
+from bayescal.model import build
+from bayescal.scene import Scene
+
+BASELINE = ("geometry", "compliance")
+
+
+def unsolved(
+    dataset: Dataset, effects: tuple[str, ...] = BASELINE, off: float = 0.1, seed: int = 0
+) -> Estimate:
+    """A model `off` prior standard deviations from its drawing, as if that were its estimate."""
+    model = build(Scene(dataset), effects)
+    z = off * np.random.default_rng(seed).standard_normal(model.size)
+    weights = unit_weights(model, z)
+    rejected, dof = np.zeros(0, int), dict.fromkeys(weights.scale, 10.0)
+    return Estimate(model, z, np.eye(model.size), weights, linearise(model, z, weights), 0, rejected, dof)
+
+
+def of_every_kind(dataset: Dataset) -> Dataset:
+    """The session with its contacts shared out to targets of every kind, close by."""
+    points = Scene(dataset).points
+    m = dataset.measurements
+    count, planes = len(points), len(dataset.targets)
+    kinds = ("sphere", "cylinder", "fixed-point", "distance", "instrument")
+    middle, radius = points.mean(axis=0), 3e-3
+    values = (
+        {"centre": middle, "diameter": 0.02},
+        {"point": middle, "axis": np.array([0.6, 0.0, 0.8]), "diameter": 0.03},
+        {"centre": middle},
+        {"centre": middle + 0.3, "length": float("nan")},
+        {"xyz": np.array([2.0, 0.3, 0.5]), "rpy": np.radians([5.0, -3.0, 170.0])},
+    )
+    targets = [Target(kind, kind, value) for kind, value in zip(kinds, values, strict=True)]
+    target = np.where(np.arange(count) % 2, m.target, planes + (np.arange(count) // 2) % len(kinds))
+    reads = target == planes + kinds.index("instrument")
+    length = np.where(target == planes + kinds.index("distance"), 0.4, np.nan)
+    xyz = np.where(reads[:, None], points + radius, np.nan)
+    return replace(
+        dataset,
+        folder=Path(),
+        noise=Noise(contact=5e-6, point=8e-6),
+        targets=(*dataset.targets, *targets),
+        measurements=replace(m, target=target, xyz=xyz, length=length),
+    )
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A session linearised once, whose residuals can be made up."""
+
+    known: Candidates
+    slopes: Slopes
+    problem: Problem
+    pool: Pool
+    circumstances: Circumstances
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> "Bench":
+        fitted = unsolved(dataset, off=0.0)
+        scene = fitted.model.scene
+        c = scene.circumstances(scene.rows("calibrate"))
+        known, generic = candidates(c, BASELINE), cells(c)
+        slopes = Slopes.of(fitted, [p for p in known.pool if of_paper(p)])
+        pool = Pool.of(generic, slopes.columns([q for cell in generic for own in cell.sets for q in own]))
+        p = slopes.problem(np.zeros(fitted.model.size), known.pool, masses(c))
+        return cls(known, slopes, p, pool, c)
+
+    def made_up(self, seed: int, contribution: np.ndarray | float = 0.0, gross: float = 0.0) -> Problem:
+        """The problem with noise, a drawn arm, what is added, and a share of gross contacts."""
+        rng = np.random.default_rng(seed)
+        p = self.problem
+        noise = rng.standard_normal(len(p.residual))
+        bad = rng.choice(p.count, round(gross * p.count), replace=False)
+        noise[bad] += rng.uniform(8, 80, len(bad)) * rng.choice([-1, 1], len(bad))
+        drawn = p.jacobian @ rng.standard_normal(p.jacobian.shape[1])
+        return replace(p, residual=noise + drawn + contribution)
+
+    def null(self) -> State:
+        """The model as it stands, fitted to no residual at noise 1."""
+        p = replace(self.problem, residual=np.zeros_like(self.problem.residual))
+        return replace(fit_state(p, (), (), robust=False), kappa=1.0)
+
+    def visible(self, columns: np.ndarray, strength: float, seed: int) -> np.ndarray:
+        """A drawn mixture of columns (R, k) of which the model leaves so much, lambda, to be seen."""
+        state = self.null()
+        covariance = np.linalg.inv(state.design.T @ state.design + np.eye(state.design.shape[1]))
+        state = replace(state, covariance=covariance)
+        amplitude = np.random.default_rng(seed).standard_normal(columns.shape[1])
+        information = project(state, columns).information(np.arange(columns.shape[1]))
+        return columns @ amplitude * np.sqrt(strength / (amplitude @ information @ amplitude))
+
+    def of_effect(self, effect: str, strength: float, seed: int = 0, site: str = "") -> np.ndarray:
+        """Contribution (R,) of an effect of the pool, at its usual or its middle setting."""
+        own = [v for v in self.known.variants[effect] if v.site == site]
+        chosen = own[0] if own[0].setting is None and len(own) == 1 else own[len(own) // 2]
+        return self.visible(self.problem.pool[:, chosen.columns], strength, seed)
+
+    def decided(self, p: Problem) -> tuple[Decision, Search]:
+        search = Search(p, self.known)
+        search.run()
+        return decide(search, self.pool), search

@@ -1,0 +1,281 @@
+"""Oracles of the engine: columns, projections, evidences and states against dense linear algebra."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_problems import BASELINE, Bench, of_every_kind, unsolved
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal
+
+from bayescal.arm.statics import gravity_moments
+from bayescal.effects import EFFECTS
+from bayescal.effects.compliance import expected
+from bayescal.estimate import STATED_WORTH, linearise
+from bayescal.gap import evidence
+from bayescal.gap import masses as mass_errors
+from bayescal.gap.candidates import at_setting, candidates
+from bayescal.gap.evidence import SCALES, log_bayes, project
+from bayescal.gap.problem import Problem, Slopes, fit_state, of_paper, problem, without_nuisance
+from bayescal.gap.screen import screened
+from bayescal.model import ARM, with_parameters
+from bayescal.scene import Scene
+
+
+@pytest.fixture(scope="module")
+def session(cube):
+    return cube(seed=3, count=120).dataset
+
+
+@pytest.fixture(scope="module")
+def mixed(session):
+    return of_every_kind(session)
+
+
+def every_candidate(c, baseline):
+    """Parameters of every effect that the baseline leaves out, at its usual setting and at one of a scan."""
+    out = []
+    for effect in EFFECTS.values():
+        if effect.name in baseline or effect.missing(c):
+            continue
+        settings = [None] if effect.scan is None else [None, *effect.scan.values(c)[:1]]
+        for value in settings:
+            out += [replace(p, name=f"{p.name} {value}") for p in at_setting(effect, value, c)]
+    return out
+
+
+@pytest.mark.parametrize("kinds", ["planes", "every kind", "points"])
+def test_columns_are_those_of_a_model_that_has_the_parameters(kinds, session, mixed, tracker):
+    dataset = {"planes": session, "every kind": mixed, "points": tracker(seed=3).dataset}[kinds]
+    fitted = unsolved(dataset)
+    scales = {g: 1.0 + 0.5 * k for k, g in enumerate(fitted.weights.scale)}
+    fitted = replace(fitted, weights=replace(fitted.weights, scale=scales))
+    model, scene = fitted.model, fitted.model.scene
+    extra = every_candidate(scene.circumstances(scene.rows("calibrate")), BASELINE)
+    assert {p.effect for p in extra} >= (
+        {"step", "bending"} if kinds == "points" else set(EFFECTS) - set(BASELINE)
+    )
+    found = Slopes.of(fitted, [p for p in extra if of_paper(p)])
+
+    wide = with_parameters(scene, model.effects, (*model.parameters, *extra))
+    own, last = len(model.parameters), len(wide.parameters)
+    at_rest = -wide.shift[own:] / wide.sd[own:]
+    z = np.concatenate([fitted.z[model.slices[ARM]], at_rest, fitted.z[own:]])
+    count = {g: sum(b.residuals for b in model.blocks if b.group == g) for g in scales}
+    main = max(count, key=count.get)
+    weights = replace(fitted.weights, scale={g: s / scales[main] for g, s in scales.items()})
+    linear = linearise(wide, z, weights)
+    columns = linear.jacobian[:, own:last]
+    size = np.max(np.abs(columns), axis=0)
+    assert np.all(size > 0)
+    np.testing.assert_allclose(found.columns(extra) / size, columns / size, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.residual, linear.residual, rtol=1e-9, atol=1e-9)
+    kept = np.r_[0:own, last : wide.size]
+    np.testing.assert_allclose(found.jacobian, linear.jacobian[:, kept], rtol=1e-9, atol=1e-9)
+
+
+def test_rows_of_a_contact_stay_together(mixed):
+    fitted = unsolved(mixed)
+    p = problem(fitted, [])
+    assert p.pool.shape == (len(p.residual), 0)
+    readings = {b.target: b for b in fitted.model.blocks}
+    assert p.count == sum(b.residuals for b in fitted.model.blocks)
+    three = np.bincount(p.contact) == 3
+    asked = {int(r) for name in ("instrument", "fixed-point") for r in readings[name].rows}
+    assert set(p.rows[three].tolist()) == asked
+    assert sorted(p.rows.tolist()) == list(range(len(mixed.measurements.ids)))
+
+
+def random_problem(seed=0, rows=60, ties=4, size=7, pool=6, amplitude=0.0):
+    """A problem without a robot: contacts, ties, a model's columns and a pool of unit size."""
+    rng = np.random.default_rng(seed)
+    jacobian = 3 * rng.standard_normal((rows + ties, size))
+    columns = rng.standard_normal((rows + ties, pool)) + 0.2 * jacobian[:, :1]
+    residual = 1.3 * rng.standard_normal(rows + ties) + jacobian @ rng.standard_normal(size)
+    residual += amplitude * columns[:, 0]
+    z = rng.standard_normal(size)
+    return Problem(residual, jacobian, columns, z, np.arange(rows), np.arange(rows), np.full(rows, 1e-6))
+
+
+def augmented(state):
+    """Whitened rows of a state's fit and of its prior: design, and residuals where it was linearised."""
+    p = state.problem
+    whiten = np.sqrt(state.weight)
+    whiten[: p.count] /= state.kappa
+    pull = np.concatenate([p.z, np.zeros(len(state.columns))])
+    design = np.vstack([state.design * whiten[:, None], np.eye(state.design.shape[1])])
+    return design, np.concatenate([p.residual * whiten, pull]), whiten
+
+
+@pytest.fixture
+def state():
+    p = random_problem()
+    start = np.ones(len(p.residual))
+    start[[3, 17]] = 0.0
+    return fit_state(p, [5], [0.5], start, robust=False)
+
+
+def test_projection_is_that_of_the_augmented_normal_equations(state):
+    design, residual, whiten = augmented(state)
+    pool = np.vstack([state.problem.pool * whiten[:, None], np.zeros((design.shape[1], 6))])
+    free = np.eye(len(design)) - design @ np.linalg.solve(design.T @ design, design.T)
+    seen = project(state, state.problem.pool)
+    every = np.arange(6)
+    np.testing.assert_allclose(seen.information(every), pool.T @ free @ pool, atol=1e-9)
+    np.testing.assert_allclose(seen.information(every[2:4]), (pool.T @ free @ pool)[2:4, 2:4], atol=1e-9)
+    np.testing.assert_allclose(seen.score, -pool.T @ free @ residual, atol=1e-9)
+
+
+def covariance_of(state, columns, scale):
+    """Prior covariance of the whitened residuals with further columns, and the residuals less their mean."""
+    p = state.problem
+    design, _, whiten = augmented(state)
+    keep = whiten > 0
+    by = design[: len(whiten)][keep]
+    pull = np.concatenate([p.z, np.zeros(len(state.columns))])
+    y = (p.residual * whiten)[keep] - by @ pull
+    x = (p.pool[:, columns] * whiten[:, None])[keep] * scale
+    return y, by @ by.T + x @ x.T, by @ by.T
+
+
+@pytest.mark.parametrize("columns", [[0], [1, 2], [0, 3, 4]])
+def test_evidence_at_one_noise_is_the_ratio_of_two_normal_densities(state, columns, monkeypatch):
+    monkeypatch.setattr(evidence, "NOISE", np.array([1.0]))
+    (table,) = log_bayes(project(state, state.problem.pool), [np.array(columns)])
+    for scale, found in zip(SCALES, table, strict=True):
+        y, with_it, without = covariance_of(state, columns, scale)
+        unit = np.eye(len(y))
+        exact = multivariate_normal.logpdf(y, cov=unit + with_it) - multivariate_normal.logpdf(
+            y, cov=unit + without
+        )
+        assert found == pytest.approx(exact, abs=1e-8)
+
+
+@pytest.mark.parametrize("amplitude", [0.0, 1.5])
+def test_evidence_over_the_noise_is_its_integral(amplitude):
+    state = fit_state(random_problem(rows=100, ties=0, amplitude=amplitude), (), (), robust=False)
+    y, _, _ = covariance_of(state, [0], 1.0)
+    (table,) = log_bayes(project(state, state.problem.pool), [np.array([0])])
+    worth = STATED_WORTH / state.kappa**2
+
+    def density(log_noise, values, square, at):
+        """Of the noise scale and the residuals, rotated to where their covariance is diagonal."""
+        noise = np.exp(log_noise)
+        own = -0.5 * np.sum(np.log(values + noise**2) + square / (values + noise**2))
+        return np.exp(own - STATED_WORTH * log_noise - 0.5 * worth / noise**2 - at)
+
+    for scale, found in list(zip(SCALES, table, strict=True))[1::4]:
+        _, with_it, without = covariance_of(state, [0], scale)
+        forms = [(v, (q.T @ y) ** 2) for v, q in map(np.linalg.eigh, (with_it, without))]
+        at = np.log(density(0.0, *forms[1], 0.0))
+        ratio = [quad(density, -1.6, 1.0, args=(*form, at))[0] for form in forms]
+        exact = np.log(ratio[0] / ratio[1])
+        assert found == pytest.approx(exact, abs=0.1 + 0.02 * abs(exact))
+
+
+def test_state_is_the_linear_fit_of_the_rows_that_it_kept():
+    p = random_problem(amplitude=2.0)
+    bad = np.array([4, 20, 41])
+    residual = p.residual.copy()
+    residual[bad] += [40.0, -25.0, 90.0]
+    p = replace(p, residual=residual)
+    found = fit_state(p, [0, 1], [1.0, 0.5])
+    np.testing.assert_array_equal(np.flatnonzero(found.weight == 0), bad)
+    assert found.gross == 3
+    design, residual, whiten = augmented(found)
+    step = np.linalg.lstsq(design, -residual, rcond=None)[0]
+    np.testing.assert_allclose(found.step, step, atol=1e-8)
+    np.testing.assert_allclose(found.residual, p.residual + found.design @ step, atol=1e-7)
+    np.testing.assert_allclose(found.amplitudes, step[-2:] * [1.0, 0.5], atol=1e-8)
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(design.T @ design), atol=1e-9)
+    contacts = design[: p.count][found.weight[: p.count] > 0]
+    taken = np.trace(contacts @ found.covariance @ contacts.T)
+    assert found.taken == pytest.approx(taken, abs=1e-6)
+    chi2 = np.sum((found.residual * (whiten > 0))[: p.count] ** 2)
+    dof = 60 - 3 - taken + STATED_WORTH
+    assert found.dof == pytest.approx(dof, abs=1e-6)
+    assert found.kappa == pytest.approx(np.sqrt((chi2 + STATED_WORTH) / dof), rel=1e-3)
+
+
+@pytest.mark.parametrize("columns", [[0], [1], [0, 3]])
+def test_evidences_of_states_differ_by_their_bayes_factors(columns):
+    """By two roads: fitted with the columns, and predicted from the state without them."""
+    p = random_problem(rows=150, amplitude=0.8)
+    null = fit_state(p, (), (), robust=False)
+    (table,) = log_bayes(project(null, p.pool), [np.array(columns)])
+    for scale, found in zip(SCALES, table, strict=True):
+        wider = fit_state(p, columns, np.full(len(columns), scale), robust=False)
+        assert wider.log_evidence - null.log_evidence == pytest.approx(found, abs=0.2 + 0.03 * abs(found))
+
+
+def test_a_contact_of_three_rows_is_left_out_as_one():
+    p = random_problem()
+    residual = p.residual.copy()
+    residual[10] += 60.0
+    p = replace(p, residual=residual, contact=np.arange(60) // 3, rows=np.arange(20))
+    found = fit_state(p, (), ())
+    np.testing.assert_array_equal(np.flatnonzero(found.weight == 0), [9, 10, 11])
+    assert found.gross == 1
+
+
+def test_columns_of_masses_are_differences_of_gravity_moments(cube):
+    scene = Scene(cube(seed=3, count=24).dataset)
+    delta = 1e-3 * np.random.default_rng(0).standard_normal((24, 8, 6))
+    c = replace(scene.circumstances(scene.rows("calibrate")), compliance=np.full(6, 2e-5))
+    robot = c.robot
+
+    def torque(masses=robot.masses, centres=robot.centres_of_mass, load=c.load_mass, at=c.load_centre):
+        changed = replace(robot, masses=masses, centres_of_mass=centres)
+        return gravity_moments(changed, c.chain, c.q, c.gravity, load, at, delta)[:, 1:, 2]
+
+    before, found = torque(), {p.name: p for p in mass_errors.masses(c, delta)}
+    assert len(found) > 10
+    for name, p in found.items():
+        words = name.split()
+        axis = "xyz".find(words[-1])
+        if words[2] == "load":
+            if axis < 0:
+                after = torque(load=c.load_mass * (1 + mass_errors.LOAD_SHARE))
+            else:
+                after = torque(at=c.load_centre + mass_errors.OFF * np.eye(3)[axis])
+        else:
+            i = int(words[3]) - 1
+            masses, centres = robot.masses.copy(), robot.centres_of_mass.copy()
+            if axis < 0:
+                masses[i] *= 1 + mass_errors.SHARE
+            else:
+                centres[i, axis] += mass_errors.SHARE * abs(centres[i, axis]) + mass_errors.OFF
+            after = torque(masses, centres)
+        turns = np.zeros((24, 6))
+        for term in p.terms:
+            turns[:, term.frame - 1] += term.driver * p.sd
+        np.testing.assert_allclose(turns, 2e-5 * (after - before), atol=2e-11, err_msg=name)
+    assert np.all(expected(robot) >= 0)
+
+
+def test_nuisance_columns_come_last_and_can_be_taken_off(session):
+    fitted = unsolved(session)
+    scene = fitted.model.scene
+    c = scene.circumstances(scene.rows("calibrate"))
+    wide = problem(fitted, [], mass_errors.masses(c))
+    plain = without_nuisance(wide, fitted.model.size)
+    np.testing.assert_array_equal(plain.jacobian, problem(fitted, []).jacobian)
+    assert wide.jacobian.shape[1] == plain.jacobian.shape[1] + len(mass_errors.masses(c))
+
+
+def test_screening_finds_the_ratio_of_a_gear(session):
+    dataset = replace(session, robot=replace(session.robot, reductions=None))
+    bench = Bench.of(dataset)
+    c = bench.circumstances
+    assert "gear-mesh" not in candidates(c, BASELINE).variants
+    own = [p for p in at_setting(EFFECTS["gear-mesh"], 77.0, c) if p.site == "joint 3"]
+    p = bench.made_up(1, bench.visible(bench.slopes.columns(own), 150.0, 2))
+    known = screened(bench.known, bench.slopes, [fit_state(p, (), ())], c, BASELINE)
+    settings = {v.setting for v in known.variants["gear-mesh"]}
+    assert 77.0 in settings
+    assert len(settings) < 20
+    p = replace(p, pool=bench.slopes.columns(known.pool))
+    found, _ = replace(bench, known=known).decided(p)
+    assert [(m.effect, m.variant.setting, m.variant.site) for m in found.members] == [
+        ("gear-mesh", 77.0, "joint 3")
+    ]

@@ -1,0 +1,343 @@
+"""The diagnosis end to end: simulated sessions, worlds of another author, and whatever a session may lack."""
+
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayescal.cli import main
+from bayescal.dataset import Measurements, read_dataset, write_dataset
+from bayescal.errors import BayescalError
+from bayescal.estimate import estimate, settled
+from bayescal.gap.diagnose import diagnose
+from bayescal.gap.result import VERDICTS
+from bayescal.model import build
+from bayescal.report.gap_record import gap_record
+from bayescal.report.gap_summary import gap_summary
+from bayescal.scene import Scene
+from bayescal.simulate import Options, simulate
+
+SHARED = Path(__file__).parents[3] / "shared" / "data"
+LITTLE = {"contacts": 160, "later": 40, "repeats": 6, "spheres": 2, "placements": 2}
+KEYS = {
+    "schema", "baseline", "gap", "verdict", "effects", "credible_set90", "probability", "where",
+    "where_marginal", "shrinkage", "ladder", "next", "blind_spots",
+}  # fmt: skip
+"""Of gap.json, by the output contract."""
+MASSIVE = {"hardening", "bending", "base-compliance", "payload", "hysteresis"}
+"""Effects of gravity: no session shows them of a robot whose links have no masses."""
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    return simulate(Options(**LITTLE, seed=4)).dataset
+
+
+@pytest.fixture(scope="module")
+def loud():
+    """A session with play, by the simulator that shares this vocabulary."""
+    return simulate(Options(**LITTLE, seed=3, effects=("geometry", "compliance", "backlash"))).dataset
+
+
+@pytest.fixture(scope="module")
+def few(loud):
+    """Its first hundred contacts, and the later ones; gears known, so that nothing is scanned."""
+    m = loud.measurements
+    rows = np.sort(np.r_[np.flatnonzero(m.role == "calibrate")[:100], np.flatnonzero(m.role != "calibrate")])
+    return replace(some(loud, rows), robot=replace(loud.robot, reductions=np.full(6, 100.0)))
+
+
+def some(dataset, rows):
+    """The session with some of its rows."""
+    table = {f.name: getattr(dataset.measurements, f.name) for f in fields(Measurements)}
+    table = {k: None if v is None else np.asarray(v)[rows] for k, v in table.items()}
+    table |= {"ids": tuple(table["ids"].tolist()), "line": np.arange(2, len(rows) + 2)}
+    return replace(dataset, measurements=Measurements(**table))
+
+
+def printed(gap):
+    from rich.console import Console
+
+    console = Console(width=110, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(gap_summary(gap))
+    return console.export_text()
+
+
+def sane(gap):
+    """What holds of every diagnosis; its gap.json as written."""
+    record = json.loads(json.dumps(gap_record(gap), allow_nan=False))
+    assert record.keys() >= KEYS
+    assert record["verdict"] in VERDICTS
+    assert all(0.0 <= p <= 1.0 for p in record["probability"].values())
+    assert record["gap"]["noise_um"] > 0
+    assert record["gap"]["heldout_rms_um"] > 0
+    assert bool(record["named"]) == (record["verdict"] in ("named", "named+unexplained")) or (
+        record["verdict"] == "ambiguous"
+    )
+    assert not set(record["missing"]) & set(record["effects"])
+    for place in record["where"]:
+        assert place["site"]
+        assert 0.0 <= place["p_value"] <= place["family_p_value"] <= 1.0
+    text = printed(gap)
+    assert "nan" not in text.split()
+    assert "e+" not in text
+    return record
+
+
+def run(arguments, monkeypatch, capsys):
+    """The command: its exit code, what it printed, and what it complained of."""
+    monkeypatch.setattr("sys.argv", ["bayescal", "gap", *map(str, arguments)])
+    try:
+        main()
+        code = 0
+    except SystemExit as end:
+        code = int(end.code or 0)
+    out = capsys.readouterr()
+    return code, out.out, out.err
+
+
+def test_nothing_there_is_said(quiet):
+    gap = diagnose(quiet)
+    record = sane(gap)
+    assert gap.verdict.kind == "null"
+    assert not gap.verdict.named
+    assert not gap.shrinkage
+    assert record["effects"] == []
+    assert record["shrinkage"] == {"planes": None, "distances": None}
+    assert gap.where  # the largest place there is, for what it is worth
+    assert all(w.family_p_value > 0.01 for w in gap.where)
+    assert [s.model for s in gap.ladder] == [("nominal",), ("geometry",), ("geometry", "compliance")]
+    assert "explains these data" in printed(gap)
+
+
+def test_play_is_named_and_removed(loud, tmp_path, monkeypatch, capsys):
+    write_dataset(loud, tmp_path / "session")
+    out = tmp_path / "out"
+    code, text, errors = run([tmp_path / "session", "--out", out], monkeypatch, capsys)
+    assert code == 0, errors
+    assert "backlash" in text
+    record = json.loads((out / "gap.json").read_text())
+    assert record.keys() >= KEYS
+    assert (record["schema"], record["verdict"]) == ("bayescal-gap/1", "named")
+    assert record["effects"] == ["backlash"]
+    assert record["probability"]["backlash"] > 0.9
+    assert record["where"][0]["driver"].startswith("approach")
+    assert record["where"][0]["family_p_value"] < 1e-4
+    assert record["shrinkage"]["planes"]["removed"] > 0.8
+    assert record["shrinkage"]["distances"]["removed"] > 0.8
+    rungs = record["ladder"]
+    assert [r["model"][-1] for r in rungs] == ["nominal", "geometry", "compliance", "backlash"]
+    assert rungs[-1]["heldout_rms_um"] < 0.6 * rungs[-2]["heldout_rms_um"]
+    assert rungs[-1]["distance_rms_um"] < 0.6 * rungs[-2]["distance_rms_um"]
+    assert record["missing"] == {}
+    assert {p.name for p in out.iterdir()} == {
+        "gap.json", "gap-where.png", "gap-which.png", "gap-ladder.png", "gap-residuals.png",
+    }  # fmt: skip
+
+
+def test_one_seed_one_result(few):
+    first, second = (json.dumps(gap_record(diagnose(few, seed=5))) for _ in range(2))
+    assert first == second
+
+
+@pytest.mark.skipif(not (SHARED / "worlds-dev").is_dir(), reason="no shared data")
+@pytest.mark.parametrize("world", ["000", "005", "010", "017", "022"])
+def test_worlds_of_another_author(world):
+    truth = json.loads((SHARED / "worlds-dev" / "truth" / f"{world}.json").read_text())
+    gap = diagnose(read_dataset(SHARED / "worlds-dev" / world))
+    record = sane(gap)
+    kind = {"null": "null", "single": "named", "outside": "unknown"}[truth["kind"]]
+    assert gap.verdict.kind == kind
+    if kind == "null":
+        return
+    assert record["effects"] == truth["effects"]
+    assert gap.where[0].site == truth["where"][0]["site"]
+    assert gap.where[0].family_p_value < 1e-3
+    if kind == "named":
+        assert gap.where[0].explained_by == truth["effects"][0]
+        assert gap.ladder[-1].heldout_rms < gap.ladder[-2].heldout_rms
+
+
+def without_certificates_of(dataset, names):
+    return tuple(c for c in dataset.certificates if not set(c.targets) & set(names))
+
+
+def lacking(dataset, what):
+    """The session without something."""
+    m = dataset.measurements
+    if what in ("velocity", "time", "temperature", "repeat"):
+        return replace(dataset, measurements=replace(m, **{what: None}))
+    if what == "time and temperature":
+        return replace(dataset, measurements=replace(m, time=None, temperature=None))
+    if what == "validate rows":
+        return some(dataset, np.flatnonzero(m.role == "calibrate"))
+    if what == "encoders":
+        return replace(dataset, readings="command")
+    spheres = [k for k, t in enumerate(dataset.targets) if t.kind == "sphere"]
+    if what == "spheres":
+        balls = {dataset.targets[k].name for k in spheres}
+        left = some(dataset, np.flatnonzero(~np.isin(m.target, spheres)))
+        targets = tuple(t for t in dataset.targets if t.name not in balls)
+        return replace(left, targets=targets, certificates=without_certificates_of(dataset, balls))
+    assert what == "all planes but one"
+    return some(dataset, np.flatnonzero((m.target == 0) | np.isin(m.target, spheres)))
+
+
+CANNOT = {
+    "velocity": {"backlash", "latency"},
+    "time and temperature": {"thermal-drift"},
+    "all planes but one": {"artefact"},
+}
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        "velocity",
+        "time and temperature",
+        "repeat",
+        "validate rows",
+        "spheres",
+        "all planes but one",
+        "encoders",
+    ],
+)
+def test_whatever_a_session_lacks(what, few):
+    gap = diagnose(lacking(few, what))
+    record = sane(gap)
+    assert CANNOT.get(what, set()) <= set(gap.verdict.missing)
+    assert all(gap.verdict.missing.values())
+    if what == "validate rows":
+        assert record["gap"]["heldout"] == "left out one by one"
+        assert record["shrinkage"]["distances"] is None
+    if what == "repeat":
+        assert record["gap"]["noise_from"] == "fit"
+    if what == "encoders":
+        assert any("commanded" in note for note in gap.verdict.notes)
+    if what not in ("velocity", "all planes but one"):
+        assert "backlash" in record["effects"]
+
+
+def test_a_robot_without_masses(few):
+    light = replace(few, robot=replace(few.robot, masses=None, centres_of_mass=None, compliance=None))
+    with pytest.raises(BayescalError, match="compliance cannot be judged"):
+        diagnose(light)
+    gap = diagnose(light, ("geometry",))
+    sane(gap)
+    assert {"compliance"} | MASSIVE <= set(gap.verdict.missing)
+    assert "mass_kg" in gap.verdict.missing["payload"]
+
+
+def test_two_tools(few):
+    other = replace(few.tools[0], name="other")
+    tool = np.arange(len(few.measurements.ids)) % 2
+    gap = diagnose(
+        replace(few, tools=(few.tools[0], other), measurements=replace(few.measurements, tool=tool))
+    )
+    assert "backlash" in sane(gap)["effects"]
+
+
+def test_a_model_without_compliance_is_judged_with_it(few):
+    gap = diagnose(few, ("geometry",))
+    record = sane(gap)
+    assert record["baseline"] == ["geometry"]
+    assert record["effects"][:1] == ["compliance"]
+    assert gap.ladder[-1].heldout_rms < 0.2 * gap.ladder[1].heldout_rms
+
+
+def test_a_model_that_has_the_effect_has_no_gap(few):
+    gap = diagnose(few, ("geometry", "compliance", "backlash"))
+    sane(gap)
+    assert "backlash" not in gap.verdict.probability
+    assert gap.verdict.kind == "null"
+    assert len(gap.ladder) == 4
+
+
+def test_a_model_with_a_step(few):
+    gap = diagnose(few, ("geometry", "compliance", "step@50"))
+    sane(gap)
+    assert "step" not in gap.verdict.probability
+
+
+@pytest.mark.parametrize("options", [{"robust": False}, {"prior_width": 2.0}])
+def test_options(few, options):
+    assert "backlash" in sane(diagnose(few, **options))["effects"]
+
+
+def test_twenty_contacts(loud):
+    m = loud.measurements
+    rows = np.sort(np.r_[np.flatnonzero(m.role == "calibrate")[:20], np.flatnonzero(m.role != "calibrate")])
+    gap = diagnose(some(loud, rows))
+    sane(gap)
+    assert not gap.verdict.named
+    assert any("uncertain" in w for w in gap.warnings)
+    assert "explains these data" not in printed(gap)
+
+
+def test_points_of_an_instrument(tracker):
+    gap = diagnose(tracker(seed=3, count=100).dataset)
+    record = sane(gap)
+    assert set(record["shrinkage"]) >= {"planes", "distances"}
+    assert "a coordinate" in printed(gap)
+    assert {"lobing", "ball-radius", "plane-form"} <= set(gap.verdict.missing)
+
+
+def test_an_upright_joint_that_is_found_to_lean(few):
+    """A base joint along gravity carries nothing as drawn, but does where the base is found to lean."""
+    # placed targets: so the base itself is found
+    dataset = replace(few, targets=tuple(replace(t, u=1e-3, u_angle=2e-3) for t in few.targets))
+    effects = ("geometry", "compliance")
+    drawn = estimate(build(Scene(dataset), effects))
+    assert set(build(settled(drawn), effects).names) - set(drawn.model.names) == {"compliance J1"}
+    assert "backlash" in sane(diagnose(dataset))["effects"]
+
+
+@pytest.mark.parametrize(
+    ("change", "arguments", "words"),
+    [
+        ("nothing", ["--model", "geometry,ghost"], "no effect is called 'ghost'"),
+        ("nothing", ["--model", "geometry,compliance,step@soon"], "'soon' is no number"),
+        ("velocity", ["--model", "geometry,compliance,backlash"], "no j1_degps"),
+        ("contacts", [], "no row has the role calibrate"),
+        ("masses", [], "compliance cannot be judged"),
+        ("nothing", ["--out", "HERE"], "the folder holds something else"),
+    ],
+)
+def test_refusals_are_one_line_and_leave_nothing(
+    change, arguments, words, few, tmp_path, monkeypatch, capsys
+):
+    dataset = few
+    if change == "velocity":
+        dataset = lacking(few, "velocity")
+    elif change == "contacts":
+        dataset = some(few, np.flatnonzero(few.measurements.role != "calibrate"))
+    elif change == "masses":
+        dataset = replace(few, robot=replace(few.robot, masses=None, centres_of_mass=None, compliance=None))
+    write_dataset(dataset, tmp_path / "session")
+    arguments = [str(tmp_path / "session") if a == "HERE" else a for a in arguments]
+    if "--out" not in arguments:
+        arguments += ["--out", str(tmp_path / "out")]
+    before = sorted(tmp_path.rglob("*"))
+    code, text, errors = run([tmp_path / "session", *arguments], monkeypatch, capsys)
+    assert (code, text) == (1, "")
+    lines = [line for line in errors.replace("\r", "\n").splitlines() if "bayescal:" in line]
+    assert len(lines) == 1
+    assert words in lines[0]
+    assert "Traceback" not in errors
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_handful_of_contacts_claims_nothing(loud, count):
+    m = loud.measurements
+    rows = np.sort(
+        np.r_[np.flatnonzero(m.role == "calibrate")[:count], np.flatnonzero(m.role != "calibrate")]
+    )
+    try:
+        gap = diagnose(some(loud, rows))
+    except BayescalError:
+        return
+    assert not gap.verdict.named
+    sane(gap)

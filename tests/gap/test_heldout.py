@@ -1,0 +1,223 @@
+"""What an estimate leaves on rows that did not fit: predictions against draws, closed form against refits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayescal.dataset import Certificate, Target
+from bayescal.estimate import estimate, solve
+from bayescal.gap.heldout import KEPT_BACK, LEFT_OUT, blocks, held_out, kept
+from bayescal.gap.magnitude import magnitude, noise_floor
+from bayescal.model import build
+from bayescal.posterior import gaussian
+from bayescal.scene import Scene
+from bayescal.validate import validate
+
+FULL = ("geometry", "compliance")
+BALLS = {"ball.A@1": (0.45, -0.2, 0.2), "ball.B@1": (0.35, 0.2, 0.25)}
+DIAMETER, BALL = 25.4e-3, 3e-3
+
+
+def with_held_out(dataset, count):
+    """The last `count` rows kept back."""
+    role = dataset.measurements.role.copy()
+    role[-count:] = "validate"
+    return replace(dataset, measurements=replace(dataset.measurements, role=role))
+
+
+def reached(arm, readings, goals):
+    """Readings (C, n) from which the first three joints bring the ball to the goals (C, 3), and which did."""
+    payload = np.zeros(len(goals))
+    for _ in range(30):
+        off = goals - arm.points(readings, payload)
+        by = np.stack([arm.gradient(readings, payload, np.tile(a, (len(goals), 1))) for a in np.eye(3)], 1)
+        by = by[..., :3]
+        step = np.linalg.solve(by @ np.swapaxes(by, 1, 2) + 1e-6 * np.eye(3), off[..., None])
+        move = (np.swapaxes(by, 1, 2) @ step)[..., 0]
+        readings = np.column_stack([readings[:, :3] + np.clip(move, -0.2, 0.2), readings[:, 3:]])
+    return readings, (np.linalg.norm(off, axis=1) < 1e-6) & np.all(np.abs(readings[:, :3]) < 2.5, axis=1)
+
+
+def with_spheres(arm, d, noise, seed=0, each=14):
+    """Two spheres touched by the true arm, as rows to validate, with noise in the place of the contact."""
+    rng = np.random.default_rng(seed)
+    readings, target = [], []
+    for k, centre in enumerate(BALLS.values()):
+        u = rng.standard_normal((4 * each, 3))
+        u[:, 2] = np.abs(u[:, 2])
+        u /= np.linalg.norm(u, axis=1)[:, None]
+        start = np.tile(d.measurements.readings[: 4 * each], (4 * each, 1))[: 4 * each]
+        r, found = reached(arm, start, np.array(centre) + u * (DIAMETER / 2 + BALL))
+        assert found.sum() >= each
+        readings.append(r[found][:each])
+        target += [len(d.targets) + k] * each
+    readings, target = np.concatenate(readings), np.array(target)
+    centres = np.array(list(BALLS.values()))[target - len(d.targets)]
+    payload = np.zeros(len(readings))
+    gap = noise * rng.standard_normal(len(readings))
+    for _ in range(8):
+        apart = arm.points(readings, payload) - centres
+        length = np.linalg.norm(apart, axis=1)
+        off = length - DIAMETER / 2 - BALL - gap
+        by = arm.gradient(readings, payload, apart / length[:, None])
+        by[:, 3:] = 0.0
+        readings = readings - by * (off / np.sum(by**2, axis=1))[:, None]
+    m = d.measurements
+    more = {"readings": readings, "target": target, "payload": payload, "command": readings}
+    count = len(readings)
+    grown = replace(
+        m,
+        ids=(*m.ids, *(f"s{k}" for k in range(count))),
+        role=np.append(m.role, np.full(count, "validate")),
+        tool=np.append(m.tool, np.zeros(count, int)),
+        line=np.arange(2, len(m.line) + count + 2),
+        velocity=np.concatenate([m.velocity, rng.uniform(-0.02, 0.02, readings.shape)]),
+        torque=np.concatenate([m.torque, np.zeros_like(readings)]),
+        time=np.append(m.time, m.time[-1] + 10.0 * np.arange(1, count + 1)),
+        temperature=np.append(m.temperature, np.full(count, 20.0)),
+        **{k: np.concatenate([getattr(m, k), v]) for k, v in more.items()},
+    )
+    spheres = tuple(
+        Target(k, "sphere", {"centre": np.array(c) + 1e-4, "diameter": DIAMETER}) for k, c in BALLS.items()
+    )
+    length = float(np.linalg.norm(np.subtract(*BALLS.values())))
+    paper = (Certificate("distance", tuple(BALLS), length, 1e-6),)
+    paper += tuple(Certificate("diameter", (name,), u_distance=1e-6) for name in BALLS)
+    return replace(
+        d, measurements=grown, targets=(*d.targets, *spheres), certificates=(*d.certificates, *paper)
+    )
+
+
+@pytest.fixture(scope="module")
+def fitted(cube):
+    session = cube(seed=3, count=150)
+    data = with_spheres(session.arm, session.dataset, 5e-6)
+    role = data.measurements.role.copy()
+    role[120:150] = "validate"
+    return estimate(build(Scene(replace(data, measurements=replace(data.measurements, role=role))), FULL))
+
+
+def test_linear_predictions_agree_with_the_draws(fitted):
+    h = held_out(fitted)
+    assert (h.how, h.main) == (KEPT_BACK, "contact")
+    draws = gaussian(fitted, 0, 4000)
+    checked = validate(fitted, draws.flat, draws.kappa)
+    for p in checked.planes:
+        mine = h.target == p.target
+        np.testing.assert_allclose(h.residual[mine], p.residuals, atol=1e-12)
+        np.testing.assert_allclose(h.sd[mine], p.predicted.std(axis=0), rtol=0.08)
+    assert [d.between for d in checked.distances] == list(h.distances.names)
+    np.testing.assert_allclose(h.distances.error, [d.error for d in checked.distances], atol=1e-8)
+    np.testing.assert_allclose(
+        h.distances.predicted_sd(), [d.predicted.std() for d in checked.distances], rtol=0.05
+    )
+
+
+def test_predicted_sd_is_the_error_that_is_made(cube):
+    """Over sessions with other noise and another arm each: distances and held-out contacts over their sd."""
+    scores, contacts = [], []
+    for seed in range(7):
+        session = cube(seed=seed, count=110)
+        data = with_spheres(session.arm, with_held_out(session.dataset, 20), 5e-6, seed)
+        h = held_out(estimate(build(Scene(data), FULL)))
+        scores.append(h.distances.error / h.distances.predicted_sd())
+        contacts.append(h.residual / h.sd)
+    assert 0.4 < np.sqrt(np.mean(np.concatenate(scores) ** 2)) < 1.6
+    assert np.sqrt(np.mean(np.concatenate(contacts) ** 2)) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("maker", ["cube", "tracker"])
+def test_leaving_out_is_refitting_without(maker, request):
+    """At the same noise scale, since that is what the closed form holds fixed."""
+    session = request.getfixturevalue(maker)(seed=1, count=60)
+    found = estimate(build(Scene(session.dataset), FULL), robust=False)
+    h = held_out(found)
+    assert h.how == LEFT_OUT
+    assert h.main == ("contact" if maker == "cube" else "point")
+    for row in (0, 17, 41):
+        role = session.dataset.measurements.role.copy()
+        role[row] = "validate"
+        left = replace(session.dataset, measurements=replace(session.dataset.measurements, role=role))
+        model = build(Scene(left), FULL)
+        weights = found.weights
+        sigma, counts = {}, {}
+        for b, old in zip(model.blocks, found.model.blocks, strict=True):
+            keep = np.isin(old.rows, b.rows)
+            sigma[b.target] = weights.sigma[b.target][np.tile(keep, old.kind.rows)]
+            counts[b.target] = weights.row[b.target][keep]
+        z, covariance, _ = solve(model, replace(weights, sigma=sigma, row=counts), found.z)
+        again = replace(found, model=model, z=z, covariance=covariance())
+        target = int(session.dataset.measurements.target[row])
+        block = model.block(target, np.array([row]))
+        # the pivot of a surface moves with its rows: only what a contact itself leaves can be compared
+        expected = again.residuals(block)[:, 0]
+        mine = h.rows == row
+        scale = h.noise[mine]
+        assert np.max(np.abs(h.residual[mine] - expected) / scale) < 0.05
+
+
+def test_a_slip_is_gross_but_a_common_error_is_none(fitted):
+    h = held_out(fitted)
+    slipped = h.residual.copy()
+    slipped[3] += 40 * h.sd[3]
+    one = replace(h, residual=slipped)
+    assert one.gross.sum() == 1
+    assert not kept(one, one)[3]
+    assert kept(h, one)[3] or h.gross[3]  # gross under one model only: it stays
+    everywhere = replace(h, residual=h.residual + 40 * h.sd)
+    assert not everywhere.gross.any()
+    gathered = h.residual.copy()
+    gathered[h.target == h.target[0]] += 40 * h.sd[0]
+    assert not replace(h, residual=gathered).gross[h.target == h.target[0]].any()
+
+
+def test_repeats_and_stops_stay_together(cube):
+    d = with_held_out(cube(seed=1).dataset, 40)
+    repeat = np.full(len(d.measurements.role), "", dtype="<U4")
+    repeat[-40:-34] = "r1"
+    scene = Scene(replace(d, measurements=replace(d.measurements, repeat=repeat)))
+    rows = scene.rows("validate")
+    label = blocks(scene, rows)
+    target = d.measurements.target[rows]
+    assert all((label[:6] == label[k]).sum() == (target[:6] == target[k]).sum() for k in range(6))
+    assert not set(label[:6]) & set(label[6:])
+    assert len(np.unique(label[6:])) == 34
+
+
+def test_magnitude_of_nothing_and_of_something(fitted, cube):
+    h = held_out(fitted)
+    m = magnitude(fitted, fitted, h)
+    assert m.excess_interval95[0] == 0.0
+    assert m.noise_from == "fit"
+    assert m.noise_interval95[0] < 5e-6 < m.noise_interval95[1]
+    assert [x.what for x in m.measured] == ["held-out contacts", "sphere distances"]
+    for x in m.measured:
+        assert x.predicted_interval95[0] < x.rms < x.predicted_interval95[1]
+    rng = np.random.default_rng(0)
+    spoilt = replace(h, residual=h.residual + 12e-6 * rng.choice([-1, 1], len(h.residual)))
+    m = magnitude(fitted, fitted, spoilt)
+    assert m.excess_interval95[0] < 12e-6 < m.excess_interval95[1]
+    assert m.excess == pytest.approx(12e-6, rel=0.35)
+    contacts = m.measured[0]
+    assert contacts.rms > contacts.predicted_interval95[1]
+
+
+def test_noise_far_above_the_stated_is_no_noise(cube):
+    """Without repeats a fit that leaves three times the stated noise leaves a gap."""
+    found = estimate(build(Scene(cube(seed=2, noise=15e-6, stated=5e-6).dataset), FULL))
+    floor = noise_floor(found, "contact")
+    assert (floor.source, floor.sd) == ("stated", pytest.approx(5e-6))
+    found = estimate(build(Scene(cube(seed=2, noise=6e-6, stated=5e-6).dataset), FULL))
+    assert noise_floor(found, "contact").source == "fit"
+
+
+def test_repeats_tell_the_noise(cube):
+    d = cube(seed=4, count=500, noise=6e-6, stated=3e-6).dataset
+    found = estimate(build(Scene(d), FULL))
+    repeat = np.array([f"r{k // 4}" if k < 240 else "" for k in range(500)])
+    with_repeats = replace(d, measurements=replace(d.measurements, repeat=repeat))
+    again = replace(found, model=build(Scene(with_repeats), FULL))
+    floor = noise_floor(again, "contact")
+    assert floor.source == "repeats"
+    assert floor.interval95[0] < 6e-6 < floor.interval95[1]
