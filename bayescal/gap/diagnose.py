@@ -79,7 +79,9 @@ def examine(scene: Scene, effects: tuple[str, ...], robust: bool, prior_width: f
         states = [fit_state(p, (), (), robust=r) for r in ((True, False) if robust else (False,))]
         known = screened(known, slopes, states, c, effects)
         p = slopes.problem(fitted.z, known.pool, nuisance)
-    pool = Pool.of(generic, slopes.columns([q for cell in generic for own in cell.sets for q in own]))
+    pool = Pool.of(
+        generic, slopes.columns([q for cell in generic for own in cell.sets for q in own]), p.count
+    )
     search = Search(p, known, robust)
     search.run()
     return Examined(fitted, c, known, p, pool, search, decide(search, pool))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -36,6 +37,7 @@ class Projected:
     """
 
     state: State
+    pool: np.ndarray  # (R, K)
     weighted: np.ndarray  # (R, K)
     across: np.ndarray  # (D, K)
     solved: np.ndarray  # (D, K) covariance times across
@@ -57,33 +59,68 @@ def project(state: State, pool: np.ndarray) -> Projected:
     across = design.T @ weighted
     # at the optimum the state's parameters pull with their prior alone: what is left of the score is X'r
     score = -(weighted.T @ (state.residual * whiten))
-    return Projected(state, weighted, across, state.covariance @ across, score)
+    return Projected(state, pool, weighted, across, state.covariance @ across, score)
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Columns (R, K) and sets of them that are weighed again and again, with what no state changes."""
+
+    columns: np.ndarray
+    sets: tuple[np.ndarray, ...]
+    count: int  # rows that are contacts
+
+    @cached_property
+    def groups(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+        """By size k: numbers of sets (B,), columns (B, k), X'X over contacts and over ties (B, k, k)."""
+        by_size: dict[int, list[int]] = {}
+        for i, own in enumerate(self.sets):
+            by_size.setdefault(len(own), []).append(i)
+        out = []
+        for members in by_size.values():
+            at = np.array([self.sets[i] for i in members], int).reshape(len(members), -1)
+            contacts, ties = (
+                np.stack([x.T @ x for x in (part[:, own] for own in at)])
+                for part in (self.columns[: self.count], self.columns[self.count :])
+            )
+            out.append((np.array(members), at, contacts, ties))
+        return out
+
+
+def weigh_sets(state: State, bank: Bank) -> np.ndarray:
+    """Log Bayes factors (len(sets), scales) of adding sets of columns to a state, by prior scale."""
+    count = bank.count
+    weight = state.weight.copy()
+    weight[:count] /= state.kappa**2
+    across = (state.design * weight[:, None]).T @ bank.columns
+    solved = state.covariance @ across
+    score = -(bank.columns.T @ (state.residual * weight))
+    left = np.flatnonzero(state.weight[:count] == 0)
+    out = np.empty((len(bank.sets), len(SCALES)))
+    for members, at, contacts, ties in bank.groups:
+        gone = bank.columns[left[:, None, None], at]  # (rows left out, B, k)
+        information = (contacts - np.einsum("rbi,rbj->bij", gone, gone)) / state.kappa**2 + ties
+        a, s = across.T[at], solved.T[at]
+        out[members] = _factors(state, information - a @ np.swapaxes(s, 1, 2), score[at])
+    return out
 
 
 def log_bayes(p: Projected, sets: Sequence[np.ndarray]) -> np.ndarray:
-    """Log Bayes factors (len(sets), scales) of adding sets of columns, by prior scale."""
-    out = np.empty((len(sets), len(SCALES)))
-    by_size: dict[int, list[int]] = {}
-    for i, columns in enumerate(sets):
-        by_size.setdefault(len(columns), []).append(i)
-    count = p.state.problem.count
-    chi2 = float(np.sum(p.state.weight[:count] * p.state.residual[:count] ** 2)) / p.state.kappa**2
-    chi2 += STATED_WORTH / p.state.kappa**2
-    base = -p.state.dof * np.log(NOISE) - 0.5 * chi2 / NOISE**2
-    null = log_sum(base)
-    for size, members in by_size.items():
-        if size == 0:
-            out[members] = 0.0
-            continue
-        at = np.array([sets[i] for i in members])  # (B, k)
-        x = p.weighted.T[at]  # (B, k, R)
-        a, s = p.across.T[at], p.solved.T[at]
-        information = x @ np.swapaxes(x, 1, 2) - a @ np.swapaxes(s, 1, 2)
-        values, vectors = np.linalg.eigh(information)
-        values = np.maximum(values, 0.0)
-        along = np.einsum("bij,bi->bj", vectors, p.score[at]) ** 2
-        by = (SCALES**2)[:, None, None] / NOISE[:, None] ** 2  # (S, U, 1)
-        with_it = 1.0 + by * values[:, None, None, :]  # (B, S, U, k)
-        gain = along[:, None, None, :] * (by / NOISE[:, None] ** 2) / with_it - np.log(with_it)
-        out[members] = log_sum(base + 0.5 * gain.sum(axis=-1), axis=-1) - null
-    return out
+    """Log Bayes factors (len(sets), scales) of adding sets of a projected pool's columns, by prior scale."""
+    return weigh_sets(p.state, Bank(p.pool, tuple(sets), p.state.problem.count))
+
+
+def _factors(state: State, information: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """Log Bayes factors (B, scales) from information (B, k, k) and scores (B, k), integrated over noise."""
+    count = state.problem.count
+    chi2 = float(np.sum(state.weight[:count] * state.residual[:count] ** 2)) + STATED_WORTH
+    base = -state.dof * np.log(NOISE) - 0.5 * chi2 / (state.kappa * NOISE) ** 2
+    if not score.shape[1]:
+        return np.zeros((len(score), len(SCALES)))
+    values, vectors = np.linalg.eigh(information)
+    values = np.maximum(values, 0.0)
+    along = np.einsum("bij,bi->bj", vectors, score) ** 2
+    by = (SCALES**2)[:, None, None] / NOISE[:, None] ** 2  # (S, U, 1)
+    with_it = 1.0 + by * values[:, None, None, :]  # (B, S, U, k)
+    gain = along[:, None, None, :] * (by / NOISE[:, None] ** 2) / with_it - np.log(with_it)
+    return log_sum(base + 0.5 * gain.sum(axis=-1), axis=-1) - log_sum(base)

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayescal.effects import EFFECTS, Circumstances
 from bayescal.gap.candidates import Candidates, at_setting, extended, wide
-from bayescal.gap.evidence import log_bayes, project
+from bayescal.gap.evidence import Bank, weigh_sets
 from bayescal.gap.problem import Slopes, State
 
 KEPT = 12
@@ -37,8 +37,9 @@ def screened(
                     sets.append(at + np.flatnonzero([p.site == site for p in table]))
                     owner.append(first + k)
                 at += len(table)
+            bank = Bank(columns, tuple(sets), len(slopes.contact))
             for state in states:
-                np.maximum.at(best, owner, log_bayes(project(state, columns), sets).max(axis=1))
+                np.maximum.at(best, owner, weigh_sets(state, bank).max(axis=1))
         leading = np.sort(values[np.argsort(-best)[:KEPT]])
         known = extended(known, effect, [float(v) for v in leading], c)
     return known

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bayescal.gap.candidates import Candidates, Variant
-from bayescal.gap.evidence import SCALE_PRIOR, SCALES, log_bayes, log_sum, project
+from bayescal.gap.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, project, weigh_sets
 from bayescal.gap.problem import Problem, State, fit_state
 
 NULL, SINGLE, UNKNOWN = 0.15, 0.65, 0.2
@@ -73,6 +73,7 @@ class Search:
     candidates: Candidates
     robust: bool = True
     unseen: tuple[str, ...] = ()
+    bank: Bank | None = None
     hypotheses: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
 
     def prior(self, size: int) -> float:
@@ -97,21 +98,26 @@ class Search:
 
     def additions(self, state: State, without: Sequence[str]) -> dict[str, Scored]:
         """What each effect not in `without` would add to a state."""
-        projected = project(state, self.problem.pool)
-        names = [n for n in self.candidates.variants if n not in without]
-        variants = [v for n in names for v in self.candidates.variants[n]]
-        bayes = log_bayes(projected, [v.columns for v in variants])
+        bayes = weigh_sets(state, self._bank())
         out, first = {}, 0
-        for name in names:
-            own = self.candidates.variants[name]
+        for name, own in self.candidates.variants.items():
             table = bayes[first : first + len(own)] + np.array([v.log_prior for v in own])[:, None]
             table = table + SCALE_PRIOR
             first += len(own)
+            if name in without:
+                continue
             i, k = np.unravel_index(int(np.argmax(table)), table.shape)
             gain = float(log_sum(table))
             best = float(table[i, k] - own[i].log_prior - SCALE_PRIOR[k])
             out[name] = Scored(Member(own[i], float(SCALES[k]), gain - best), gain)
         return out
+
+    def _bank(self) -> Bank:
+        """All variants of all candidates, one after the other."""
+        if self.bank is None:
+            sets = [v.columns for own in self.candidates.variants.values() for v in own]
+            self.bank = Bank(self.problem.pool, tuple(sets), self.problem.count)
+        return self.bank
 
     def allowed(self, names: Sequence[str]) -> bool:
         """Whether a set respects the order in which effects may be named."""
@@ -155,7 +161,7 @@ class Search:
         }
         self.unseen = tuple(name for name, size in most.items() if size * SCALES[-1] ** 2 < 1.0)
         kept = {n: v for n, v in self.candidates.variants.items() if n not in self.unseen}
-        self.candidates = replace(self.candidates, variants=kept)
+        self.candidates, self.bank = replace(self.candidates, variants=kept), None
 
     def run(self) -> None:
         """Search sets of growing size with a beam."""

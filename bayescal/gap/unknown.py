@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bayescal.gap.cells import Cell
-from bayescal.gap.evidence import SCALE_PRIOR, SCALES, log_bayes, log_sum, project
+from bayescal.gap.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_sets
 from bayescal.gap.problem import State, fit_state
 from bayescal.gap.search import Hypothesis
 
@@ -29,6 +29,12 @@ class Pool:
     columns: np.ndarray
     sets: tuple[np.ndarray, ...]
     owner: np.ndarray
+    count: int  # rows that are contacts
+
+    @cached_property
+    def bank(self) -> Bank:
+        """The sets, ready to be weighed."""
+        return Bank(self.columns, self.sets, self.count)
 
     @cached_property
     def log_prior(self) -> np.ndarray:
@@ -41,15 +47,15 @@ class Pool:
             return np.log(weight / np.sum(weight))
 
     @classmethod
-    def of(cls, cells: Sequence[Cell], columns: np.ndarray) -> Pool:
-        """Number the columns of cells, which stand in their order."""
+    def of(cls, cells: Sequence[Cell], columns: np.ndarray, count: int) -> Pool:
+        """Number the columns (R, K) of cells, which stand in their order; `count` rows are contacts."""
         sets, owner, first = [], [], 0
         for i, cell in enumerate(cells):
             for own in cell.sets:
                 sets.append(np.arange(first, first + len(own)))
                 owner.append(i)
                 first += len(own)
-        return cls(tuple(cells), columns, tuple(sets), np.array(owner, int))
+        return cls(tuple(cells), columns, tuple(sets), np.array(owner, int), count)
 
 
 @dataclass(frozen=True)
@@ -64,7 +70,7 @@ class Found:
 
 def found(state: State, pool: Pool) -> list[Found]:
     """What every cell would add to a state."""
-    bayes = log_bayes(project(state, pool.columns), pool.sets) + SCALE_PRIOR
+    bayes = weigh_sets(state, pool.bank) + SCALE_PRIOR
     out = []
     for i in range(len(pool.cells)):
         own = np.flatnonzero(pool.owner == i)

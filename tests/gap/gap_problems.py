@@ -78,7 +78,11 @@ class Bench:
         c = scene.circumstances(scene.rows("calibrate"))
         known, generic = candidates(c, BASELINE), cells(c)
         slopes = Slopes.of(fitted, [p for p in known.pool if of_paper(p)])
-        pool = Pool.of(generic, slopes.columns([q for cell in generic for own in cell.sets for q in own]))
+        pool = Pool.of(
+            generic,
+            slopes.columns([q for cell in generic for own in cell.sets for q in own]),
+            len(slopes.contact),
+        )
         p = slopes.problem(np.zeros(fitted.model.size), known.pool, masses(c))
         return cls(known, slopes, p, pool, c)
 
