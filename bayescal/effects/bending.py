@@ -5,8 +5,8 @@ and y in the joint's frame, each about its own axis). The link itself bends and 
 root, so that its far end, the next joint's frame, turns about that moment. Prior: about 0.3 of the joint's
 usual compliance, with 1.5 times that as standard deviation (assumed; of the right order: bending and base
 tilt took the mean error of an ABB IRB 120 from 0.099 to 0.081 mm, which is 0.06 mm at half a metre and 30 N
-m). Where the first axis is upright, its bearing differs from `base-compliance` only where the base yields
-more one way than the other.
+m). The first joint's
+bearing is left out: where its axis is upright nobody can tell it from `base-compliance`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ def _parameters(c: Circumstances) -> list[Parameter]:
         moment = c.moments[:, j]
         mean = SHARE * float(about)
         where: Where = {"site": f"link {j}", "driver": "bending moment"}
-        terms = {"bearing": [Term(j, "rx", moment[:, 0]), Term(j, "ry", moment[:, 1])], "link": []}
+        terms: dict[str, list[Term]] = {"bearing": [], "link": []}
+        if j > 1:
+            terms["bearing"] = [Term(j, "rx", moment[:, 0]), Term(j, "ry", moment[:, 1])]
         if j < c.robot.n:
             # the moment at the root, in the frame at the far end
             far = np.einsum("cji,cjk,ck->ci", turned[:, j + 1], turned[:, j], moment)

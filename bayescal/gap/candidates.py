@@ -24,6 +24,7 @@ class Variant:
     site: str
     columns: np.ndarray  # (k,)
     log_prior: float  # within the effect
+    places: tuple[tuple[str, str], ...] = ()  # sites and drivers of its columns
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,8 @@ def extended(
         weight = -float(np.log(count)) - float(np.log(2.0)) * len(joined)
         variants += _subsets(effect.name, value, parameters, len(pool), weight)
         pool += parameters
-        variants += [Variant(effect.name, value, "", np.array([len(pool)]), weight) for _ in joined]
+        places = tuple(dict.fromkeys((p.site, p.driver) for p in parameters))
+        variants += [Variant(effect.name, value, "", np.array([len(pool)]), weight, places) for _ in joined]
         pool += joined
     return Candidates(tuple(pool), known.variants | {effect.name: tuple(variants)}, known.missing)
 
@@ -105,9 +107,10 @@ def _subsets(
         sites.setdefault((p.site, p.driver), []).append(first + k)
     every = np.arange(first, first + len(parameters))
     if len(sites) == 1:
-        return [Variant(effect, value, "", every, log_prior)]
+        return [Variant(effect, value, "", every, log_prior, tuple(sites))]
     half = log_prior - np.log(2.0)
     alone = half - np.log(len(sites))
-    return [Variant(effect, value, "", every, half)] + [
-        Variant(effect, value, site, np.array(columns), alone) for (site, _), columns in sites.items()
+    return [Variant(effect, value, "", every, half, tuple(sites))] + [
+        Variant(effect, value, place[0], np.array(columns), alone, (place,))
+        for place, columns in sites.items()
     ]

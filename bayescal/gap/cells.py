@@ -167,7 +167,7 @@ def _time(c: Circumstances) -> Iterator[Cell]:
             waves = smooth(clock, c.fitted, 3 if site == "base" else WAVES)
             yield Cell(site, name, (tuple(p for w in waves for p in move(w)),) if waves else ())
         steps = [tuple(move((order >= c.fitted[k]).astype(float))) for k in at]
-        yield Cell(site, "moment", tuple(steps))
+        yield Cell(site, "moment", tuple(steps), known=site == "base")
 
 
 def _sway(c: Circumstances) -> Iterator[Cell]:

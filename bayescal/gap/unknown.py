@@ -66,6 +66,7 @@ class Found:
     gain: float
     best: int  # set of the pool
     scale: float
+    rival: bool = True  # of the named effects: not what has a name, nor the very place of one
 
 
 def found(state: State, pool: Pool) -> list[Found]:
@@ -110,4 +111,24 @@ def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[Found]]:
                 cells[rank.cell] = replace(
                     rank, gain=gain, scale=float(SCALES[int(np.argmax(fitted + SCALE_PRIOR))])
                 )
-    return float(log_sum(np.array([f.gain for f in cells]) + pool.log_prior)), cells
+    weight = np.where(same_place(hypothesis, pool), -np.inf, pool.log_prior)
+    cells = [f if w > -np.inf else replace(f, rival=False) for f, w in zip(cells, weight, strict=True)]
+    if not np.any(weight > -np.inf):
+        return -np.inf, cells
+    return float(log_sum(np.array([f.gain for f in cells]) + weight)), cells
+
+
+def same_place(hypothesis: Hypothesis, pool: Pool) -> np.ndarray:
+    """Cells (cells,) at the site and of the coordinate of a named effect: they fit its form, no more."""
+    mine = {place for m in hypothesis.members for place in m.variant.places}
+    return np.array(
+        [
+            any(cell.site == site and coordinate(driver) == cell.driver for site, driver in mine)
+            for cell in pool.cells
+        ]
+    )
+
+
+def coordinate(driver: str) -> str:
+    """The coordinate behind an effect's driver: "angle 4, once a turn" goes by "angle 4"."""
+    return driver.partition(",")[0].removeprefix("sign of ")

@@ -34,8 +34,10 @@ MATES = (
     ("thermal-drift", "step"),
 )
 """Effects whose true form may look like each other's: together in a set unless far apart."""
-FAR = 5.0
-"""Nats that mates must be apart for one of them to leave the set."""
+FAR = 4.0
+"""Nats, softened, that mates must be apart for one of them to leave the set."""
+SOFT = 0.6
+"""Share of the nats between mates that counts."""
 
 
 @dataclass(frozen=True)
@@ -101,13 +103,34 @@ def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[Found]]
     for h in leaders:
         gain, cells = unknown(h, pool)
         alone = cells if h is null else alone
-        best = max(cells, key=lambda f: f.gain + pool.log_prior[f.cell])
+        if not np.isfinite(gain):
+            continue
+        best = max((f for f in cells if f.rival), key=lambda f: f.gain + pool.log_prior[f.cell])
         prior = h.log_prior + float(np.log(BESIDE)) if h.members else float(np.log(UNKNOWN))
         evidence = h.log_evidence + gain - FORM * max(gain, 0.0)
         out.append(Weighed(h, best, evidence - null.log_evidence, evidence + prior))
+    out = softened(out)
     total = log_sum(np.array([w.score for w in out]))
     out = [replace(w, probability=float(np.exp(w.score - total))) for w in out]
     return tuple(sorted(out, key=lambda w: -w.score)), alone
+
+
+def softened(weighed: Sequence[Weighed]) -> list[Weighed]:
+    """Scores of sets that swap one effect of the leading set for its mate, moved towards the leader's.
+
+    An effect's form is known to 10 or 20 %: that is worth a few nats, and mates are told apart by form alone.
+    """
+    leader = max(weighed, key=lambda w: w.score)
+    return [
+        replace(w, score=leader.score - SOFT * (leader.score - w.score)) if mates(leader, w) else w
+        for w in weighed
+    ]
+
+
+def mates(a: Weighed, b: Weighed) -> bool:
+    """Whether two sets differ by one effect in the place of its mate."""
+    swapped = set(a.effects) ^ set(b.effects)
+    return len(swapped) == 2 and any(swapped <= set(group) for group in MATES)
 
 
 def probabilities(weighed: Sequence[Weighed], effects: Sequence[str]) -> dict[str, float]:
@@ -128,11 +151,8 @@ def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
         mass += w.probability
         if mass >= SET:
             break
-    leader = set(weighed[0].hypothesis.names)
     for w in weighed:
-        swapped = set(w.hypothesis.names) ^ leader
-        mates = len(swapped) == 2 and any(swapped <= set(group) for group in MATES)
-        if mates and w.cell is None and weighed[0].score - w.score < FAR:
+        if mates(weighed[0], w) and weighed[0].score - w.score < FAR:
             out |= dict.fromkeys(w.effects)
     return tuple(out)
 

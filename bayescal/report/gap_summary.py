@@ -22,6 +22,8 @@ LEAST_PROBABILITY = 0.01
 STYLES = {"null": "bold green", "named": "bold", "ambiguous": "bold yellow"}
 
 Facts = Iterable[tuple[str, str, str]]
+NEVER = 1000.0
+"""Times its plausible size from which on an effect would not be named at any."""
 
 
 def gap_summary(gap: Gap) -> RenderableType:
@@ -220,7 +222,8 @@ def _blind(gap: Gap) -> Table:
     for b in worst[:BLIND]:
         does = f"{um(b.distance_error)} um" if np.isfinite(b.distance_error) else "-"
         site = f", {b.site}" if b.site else ""
-        table.add_row(f"{b.effect}{site}", size(b.plausible, b.unit), size(b.smallest, b.unit), does)
+        named = size(b.smallest, b.unit) if b.smallest < NEVER * b.plausible else "never"
+        table.add_row(f"{b.effect}{site}", size(b.plausible, b.unit), named, does)
     return table
 
 
