@@ -8,9 +8,9 @@ from bayescal.gap.heldout import LEFT_OUT, HeldOut, kept
 from bayescal.gap.ladder import difference, log_predictive
 
 LOSS, ERRORS = 3.0, 2.0
-"""Nats, and standard errors of them, by which held-out contacts must have become less likely."""
-GROWN = 1.5
-"""Factor by which distances must have grown, over what they were and over what was expected of them."""
+"""Nats, and standard errors of them, by which held-out contacts have become less likely."""
+WORSE, GROWN = 1.1, 1.5
+"""Factors by which contacts, and distances (over what was expected too), must have grown."""
 
 
 def worse(before: HeldOut, after: HeldOut) -> str:
@@ -19,7 +19,8 @@ def worse(before: HeldOut, after: HeldOut) -> str:
         gain, se = difference(log_predictive(after)[0] - log_predictive(before)[0], log_predictive(before)[1])
         fair = kept(before, after)
         old, new = (float(np.sqrt(np.mean(h.residual[fair] ** 2))) for h in (before, after))
-        if gain < -LOSS and (np.isnan(se) or gain < -ERRORS * se) and new > old:
+        unlikely = gain < -LOSS and (np.isnan(se) or gain < -ERRORS * se) and new > old
+        if unlikely or new > WORSE * old:
             return f"held-out contacts from {1e6 * old:.1f} to {1e6 * new:.1f} um rms"
     if len(before.distances.error):
         old, new = (float(np.sqrt(np.mean(h.distances.error**2))) for h in (before, after))

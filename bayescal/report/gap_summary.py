@@ -144,7 +144,7 @@ def _which(gap: Gap) -> Facts:
         words = listed(map(rival, verdict.credible_set90), "and" if together else "or")
         yield "90 % set", words, "" if together else "yellow"
     for k, note in enumerate(verdict.footnotes):
-        yield "" if k else "too small", note, "dim"
+        yield "" if k else "footnote", note, "dim"
 
 
 def _shrinkage(gap: Gap) -> Table:
