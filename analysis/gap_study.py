@@ -25,6 +25,7 @@ import numpy as np
 
 from analysis import gap_score as score
 from bayescal.dataset import Dataset, read_dataset
+from bayescal.errors import BayescalError
 from bayescal.gap.diagnose import diagnose
 from bayescal.simulate import Options, simulate
 
@@ -90,7 +91,10 @@ def own(seed: int) -> list[score.Record]:
         given = {key: value for key, value in said.items() if key not in wrong}
         key = tuple(given.items())
         if key not in simulated:
-            simulated[key] = simulate(Options(name="own", seed=seed, **FEW, **given)).dataset  # type: ignore[arg-type]
+            try:
+                simulated[key] = simulate(Options(name="own", seed=seed, **FEW, **given)).dataset  # type: ignore[arg-type]
+            except BayescalError:  # an arm that cannot reach what it should probe is no session
+                return []
         gap = diagnose(wrongly_stated(simulated[key], seed, **wrong))
         named = [n.effect for n in gap.verdict.named]
         out.append({"case": case, "seed": seed, "verdict": gap.verdict.kind, "named": named})
