@@ -17,6 +17,8 @@ FURTHER = 0.2
 """Factor on the prior of each further effect."""
 BEAM = 5
 MOST = 4
+SEEN = 9.0
+"""Lambda that an effect must reach at the largest size worth trying, or no contact could show it."""
 WORTH = 2.0
 """Nats that a further effect must bring to be tried."""
 AFTER_COMPLIANCE = ("payload", "hardening", "hysteresis", "bending", "base-compliance")
@@ -159,7 +161,7 @@ class Search:
             name: max(float(np.sum(seen[v.columns])) for v in variants)
             for name, variants in self.candidates.variants.items()
         }
-        self.unseen = tuple(name for name, size in most.items() if size * SCALES[-1] ** 2 < 1.0)
+        self.unseen = tuple(name for name, size in most.items() if size * SCALES[-1] ** 2 < SEEN)
         kept = {n: v for n, v in self.candidates.variants.items() if n not in self.unseen}
         self.candidates, self.bank = replace(self.candidates, variants=kept), None
 
