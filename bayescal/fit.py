@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.dataset import Dataset
-from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.flatness import FORM, FaceCheck, check_faces, with_form
 from bayescal.identify import Identifiability, identifiability
 from bayescal.latent import with_latent_readings
-from bayescal.model import Model, with_parameters
+from bayescal.model import Model, check_asked, with_parameters
 from bayescal.posterior import Draws, gaussian, sample
 from bayescal.scene import Scene
 from bayescal.unexplained import Unexplained, unexplained
@@ -89,14 +88,7 @@ def fit(
     BayescalError
         Where the session cannot be fitted, with the reason.
     """
-    if not 0 < prior_width < float("inf"):
-        raise BayescalError(
-            "a model without priors would shrink the arm to fit its contacts",
-            "--prior-width",
-            "give a number above 0",
-        )
-    if len({name.partition("@")[0] for name in effects}) < len(effects):
-        raise BayescalError("an effect is named twice", "--model", "name it once")
+    check_asked(effects, prior_width)
     scene = Scene(dataset)
     steps = [effects[:k] for k in range(len(effects) + 1)]
     ladder: list[Rung] = []

@@ -287,6 +287,18 @@ class Model:
         )
 
 
+def check_asked(effects: tuple[str, ...], prior_width: float) -> None:
+    """Refuse what no model can be made of: priors of no width, an effect named twice."""
+    if not 0 < prior_width < float("inf"):
+        raise BayescalError(
+            "a model without priors would shrink the arm to fit its contacts",
+            "--prior-width",
+            "give a number above 0",
+        )
+    if len({name.partition("@")[0] for name in effects}) < len(effects):
+        raise BayescalError("an effect is named twice", "--model", "name it once")
+
+
 def build(scene: Scene, effects: tuple[str, ...], prior_width: float = 1.0) -> Model:
     """The model of a scene's `calibrate` rows.
 

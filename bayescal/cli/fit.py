@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from bayescal.cli import app
+from bayescal.cli.progress import progress
 from bayescal.errors import BayescalError
 
 
@@ -35,27 +36,15 @@ def fit(
     check_free(folder, "fit.json")
 
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from bayescal.fit import fit as run
     from bayescal.report.files import write_fit
     from bayescal.report.summary import fit_summary
 
     console = Console(highlight=False)
-    errors = Console(stderr=True, highlight=False)
-    with Progress(
-        TextColumn("{task.description:>9}"),
-        BarColumn(),
-        TimeRemainingColumn(),
-        console=errors,
-        transient=True,
-    ) as bar:
-        task = bar.add_task("estimate", total=1.0)
-        result = run(
-            session, effects, samples, seed, robust, prior_width, latent_joints,
-            lambda stage, fraction: bar.update(task, description=stage, completed=fraction),
-        )  # fmt: skip
-        bar.update(task, description="write", completed=1.0)
+    with progress() as told:
+        result = run(session, effects, samples, seed, robust, prior_width, latent_joints, told)
+        told("write", 1.0)
         write_fit(result, folder)
     console.print(fit_summary(result))
     console.print(f"[dim]written          [/dim]{folder}/fit.json, posterior.nc, robot.yaml")

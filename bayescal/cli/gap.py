@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from bayescal.cli import app
+from bayescal.cli.progress import progress
 
 
 @app.command()
@@ -31,27 +32,15 @@ def gap(
     check_free(folder, "gap.json")
 
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from bayescal.gap.diagnose import diagnose
     from bayescal.report.gap_files import write_gap
     from bayescal.report.gap_summary import gap_summary
 
     console = Console(highlight=False)
-    errors = Console(stderr=True, highlight=False)
-    with Progress(
-        TextColumn("{task.description:>9}"),
-        BarColumn(),
-        TimeRemainingColumn(),
-        console=errors,
-        transient=True,
-    ) as bar:
-        task = bar.add_task("estimate", total=1.0)
-        result = diagnose(
-            session, effects, seed, robust, prior_width,
-            lambda stage, fraction: bar.update(task, description=stage, completed=fraction),
-        )  # fmt: skip
-        bar.update(task, description="write", completed=1.0)
+    with progress() as told:
+        result = diagnose(session, effects, seed, robust, prior_width, told)
+        told("write", 1.0)
         written = write_gap(result, folder, pictures)
     console.print(gap_summary(result))
     console.print(f"[dim]written          [/dim]{folder}/{', '.join(written)}", soft_wrap=True)

@@ -31,7 +31,7 @@ from bayescal.gap.shrinkage import shrinkage
 from bayescal.gap.unknown import Pool
 from bayescal.gap.verdict import Decision, decide
 from bayescal.gap.where import places, places_named
-from bayescal.model import with_parameters
+from bayescal.model import check_asked, with_parameters
 from bayescal.scene import Scene
 
 COMPLIANCE = "compliance"
@@ -116,6 +116,7 @@ def diagnose(
     BayescalError
         Where the session cannot be fitted, with the reason.
     """
+    check_asked(effects, prior_width)
     progress("estimate", 0.0)
     scene = Scene(dataset)
     first = examine(scene, effects, robust, prior_width)
