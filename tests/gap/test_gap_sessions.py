@@ -131,7 +131,7 @@ def test_play_is_named_and_removed(loud, tmp_path, monkeypatch, capsys):
     assert [r["model"][-1] for r in rungs] == ["nominal", "geometry", "compliance", "backlash"]
     assert rungs[-1]["heldout_rms_um"] < 0.6 * rungs[-2]["heldout_rms_um"]
     assert rungs[-1]["distance_rms_um"] < 0.6 * rungs[-2]["distance_rms_um"]
-    assert record["missing"] == {}
+    assert set(record["missing"]) <= {"latency", "ball-radius"}  # at one speed nothing tells them apart
     assert {p.name for p in out.iterdir()} == {
         "gap.json", "gap-where.png", "gap-which.png", "gap-ladder.png", "gap-residuals.png",
     }  # fmt: skip
