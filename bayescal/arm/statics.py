@@ -19,10 +19,10 @@ def gravity_moments(
 ) -> np.ndarray:
     """Moment of the weight of all that a frame carries, about its origin, in its own axes.
 
-    They are computed once a fit, not once an evaluation. As drawn they are off by parts in a thousand,
-    which a fit takes up; what it cannot take up still looks like an error of a joint by its angle, so a
-    diagnosis computes them again where the arm was found to stand. About joint j the torque is component z
-    of frame j.
+    They are computed once a fit, not once an evaluation. As drawn they are off by parts in a thousand:
+    enough to put a compliance several standard deviations off, and the rest looks like an error of a
+    joint by its angle. So they are computed again where the arm was found to stand. About joint j the
+    torque is component z of frame j.
 
     Parameters
     ----------

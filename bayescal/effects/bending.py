@@ -4,9 +4,9 @@ Two compliances a link. Its bearing tilts at the joint by the gravity moment acr
 and y in the joint's frame, each about its own axis). The link itself bends and twists by the moment at its
 root, so that its far end, the next joint's frame, turns about that moment. Prior: about 0.3 of the joint's
 usual compliance, with 1.5 times that as standard deviation (assumed; of the right order: bending and base
-tilt took the mean error of an ABB IRB 120 from 0.099 to 0.081 mm, which is 0.06 mm at half a metre and 30 N
-m). The first joint's
-bearing is left out: where its axis is upright nobody can tell it from `base-compliance`.
+tilt took the mean error of an ABB IRB 120 from 0.099 to 0.081 mm, which is 0.06 mm at half a metre and
+30 N m). The first joint's bearing is left out: where its axis is upright nobody can tell it from
+`base-compliance`.
 """
 
 from __future__ import annotations

@@ -40,9 +40,7 @@ class Cell:
     site: str
     driver: str
     sets: tuple[tuple[Parameter, ...], ...]
-    known: bool = (
-        False  # the vocabulary has this very function: it places the gap, but is no rival of its name
-    )
+    known: bool = False  # to the vocabulary, as this very function: no rival of its name
 
 
 def smooth(x: np.ndarray, fitted: np.ndarray, waves: int = WAVES) -> list[np.ndarray]:

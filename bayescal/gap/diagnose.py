@@ -132,7 +132,7 @@ def diagnose(
     progress("report", 0.8)
     size = magnitude(first.fitted, final, before, after, seed)
     chosen = last.decision.hypothesis
-    verdict = _verdict(last, promoted)
+    verdict = _verdict(last, first.decision if promoted else None)
     changed = bool(members) or promoted
     rungs = _rungs(scene, effects, prior_width, robust, first.fitted, last, promoted)
     plain = without_nuisance(last.problem, last.fitted.model.size)
@@ -177,17 +177,16 @@ def _confirmed(e: Examined, before: HeldOut, robust: bool) -> tuple[Examined, Es
 
 
 def _where(first: Examined, last: Examined, promoted: bool, noise: float) -> tuple[Place, ...]:
-    """Places of compliance where that was missing, then of all else."""
+    """Places of compliance where that was missing, then of all else; shares are of one excess."""
     out: tuple[Place, ...] = ()
     null = first.search.hypotheses[frozenset()].state
+    chosen, size = last.decision.hypothesis, last.fitted.model.size
+    excess = _excess(null, chosen.state, noise)
     if promoted:
         every = max(first.candidates.variants[COMPLIANCE], key=lambda v: len(v.columns))
         own = first.search.hypothesis([Member(every, 1.0, 0.0)])
-        excess, size = _excess(null, own.state, noise), first.fitted.model.size
-        out = places_named(own, first.candidates.pool, first.circumstances, excess, size)
-        null = last.search.hypotheses[frozenset()].state
-    chosen, size = last.decision.hypothesis, last.fitted.model.size
-    excess = _excess(null, chosen.state, noise)
+        pool, absorbs = first.candidates.pool, first.fitted.model.size
+        out = places_named(own, pool, first.circumstances, excess, absorbs)
     return (*out, *places(chosen, last.pool, last.candidates.pool, last.circumstances, excess, size))
 
 
@@ -214,16 +213,19 @@ def _promoted(first: Examined) -> bool:
     return gained and COMPLIANCE in best.names
 
 
-def _verdict(e: Examined, promoted: bool) -> Verdict:
+def _verdict(e: Examined, without: Decision | None) -> Verdict:
+    """The verdict; `without` is what was decided while compliance was missing from the model, if it was."""
     d = e.decision
     probability = dict(d.probability)
     named = [_named(m, d, e) for m in d.members]
     kind, credible = d.kind, d.credible
-    if promoted:
-        sure = 1.0
-        probability |= {COMPLIANCE: sure, "null": 0.0}
-        compliance = Named(COMPLIANCE, COMPLIANCE, "", "", sure, float("nan"))
-        named, credible = [compliance, *named], (COMPLIANCE, *credible)
+    if without is not None:
+        sure = without.probability[COMPLIANCE]
+        probability |= {COMPLIANCE: sure, "null": without.probability["null"]}
+        compliance = Named(COMPLIANCE, COMPLIANCE, "", "", sure, without.lost(COMPLIANCE))
+        named = [compliance, *named]
+        # where nothing is left beside it, nothing is confounded with it either
+        credible = (COMPLIANCE,) if kind == "null" else (COMPLIANCE, *credible)
         kind = {"null": "named", "unknown": "named+unexplained"}.get(kind, kind)
     return Verdict(
         kind,
@@ -241,7 +243,7 @@ def _named(member, d: Decision, e: Examined) -> Named:
     v = member.variant
     scan = EFFECTS[v.effect].scan
     setting = scan.words.format(v.setting) if scan is not None and v.setting is not None else ""
-    return Named(v.effect, model_name(member), v.site, setting, d.probability[v.effect], d.needed[v.effect])
+    return Named(v.effect, model_name(member), v.site, setting, d.probability[v.effect], d.lost(v.effect))
 
 
 def _rungs(

@@ -167,6 +167,7 @@ class State:
     covariance: np.ndarray  # (D + k, D + k)
     taken: float  # degrees of freedom that the fit takes up
     log_evidence: float
+    robust: bool  # whether outliers were looked for
 
     @property
     def gross(self) -> int:
@@ -269,9 +270,7 @@ def fit_state(
         - 0.5 * np.log(2.0 * (kept - taken + STATED_WORTH))
     )
     covariance = cho_solve(factor, np.eye(len(z)))
-    return State(
-        p, columns, np.asarray(scales, float), weight, kappa, r, step, design, covariance, taken, log_evidence
-    )
+    return State(p, columns, scales, weight, kappa, r, step, design, covariance, taken, log_evidence, robust)
 
 
 def again(state: State, p: Problem) -> State:

@@ -89,7 +89,9 @@ def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray 
     width = p.pool.shape[1]
     wide = replace(p, pool=np.column_stack([p.pool, pool.columns[:, own]]))
     columns = np.concatenate([state.columns, np.arange(width, width + len(own))])
-    return fit_state(wide, columns, np.concatenate([state.scales, np.full(len(own), scale)]), start)
+    return fit_state(
+        wide, columns, np.concatenate([state.scales, np.full(len(own), scale)]), start, state.robust
+    )
 
 
 def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[Found]]:
@@ -123,12 +125,12 @@ def same_place(hypothesis: Hypothesis, pool: Pool) -> np.ndarray:
     mine = {place for m in hypothesis.members for place in m.variant.places}
     return np.array(
         [
-            any(cell.site == site and coordinate(driver) == cell.driver for site, driver in mine)
+            any(cell.site == site and course(driver) == cell.driver for site, driver in mine)
             for cell in pool.cells
         ]
     )
 
 
-def coordinate(driver: str) -> str:
+def course(driver: str) -> str:
     """The coordinate behind an effect's driver: "angle 4, once a turn" goes by "angle 4"."""
     return driver.partition(",")[0].removeprefix("sign of ")

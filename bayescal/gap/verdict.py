@@ -65,7 +65,6 @@ class Decision:
     weighed: tuple[Weighed, ...]  # the weightiest first
     probability: Mapping[str, float]
     credible: tuple[str, ...]
-    needed: Mapping[str, float]  # nats that the best set without an effect loses
     alone: tuple[Found, ...]  # every cell beside nothing
     footnotes: tuple[str, ...]
 
@@ -73,6 +72,11 @@ class Decision:
     def members(self) -> tuple[Member, ...]:
         """The effects that the verdict commits to."""
         return self.hypothesis.members
+
+    def lost(self, effect: str) -> float:
+        """Nats that the best set loses without an effect."""
+        rest = max((w.score for w in self.weighed if effect not in w.effects), default=-np.inf)
+        return self.weighed[0].score - rest
 
 
 def decide(search: Search, pool: Pool) -> Decision:
@@ -87,10 +91,7 @@ def decide(search: Search, pool: Pool) -> Decision:
     members = tuple(m for m in best.hypothesis.members if m.effect in names)
     members, footnotes = _without_footnotes(search, members)
     chosen = search.hypothesis(members, (None, best.hypothesis.state.weight))
-    needed = {m.effect: best.score - _best_without(weighed, m.effect) for m in members}
-    return Decision(
-        kind, chosen, weighed, probability, credible_set(weighed), needed, tuple(alone), footnotes
-    )
+    return Decision(kind, chosen, weighed, probability, credible_set(weighed), tuple(alone), footnotes)
 
 
 def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[Found]]:
@@ -170,10 +171,6 @@ def judge(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> tuple
     if len(sure) == len(best.hypothesis.names):
         return "named", sure
     return "ambiguous", tuple(n for n in sure if probability[n] >= SET)
-
-
-def _best_without(weighed: Sequence[Weighed], effect: str) -> float:
-    return max((w.score for w in weighed if effect not in w.effects), default=-np.inf)
 
 
 def _survives(search: Search, best: Weighed, pool: Pool, effect: str) -> bool:

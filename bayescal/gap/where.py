@@ -209,8 +209,6 @@ def coordinate(driver: str, site: str, c: Circumstances) -> tuple[str, np.ndarra
             return "place along the face (-1 to 1)", face.place[:, 0]
     if word == "speed":
         word = "approach"
-    if driver == "sign of torque " + number:
-        word = "sign"
     return tables[word]() if word in tables else ("", order)
 
 

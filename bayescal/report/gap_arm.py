@@ -249,9 +249,16 @@ def _displacement(axes: Any, w: Place, first: bool) -> None:
     axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
     axes.set_xlabel(curve.coordinate)
     axes.set_title(place(w), loc="left")
-    axes.set_ylabel(f"{w.site} displaced by ({'urad' if curve.unit == 'rad' else 'um'})")
+    axes.set_ylabel(_displaced(w.site, curve.unit))
     if first:
         axes.legend(frameon=False, loc="best", handletextpad=0.3)
+
+
+def _displaced(site: str, unit: str) -> str:
+    """Label of what a site does: a joint's error is one of its link angle, whatever its reading's sign."""
+    if unit != "rad":
+        return f"{site} displaced (um)"
+    return f"{site}: link angle off (urad)" if site.startswith("joint") else f"{site} turned (urad)"
 
 
 def is_line(curve: Curve) -> bool:
