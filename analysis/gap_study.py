@@ -48,7 +48,8 @@ World = tuple[Path, str, int | None]  # folder of worlds, name, the seed to make
 
 def make(folder: Path, seed: int, name: str) -> None:
     """Make a world, unless it has been made already."""
-    from bayescal.blind import world, write
+    from bayescal.world import build as world
+    from bayescal.world import write
 
     if not (folder / "truth" / f"{name}.json").exists():
         texts, truth = world.build(seed, int(name))
@@ -151,7 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _run(given: argparse.Namespace) -> dict[str, Any]:
     if given.folder is None:
-        folder, source = given.runs / f"worlds-{given.seed}", f"seed {given.seed} of `bayescal.blind`"
+        folder, source = given.runs / f"worlds-{given.seed}", f"seed {given.seed} of `bayescal.world`"
         tasks: list[World] = [(folder, f"{k:03d}", given.seed) for k in range(given.worlds)]
     else:
         folder, source = given.folder, f"the folder `{given.folder.name}`"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.blind.arm import JOINT, LINK_FROM_READING, REDUCTIONS
-from bayescal.blind.touch import Act, Moved, Seen, World
+from bayescal.world.arm import JOINT, LINK_FROM_READING, REDUCTIONS
+from bayescal.world.touch import Act, Moved, Seen, World
 
 
 def _place(joint: int | np.integer, driver: str, name: str, also: tuple[str, ...] = ()) -> list[dict]:

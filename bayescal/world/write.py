@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.blind.arm import LIMITS, LINK_FROM_READING, REDUCTIONS, nominal
-from bayescal.blind.scene import BALL, FACES, MIDDLE, NORMALS, SIDE, U_DISTANCE, U_SIZE, U_SQUARE, pairs
-from bayescal.blind.touch import World
+from bayescal.world.arm import LIMITS, LINK_FROM_READING, REDUCTIONS, nominal
+from bayescal.world.scene import BALL, FACES, MIDDLE, NORMALS, SIDE, U_DISTANCE, U_SIZE, U_SQUARE, pairs
+from bayescal.world.touch import World
 
 SCHEMA = "worlds-truth/1"
 

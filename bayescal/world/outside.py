@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.blind.arm import JOINT, LINK_FROM_READING
-from bayescal.blind.scene import FACES
-from bayescal.blind.touch import Act, Moved, Seen, World
+from bayescal.world.arm import JOINT, LINK_FROM_READING
+from bayescal.world.scene import FACES
+from bayescal.world.touch import Act, Moved, Seen, World
 
 
 def _place(site: str, driver: str, name: str, *also: str) -> list[dict]:

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bayescal.blind import arm, joints, scene, session, write
-from bayescal.blind.mix import recipe, wishes
-from bayescal.blind.size import modest, sized
-from bayescal.blind.touch import World
-from bayescal.blind.truth import told
 from bayescal.errors import BayescalError
+from bayescal.world import arm, joints, scene, session, write
+from bayescal.world.mix import recipe, wishes
+from bayescal.world.size import modest, sized
+from bayescal.world.touch import World
+from bayescal.world.truth import told
 
 SOLVED = 1e-8  # m
 
@@ -105,7 +105,7 @@ def make(folder: str | Path, worlds: int, seed: int, first: int = 0) -> None:
 
 def main() -> None:
     """Make worlds from the command line."""
-    parser = argparse.ArgumentParser(prog="python -m bayescal.blind.world", description=make.__doc__)
+    parser = argparse.ArgumentParser(prog="python -m bayescal.world.build", description=make.__doc__)
     parser.add_argument("--worlds", type=int, default=20)
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--first", type=int, default=0)

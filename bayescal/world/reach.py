@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.blind.arm import LIMITS, nominal
+from bayescal.world.arm import LIMITS, nominal
 
 A2, A3, A4, D4, D6 = 0.075, 0.3, 0.075, 0.32, 0.08
 STRETCHED = 0.96  # beyond, the arm hardly moves outwards

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.blind.arm import HINGE
-from bayescal.blind.touch import Act, Moved, Seen, World
+from bayescal.world.arm import HINGE
+from bayescal.world.touch import Act, Moved, Seen, World
 
 LINKS = ("column", "upper arm", "elbow", "forearm", "wrist")
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.blind import arm, visible
-from bayescal.blind.mix import Maker
-from bayescal.blind.touch import Act, Moved, World
+from bayescal.world import arm, visible
+from bayescal.world.mix import Maker
+from bayescal.world.touch import Act, Moved, World
 
 WEAKEST, STRONGEST = 3.0, 300.0
 CLOSE, TRIES = 0.02, 6

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.blind.arm import JOINT, SIZE, Arm
-from bayescal.blind.scene import U_SIZE, U_SQUARE, pairs
-from bayescal.blind.touch import World
+from bayescal.world.arm import JOINT, SIZE, Arm
+from bayescal.world.scene import U_SIZE, U_SQUARE, pairs
+from bayescal.world.touch import World
 
 STEP = 1e-5
 PRIOR = {"a": 3e-4, "alpha": 1e-3, "d": 3e-4, "zero": 2e-3, "beta3": 1e-3}

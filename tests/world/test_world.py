@@ -11,13 +11,13 @@ import pytest
 
 pytest.importorskip("pinocchio")
 
-import bayescal.blind
-from bayescal.blind import world
-from bayescal.blind.mix import MIX, recipe
+import bayescal.world
 from bayescal.dataset import read_dataset
 from bayescal.estimate import estimate, settled
 from bayescal.model import build
 from bayescal.scene import Scene
+from bayescal.world import build as world
+from bayescal.world.mix import MIX, recipe
 
 SEED = 101
 TRUTH = ("truth", "effect", "lambda", "oracle", "outlier")
@@ -88,18 +88,18 @@ def test_worlds_differ():
 
 
 def test_no_command_needs_pinocchio():
-    program = "import sys; sys.modules['pinocchio'] = None; import bayescal.cli, bayescal.blind, bayescal.gap"
+    program = "import sys; sys.modules['pinocchio'] = None; import bayescal.cli, bayescal.world, bayescal.gap"
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
 def test_it_shares_nothing_with_the_model():
     """Its modules, imported afresh, bring none of the model's along."""
-    modules = [f"bayescal.blind.{m.name}" for m in pkgutil.iter_modules(bayescal.blind.__path__)]
+    modules = [f"bayescal.world.{m.name}" for m in pkgutil.iter_modules(bayescal.world.__path__)]
     assert all(importlib.import_module(name) for name in modules)
     program = (
         f"import importlib, sys; [importlib.import_module(n) for n in {modules}]; "
         "print(sorted(n for n in sys.modules if n.split('.')[0] in ('bayescal', 'factors')))"
     )
     said = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
-    others = set(eval(said)) - {"bayescal", "bayescal.errors", "bayescal.blind", *modules}
+    others = set(eval(said)) - {"bayescal", "bayescal.errors", "bayescal.world", *modules}
     assert not others

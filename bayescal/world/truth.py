@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.blind import scene, visible
-from bayescal.blind.size import second_order, wrong_masses
-from bayescal.blind.touch import World
+from bayescal.world import scene, visible
+from bayescal.world.size import second_order, wrong_masses
+from bayescal.world.touch import World
 
 
 def told(

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.blind import reach
-from bayescal.blind.arm import JOINT, LINK_FROM_READING, SIZE, Arm, nominal
-from bayescal.blind.scene import BALL, MIDDLE, NORMALS, SIDE, Scene
+from bayescal.world import reach
+from bayescal.world.arm import JOINT, LINK_FROM_READING, SIZE, Arm, nominal
+from bayescal.world.scene import BALL, MIDDLE, NORMALS, SIDE, Scene
 
 TIP = 3e-3  # radius of the probe's ball
 GROUPS, TIMES, LATE, PER_BALL = 15, 4, 60, 11

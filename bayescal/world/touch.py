@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bayescal.blind.arm import BASE, GROWTH, HINGE, JOINT, LINK_FROM_READING, SIZE, Arm
-from bayescal.blind.scene import Scene
-from bayescal.blind.session import TIP, Session
+from bayescal.world.arm import BASE, GROWTH, HINGE, JOINT, LINK_FROM_READING, SIZE, Arm
+from bayescal.world.scene import Scene
+from bayescal.world.session import TIP, Session
 
 PASSES = 4
 CLOSE = 1e-11  # m

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.blind.scene import FACES
-from bayescal.blind.touch import Act, Moved, Seen, World
+from bayescal.world.scene import FACES
+from bayescal.world.touch import Act, Moved, Seen, World
 
 
 def lobing(rng: np.random.Generator, _w: World) -> Act:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from bayescal.blind import frames, joints, outside, probe
-from bayescal.blind.touch import Act, World
+from bayescal.world import frames, joints, outside, probe
+from bayescal.world.touch import Act, World
 
 Maker = Callable[[np.random.Generator, World], Act]
 NAMED: tuple[Maker, ...] = (

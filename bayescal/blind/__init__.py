@@ -1,1 +1,0 @@
-"""The blind check: worlds of another making, in which something withheld is wrong."""
