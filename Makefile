@@ -3,10 +3,14 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 OUT ?= runs
+# of `make blind`, and NOTE: when and at which commit thresholds were frozen
+WORLDS ?= 400
+SEED ?= 2026
+WORKERS ?= 2
 # small matrices: more than one BLAS thread only waits for the others
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: fit test lint bench study gap-study clean
+.PHONY: fit test lint bench study own-sessions blind clean
 
 fit: $(VENV)/.run
 	$(BIN)/bayescal fit data/lrmate200ic-cube --samples 5000 --out $(OUT)/lrmate200ic-cube-fit
@@ -23,8 +27,14 @@ lint: $(VENV)/.test
 study: $(VENV)/.test
 	$(BIN)/python -m analysis.study
 
-gap-study: $(VENV)/.test
-	$(BIN)/python -m analysis.gap_study
+own-sessions: $(VENV)/.test
+	$(BIN)/python -m analysis.own_sessions
+
+# what was interrupted goes on where it stopped; answers are given once
+blind: $(VENV)/.test
+	$(BIN)/bayescal blind make --worlds $(WORLDS) --seed $(SEED) --workers $(WORKERS) --out $(OUT)/blind
+	test -f $(OUT)/blind/answers.json || $(BIN)/bayescal blind run $(OUT)/blind --workers $(WORKERS)
+	$(BIN)/bayescal blind score $(OUT)/blind --page docs/blind.md $(if $(NOTE),--note "$(NOTE)")
 
 bench: $(VENV)/.bench $(VENV)-pybotics/.bench
 	$(BIN)/python -m analysis.benchmarks --pybotics $(VENV)-pybotics/bin/python

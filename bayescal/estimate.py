@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from bayescal.arm.chain import link_angles
 from bayescal.arm.kernel import MAX_ANGLE
 from bayescal.errors import BayescalError
 from bayescal.model import ARM, Block, Model, Tie, build
+from bayescal.parts import Part
 from bayescal.scene import Scene
 
 if TYPE_CHECKING:
@@ -83,17 +84,21 @@ class Estimate:
 
 
 def calibrated(
-    scene: Scene, effects: tuple[str, ...], prior_width: float = 1.0, robust: bool = True
+    scene: Scene,
+    effects: tuple[str, ...],
+    prior_width: float = 1.0,
+    robust: bool = True,
+    without: Sequence[Part] = (),
 ) -> Estimate:
     """Fit a model, and once more with the gravity moments where the arm was found to stand.
 
     With moments of the drawing a compliance comes out several standard deviations off, while the residuals
     hide it; the more so with a payload.
     """
-    found = estimate(build(scene, effects, prior_width), robust=robust)
+    found = estimate(build(scene, effects, prior_width, without), robust=robust)
     if not effects or scene.moments is None:
         return found
-    model = build(settled(found), effects, prior_width)
+    model = build(settled(found), effects, prior_width, without)
     # a joint that leans may carry what an upright one does not: start by name
     known = dict(zip(found.model.names, found.z.tolist(), strict=True))
     return estimate(model, robust=robust, start=np.array([known.get(name, 0.0) for name in model.names]))

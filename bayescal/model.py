@@ -6,7 +6,7 @@ maps to physical values by `Parameter`, a target's part by the `sd` of its kind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,6 +16,7 @@ from bayescal.arm.motion import CERTIFICATE, CONTACT, Motion, Term
 from bayescal.dataset import Certificate as CertificateEntry
 from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
+from bayescal.parts import Part, kept
 from bayescal.scene import Scene, stated_u
 from factors import certificate
 from factors.distance import Distance
@@ -299,7 +300,9 @@ def check_asked(effects: tuple[str, ...], prior_width: float) -> None:
         raise BayescalError("an effect is named twice", "--model", "name it once")
 
 
-def build(scene: Scene, effects: tuple[str, ...], prior_width: float = 1.0) -> Model:
+def build(
+    scene: Scene, effects: tuple[str, ...], prior_width: float = 1.0, without: Sequence[Part] = ()
+) -> Model:
     """The model of a scene's `calibrate` rows.
 
     Parameters
@@ -309,17 +312,20 @@ def build(scene: Scene, effects: tuple[str, ...], prior_width: float = 1.0) -> M
         Names of `effects.EFFECTS`; () leaves the arm as drawn.
     prior_width : float
         Factor on the prior standard deviations of the arm's parameters.
+    without : sequence of Part
+        Parts of the effects that stay as drawn.
 
     Raises
     ------
     BayescalError
-        Without rows to fit, or where an effect lacks what it needs.
+        Without rows to fit, or where an effect lacks what it needs, or a part that it should be without.
     """
     rows = scene.rows("calibrate")
     if not len(rows):
         raise BayescalError("no row has the role calibrate", "measurements.csv", "nothing can be fitted")
     circumstances = scene.circumstances(rows)
-    parameters = tuple(p.widened(prior_width) for p in parameters_of(effects, circumstances))
+    parameters = kept(parameters_of(effects, circumstances), without)
+    parameters = tuple(p.widened(prior_width) for p in parameters)
     return with_parameters(scene, effects, parameters)
 
 

@@ -42,6 +42,7 @@ BREACHES = [
     ("factors/plane.py", "import gtsam", "graph"),
     ("bayescal/model.py", "import arviz", "sampler"),
     ("bayescal/estimate.py", "def late():\n    import emcee.moves", "sampler"),
+    ("bayescal/blind/workers.py", "def late():\n    import distributed", "dask"),
 ]
 
 

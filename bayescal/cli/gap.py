@@ -16,6 +16,11 @@ def gap(
     model: str = typer.Option(
         "geometry,compliance", help="Effects that the model has already, comma separated."
     ),
+    without: str = typer.Option(
+        "",
+        help="Parts of these effects to leave out and look for, comma separated: 'geometry at joint 4' "
+        "(theta4, d4, and a4, alpha4, beta4 behind), 'geometry at link 4', 'compliance at joint 3'.",
+    ),
     seed: int = typer.Option(0, help="One seed, one result."),
     out: Path | None = typer.Option(None, help="Run folder to write [default: runs/<dataset>-gap]."),
     robust: bool = typer.Option(True, help="Find outliers and leave them out."),
@@ -26,7 +31,9 @@ def gap(
     from bayescal.dataset import read_dataset
     from bayescal.folders import check_free
 
-    effects = tuple(name.strip() for name in model.split(",") if name.strip())
+    effects, parts = (
+        tuple(name.strip() for name in words.split(",") if name.strip()) for words in (model, without)
+    )
     session = read_dataset(dataset)
     folder = out or Path("runs") / f"{dataset.resolve().name}-gap"
     check_free(folder, "gap.json")
@@ -39,7 +46,7 @@ def gap(
 
     console = Console(highlight=False)
     with progress() as told:
-        result = diagnose(session, effects, seed, robust, prior_width, told)
+        result = diagnose(session, effects, seed, robust, prior_width, told, parts)
         told("write", 1.0)
         written = write_gap(result, folder, pictures)
     console.print(gap_summary(result))

@@ -7,8 +7,14 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def progress() -> Iterator[Callable[[str, float], None]]:
-    """A bar on the error stream while it lasts; it is told a stage and the fraction of it that is done."""
+def progress(first: str = "estimate") -> Iterator[Callable[[str, float], None]]:
+    """A bar on the error stream while it lasts; it is told a stage (or '12 of 200') and the fraction done.
+
+    Parameters
+    ----------
+    first : str
+        What stands there until then.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -19,5 +25,5 @@ def progress() -> Iterator[Callable[[str, float], None]]:
         console=Console(stderr=True, highlight=False),
         transient=True,
     ) as bar:
-        task = bar.add_task("estimate", total=1.0)
+        task = bar.add_task(first, total=1.0)
         yield lambda stage, fraction: bar.update(task, description=stage, completed=fraction)

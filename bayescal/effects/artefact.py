@@ -1,9 +1,10 @@
 """Artefact: a paper that is wrong, of faces not as parallel, square or far apart as it says.
 
-One parameter a stated value, true minus certified. Prior: ten times the stated uncertainty (assumed: a
-paper that is wrong, or the artefact of another number, is wrong by many times what it states). It moves
-neither arm nor contact: only where contacts tell the same angle or distance on their own can it be
-seen. A wrong length alone is hardly told from an arm of another size.
+One parameter a stated value, true minus certified. Prior: ten times the stated uncertainty of an angle
+(assumed: a paper that is wrong, or the artefact of another number, is wrong by many times what it states),
+three times that of a length. It moves neither arm nor contact: only where contacts tell the same angle or
+distance on their own can it be seen. A wrong length alone is hardly told from an arm of another size: set
+free, it would cost every distance more than it mends.
 """
 
 from __future__ import annotations
@@ -11,14 +12,14 @@ from __future__ import annotations
 from bayescal.arm.motion import CERTIFICATE, Term
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
-TIMES = 10.0  # the stated uncertainty
+TIMES = {"rad": 10.0, "m": 3.0}  # the stated uncertainty
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     out = []
     for paper in c.papers:
         term = Term(CERTIFICATE, str(paper.certificate), paper.rows)
-        name, sd = f"artefact {paper.name}", TIMES * paper.u
+        name, sd = f"artefact {paper.name}", TIMES[paper.unit] * paper.u
         out.append(Parameter(name, paper.unit, (term,), sd, site="artefact", driver="certificate"))
     return out
 

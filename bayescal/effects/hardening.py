@@ -19,7 +19,7 @@ from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 
 CHANGE = 0.3  # of the compliance
 WOUND_UP = 1.6e-3  # rad
-KNEES = np.array([0.2, 0.4, 0.8])
+KNEES = np.array([0.2, 0.3, 0.45, 0.8])
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:

@@ -21,7 +21,8 @@ from bayescal.errors import BayescalError
 ZERO_SD = 5e-5  # rad
 GROWTH_SD = 5e-5  # m a m
 BASE_SD = 2e-5  # m
-SHARES = (1 / 16, 1 / 8, 1 / 4, 4.0)  # of the session: time constants worth trying, the last a straight line
+SHARES = (1 / 8, 1 / 4, 4.0)  # of the session: time constants worth trying, the last a straight line
+FASTEST = 400.0  # s: what settles sooner is no arm that warms up
 
 
 def _clock(c: Circumstances) -> np.ndarray | None:
@@ -83,7 +84,7 @@ def _warming(c: Circumstances, constant: float) -> list[Parameter]:
 def _constants(c: Circumstances) -> np.ndarray:
     time = _clock(c)
     span = 0.0 if time is None else float(np.ptp(time))
-    return span * np.array(SHARES) if span > 0 else np.empty(0)
+    return np.unique(np.maximum(span * np.array(SHARES), FASTEST)) if span > 0 else np.empty(0)
 
 
 def _missing(c: Circumstances) -> str:
@@ -96,4 +97,5 @@ THERMAL_DRIFT = Effect(
     _parameters,
     _missing,
     Scan("time constant of warming up, s", "warming up in {:.0f} s", _constants, _warming),
+    whole=True,
 )

@@ -152,3 +152,4 @@ class Effect:
     parameters: Callable[[Circumstances], list[Parameter]]
     missing: Callable[[Circumstances], str] = lambda circumstances: ""
     scan: Scan | None = None
+    whole: bool = False  # of the whole arm at once: at one site alone it is something else

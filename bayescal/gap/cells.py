@@ -24,12 +24,14 @@ LENGTH, ANGLE = 1e-5, 1e-4  # m, rad: prior standard deviation of a wave
 BUMP_WIDTHS = (0.04, 0.1)  # rad, of a defect at one place of a turn
 MOMENTS = 16  # that a change may have, by cell
 TURNS = tuple(np.arange(2.0, 20.5, 0.75))  # of a swinging base, a session
-GRID, SPOT = (-0.8, 0.0, 0.8), 0.5  # of the workspace's half width
+GRID, SPOT = (-1.0, -0.5, 0.0, 0.5, 1.0), 0.5  # of the workspace's half width
 SPOTS = (
     (0.2, tuple(np.linspace(-0.9, 0.9, 7))),
     (0.4, tuple(np.linspace(-0.8, 0.8, 4))),
 )  # width, centres, a face
 FEWEST_ON_SPOT = 3
+BENDS = (0.2, 0.4, 0.6, 0.8)  # of the contacts lie below the angle beyond which something sets in
+MEMORY = (50.0, 150.0)  # s, of a joint that goes on yielding
 FEWEST = 12  # contacts that a defect or a change must move
 
 
@@ -75,11 +77,15 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
             waves = smooth(c.readings[:, k - 1], c.fitted)
             if waves:
                 yield Cell(site, f"angle {k}", (_at_joint(c, j, waves),))
+                bends = [_at_joint(c, j, [d]) for d in _beyond(c.readings[:, k - 1], c.fitted)]
+                yield Cell(site, f"angle {k}, beyond one place", tuple(bends))
         yield Cell(site, f"angle {j}, one place", tuple(_bumps(c, j)))
         if c.moments is not None:
             waves = smooth(c.moments[:, j, 2], c.fitted)
             if waves and np.ptp(c.moments[c.fitted, j, 2]) > 1e-3:
                 yield Cell(site, f"torque {j}", (_at_joint(c, j, waves),))
+                late = [_at_joint(c, j, [d]) for d in _past(c, c.moments[:, j, 2])]
+                yield Cell(site, f"past torque {j}", tuple(late))
         if c.velocity is not None and np.any(c.velocity[c.fitted, j - 1]):
             speed = c.velocity[:, j - 1]
             yield Cell(
@@ -87,6 +93,30 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
             )
             size = float(np.sqrt(np.mean(speed[c.fitted] ** 2)))
             yield Cell(site, f"speed {j}", (_at_joint(c, j, [speed / size]),))
+
+
+def _beyond(x: np.ndarray, fitted: np.ndarray) -> Iterator[np.ndarray]:
+    """Lines that set in at one place of a coordinate x (N,), on either side of it."""
+    for at in np.quantile(x[fitted], BENDS):
+        for side in (1.0, -1.0):
+            line = np.maximum(side * (x - at), 0.0)
+            most = float(np.max(line[fitted]))
+            if most > 0 and np.sum(line[fitted] > 0) >= FEWEST:
+                yield 2.0 * line / most
+
+
+def _past(c: Circumstances, load: np.ndarray) -> Iterator[np.ndarray]:
+    """How far a load (N,) that is remembered for a while lags behind the one that acts."""
+    if c.time is None or not np.ptp(c.time) > 0:
+        return
+    wait = np.maximum(np.diff(c.time, prepend=c.time[0]), 0.0)
+    for memory in MEMORY:
+        lag, keep = np.zeros(len(load)), np.exp(-wait / memory)
+        for k in range(1, len(load)):
+            lag[k] = keep[k] * (lag[k - 1] + load[k - 1] - load[k])
+        size = float(np.sqrt(np.mean(lag[c.fitted] ** 2)))
+        if size > 0:
+            yield lag / size
 
 
 def _bumps(c: Circumstances, j: int) -> Iterator[tuple[Parameter, ...]]:
@@ -169,7 +199,7 @@ def _time(c: Circumstances) -> Iterator[Cell]:
 
 
 def _sway(c: Circumstances) -> Iterator[Cell]:
-    """A base that swings, a few times to many times a session."""
+    """A base that swings, or tilts only, a few times to many times a session."""
     clock = np.arange(len(c.q), dtype=float) if c.time is None else c.time
     span = float(np.ptp(clock[c.fitted]))
     if not span > 0:
@@ -177,7 +207,8 @@ def _sway(c: Circumstances) -> Iterator[Cell]:
     base, sets = movers(c)["base"], []
     for turns in TURNS:
         phase = 2 * np.pi * turns * clock / span
-        sets.append((*base(np.sin(phase)), *base(np.cos(phase))))
+        every = [*base(np.sin(phase)), *base(np.cos(phase))]
+        sets += [tuple(every), tuple(p for p in every if p.terms[0].axis in ("rx", "ry"))]
     yield Cell("base", "time, to and fro", tuple(sets))
 
 
@@ -193,7 +224,7 @@ def _region(c: Circumstances) -> Iterator[Cell]:
     products = [u[:, i] * u[:, j] for i in range(3) for j in range(i, 3)]
     yield Cell("probe", "place in the workspace", (_contact(on, [*u.T, *products]),))
     spots = [
-        np.exp(-0.5 * np.sum(((u - at) / SPOT) ** 2, axis=1)) for at in itertools.product(GRID, repeat=3)
+        1.0 / (1.0 + (np.linalg.norm(u - at, axis=1) / SPOT) ** 3) for at in itertools.product(GRID, repeat=3)
     ]
     seen = [s for s in spots if np.sum(s[c.fitted] > 0.5) >= FEWEST / 2]
     yield Cell("probe", "place in the workspace, one region", tuple(_contact(on, [s]) for s in seen))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,15 +26,15 @@ from bayescal.gap.problem import Problem, Slopes, State, again, fit_state, of_pa
 from bayescal.gap.refit import model_name, refit
 from bayescal.gap.result import Gap, Hypothetical, Named, Place, Verdict
 from bayescal.gap.screen import screened
-from bayescal.gap.search import Hypothesis, Member, Search
+from bayescal.gap.search import COMPLIANCE, Hypothesis, Member, Search
 from bayescal.gap.shrinkage import shrinkage
 from bayescal.gap.unknown import Pool
 from bayescal.gap.verdict import Decision, decide
 from bayescal.gap.where import places, places_named
 from bayescal.model import check_asked, with_parameters
+from bayescal.parts import Part, parts_of
 from bayescal.scene import Scene
 
-COMPLIANCE = "compliance"
 PROMOTED = 3.0
 """Nats that compliance must bring for a model without it to be judged with it."""
 ADVISED = 3
@@ -66,12 +66,22 @@ def with_compliance(c: Circumstances, fitted: Estimate) -> Circumstances:
     return replace(c, compliance=known)
 
 
-def examine(scene: Scene, effects: tuple[str, ...], robust: bool, prior_width: float) -> Examined:
-    """Fit a baseline where the arm was found to stand, and weigh everything that it leaves out."""
-    fitted = calibrated(scene, effects, prior_width, robust)
+def examine(
+    scene: Scene,
+    effects: tuple[str, ...],
+    robust: bool,
+    prior_width: float,
+    without: Sequence[Part] = (),
+    further: bool = False,
+) -> Examined:
+    """Fit a baseline where the arm was found to stand, and weigh everything that it leaves out.
+
+    `further` says that something was named before.
+    """
+    fitted = calibrated(scene, effects, prior_width, robust, without)
     stands = fitted.model.scene
     c = with_compliance(stands.circumstances(stands.rows("calibrate")), fitted)
-    known, generic = candidates(c, effects), cells(c)
+    known, generic = candidates(c, effects, without), cells(c)
     nuisance = masses(c, stands.delta) if COMPLIANCE in effects else []
     slopes = Slopes.of(fitted, [p for p in known.pool if of_paper(p)])
     p = slopes.problem(fitted.z, known.pool, nuisance)
@@ -82,9 +92,47 @@ def examine(scene: Scene, effects: tuple[str, ...], robust: bool, prior_width: f
     pool = Pool.of(
         generic, slopes.columns([q for cell in generic for own in cell.sets for q in own]), p.count
     )
-    search = Search(p, known, robust)
+    search = Search(p, known, robust, further)
     search.run()
     return Examined(fitted, c, known, p, pool, search, decide(search, pool))
+
+
+@dataclass(frozen=True)
+class Explained:
+    """A baseline, what was named beside it, and what the two leave of the measurements that were held out."""
+
+    first: Examined
+    last: Examined  # the same, or with compliance in the model where that was `promoted`
+    promoted: bool
+    before: HeldOut  # of the baseline
+    final: Estimate  # with what was named
+    after: HeldOut
+
+    @property
+    def verdict(self) -> Verdict:
+        """Which effect."""
+        return _verdict(self.last, self.first.decision if self.promoted else None)
+
+
+def explain(
+    scene: Scene,
+    effects: tuple[str, ...],
+    robust: bool = True,
+    prior_width: float = 1.0,
+    without: Sequence[Part] = (),
+    progress: Progress = lambda stage, fraction: None,
+) -> Explained:
+    """Name what a baseline leaves out, as far as held-out measurements bear it out; see `diagnose`."""
+    progress("estimate", 0.0)
+    first = examine(scene, effects, robust, prior_width, without)
+    progress("search", 0.3)
+    last, promoted = first, COMPLIANCE not in effects and _promoted(first)
+    if promoted:
+        last = examine(scene, (*effects, COMPLIANCE), robust, prior_width, without, further=True)
+    progress("refit", 0.6)
+    before = held_out(first.fitted)
+    last, final, after = _confirmed(last, held_out(last.fitted) if promoted else before, robust)
+    return Explained(first, last, promoted, before, final, after)
 
 
 def diagnose(
@@ -94,6 +142,7 @@ def diagnose(
     robust: bool = True,
     prior_width: float = 1.0,
     progress: Progress = lambda stage, fraction: None,
+    without: Sequence[str] = (),
 ) -> Gap:
     """Diagnose the gap between a calibrated model and the machine.
 
@@ -110,31 +159,26 @@ def diagnose(
         Factor on the prior standard deviations of the arm.
     progress : callable
         Told the stage and the fraction of it that is done.
+    without : sequence of str
+        Parts of the effects that the model lacks and that are candidates: 'geometry at joint 4'; see `Part`.
 
     Raises
     ------
     BayescalError
-        Where the session cannot be fitted, with the reason.
+        Where the session cannot be fitted, or the model has no such part, with the reason.
     """
     check_asked(effects, prior_width)
-    progress("estimate", 0.0)
+    parts = parts_of(without, effects)
     scene = Scene(dataset)
-    first = examine(scene, effects, robust, prior_width)
-    progress("search", 0.3)
-    last, promoted = first, _promoted(first)
-    if promoted:
-        last = examine(scene, (*effects, COMPLIANCE), robust, prior_width)
-    progress("refit", 0.6)
-    before = held_out(first.fitted)
-    last, final, after = _confirmed(last, held_out(last.fitted) if promoted else before, robust)
-    members = last.decision.members
+    found = explain(scene, effects, robust, prior_width, parts, progress)
+    first, last, promoted, final = found.first, found.last, found.promoted, found.final
+    before, after, members = found.before, found.after, last.decision.members
     noise = noise_floor(final, after.main)
     progress("report", 0.8)
     size = magnitude(first.fitted, final, before, after, seed)
     chosen = last.decision.hypothesis
-    verdict = _verdict(last, first.decision if promoted else None)
     changed = bool(members) or promoted
-    rungs = _rungs(scene, effects, prior_width, robust, first.fitted, last, promoted)
+    rungs = _rungs(scene, effects, prior_width, robust, parts, first.fitted, last, promoted)
     plain = without_nuisance(last.problem, last.fitted.model.size)
     named = tuple(m.effect for m in members)
     spots = blind_spots(last.fitted, last.candidates, plain, again(chosen.state, plain), named)
@@ -149,13 +193,14 @@ def diagnose(
         magnitude=size,
         where=_where(first, last, promoted, noise.sd),
         margins=margins(first.fitted, before, noise.sd, noise.dof),
-        verdict=verdict,
+        verdict=found.verdict,
         shrinkage=shrinkage(before, after, noise.sd, seed, noise.dof) if changed else (),
         ladder=ladder(rungs),
         advice=advise(last.fitted, last.candidates, pairs),
         blind_spots=unseen(spots),
         residuals=_residuals(first.fitted, final),
         warnings=warnings(first.fitted, final, before, after),
+        without=tuple(map(str, parts)),
     )
 
 
@@ -247,14 +292,14 @@ def _named(member, d: Decision, e: Examined) -> Named:
 
 
 def _rungs(
-    scene: Scene, effects: tuple[str, ...], width: float, robust: bool, baseline: Estimate, last: Examined,
-    promoted: bool,
+    scene: Scene, effects: tuple[str, ...], width: float, robust: bool, without: Sequence[Part],
+    baseline: Estimate, last: Examined, promoted: bool,
 ) -> list[tuple[tuple[str, ...], Estimate]]:  # fmt: skip
     """Nominal, each effect of the baseline, then each that was named, in the order in which they entered."""
     out: list[tuple[tuple[str, ...], Estimate]]
     out = [(("nominal",), estimate(with_parameters(scene, (), ()), robust=robust))]
     for k in range(1, len(effects)):
-        out.append((effects[:k], calibrated(scene, effects[:k], width, robust)))
+        out.append((effects[:k], calibrated(scene, effects[:k], width, robust, without)))
     if effects:
         out.append((effects, baseline))
     if promoted:

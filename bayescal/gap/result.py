@@ -125,7 +125,8 @@ class Shrinkage:
     floor: float  # what noise alone leaves
     removed: float  # fraction of the excess variance; nan where there was no excess
     removed_interval95: tuple[float, float]
-    predicted: float  # rms that the refitted model expects
+    predicted_before: float  # rms that the refitted model expects of the baseline, from fitted rows alone
+    predicted: float  # rms that the refitted model expects of itself
     claimed: bool  # False where the refitted model expects no better than before
 
 
@@ -183,3 +184,4 @@ class Gap:
         np.ndarray, np.ndarray, np.ndarray
     ]  # rows of the session, before, after (m), fitted ones
     warnings: tuple[str, ...]
+    without: tuple[str, ...] = ()  # parts that the baseline lacks: "geometry at joint 4"

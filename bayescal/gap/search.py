@@ -16,11 +16,12 @@ NULL, SINGLE, UNKNOWN = 0.15, 0.65, 0.2
 FURTHER = 0.2
 """Factor on the prior of each further effect."""
 BEAM = 5
-MOST = 4
+MOST = 6
 SEEN = 9.0
 """Lambda that an effect must reach at the largest size worth trying, or no contact could show it."""
 WORTH = 2.0
 """Nats that a further effect must bring to be tried."""
+COMPLIANCE = "compliance"
 AFTER_COMPLIANCE = ("payload", "hardening", "hysteresis", "bending", "base-compliance")
 """Effects of gravity: named only once the joints' compliance is in the model, which every arm has."""
 
@@ -74,15 +75,18 @@ class Search:
     problem: Problem
     candidates: Candidates
     robust: bool = True
+    further: bool = False  # something was found before: all that is named now is more of it
     unseen: tuple[str, ...] = ()
     bank: Bank | None = None
     hypotheses: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
 
     def prior(self, size: int) -> float:
         """Log prior of a set of that many effects."""
+        count = max(len(self.candidates.variants), 1)
+        if self.further:
+            return float(size * np.log(FURTHER / count))
         if size == 0:
             return float(np.log(NULL))
-        count = max(len(self.candidates.variants), 1)
         return float(np.log(SINGLE / count) + (size - 1) * np.log(FURTHER / count))
 
     def hypothesis(
@@ -123,7 +127,8 @@ class Search:
 
     def allowed(self, names: Sequence[str]) -> bool:
         """Whether a set respects the order in which effects may be named."""
-        waits = "compliance" in self.candidates.variants and "compliance" not in names
+        c = self.candidates
+        waits = COMPLIANCE in c.variants and COMPLIANCE not in (*names, *c.partly)
         return not (waits and any(n in AFTER_COMPLIANCE for n in names))
 
     def extend(self, base: Hypothesis, least: float) -> list[Hypothesis]:

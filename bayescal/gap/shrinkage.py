@@ -47,14 +47,34 @@ def shrinkage(
             [before.residual[mine] ** 2, after.residual[mine] ** 2, floor, own**2 * main[mine]]
         )
         count = len(np.unique(before.rows[mine]))
-        out.append(compare(kind, count, squares, before.block[mine], after.sd[mine], noise_dof, rng))
+        expected = expects(before.residual[mine], after.residual[mine], after.sd[mine])
+        out.append(compare(kind, count, squares, before.block[mine], expected, noise_dof, rng))
     old, new = before.distances, after.distances
     if len(old.error):
         predicted = new.predicted_sd()
         squares = np.stack([old.error**2, new.error**2, predicted**2, np.zeros(len(old.u))])
-        distances = compare("distances", len(old.u), squares, old.block, predicted, noise_dof, rng)
+        expected = expects(old.error, new.error, predicted)
+        distances = compare("distances", len(old.u), squares, old.block, expected, noise_dof, rng)
         out.insert(1 if out and out[0].what == "planes" else 0, distances)
     return tuple(out)
+
+
+def expects(before: np.ndarray, after: np.ndarray, sd: np.ndarray) -> tuple[float, float]:
+    """Rms errors that the refitted model expects of the baseline and of itself, m.
+
+    Were it right, the baseline would be off by what the two models say differently and, on top, by what it is
+    itself unsure of: E (y - a)^2 = (b - a)^2 + sd^2, for y ~ N(b, sd^2). What was measured falls out of
+    b - a, the difference of their residuals, to first order: both halves rest on fitted rows alone.
+
+    Parameters
+    ----------
+    before, after : np.ndarray, shape (R,)
+        Residuals of the baseline and of the refitted model on the same measurements, m.
+    sd : np.ndarray, shape (R,)
+        That the refitted model predicts, m.
+    """
+    own = np.mean(sd**2)
+    return float(np.sqrt(np.mean((before - after) ** 2) + own)), float(np.sqrt(own))
 
 
 def compare(
@@ -62,7 +82,7 @@ def compare(
     count: int,
     squares: np.ndarray,
     block: np.ndarray,
-    predicted: np.ndarray,
+    expected: tuple[float, float],
     noise_dof: float,
     rng: np.random.Generator,
 ) -> Shrinkage:
@@ -75,8 +95,8 @@ def compare(
     squares : np.ndarray, shape (4, R)
         Squared errors before and after, their floor, and what of the floor is the noise, m2.
     block : np.ndarray, shape (R,)
-    predicted : np.ndarray, shape (R,)
-        Standard deviations that the refitted model expects, m.
+    expected : tuple of float
+        Rms errors before and after that the refitted model expects, m.
     noise_dof : float
     rng : np.random.Generator
     """
@@ -94,11 +114,10 @@ def compare(
             ratio = np.where(excess > 0, (draws[:, 0] - draws[:, 1]) / excess, np.nan)
         low, high = interval(removed, np.minimum(ratio[np.isfinite(ratio)], 1.0), number)
         ends = low, min(high, 1.0)
-    expected = float(np.sqrt(np.mean(predicted**2)))
     change = interval(new - old, draws[:, 1] - draws[:, 0], number)
     shown = np.isfinite(removed) or change[1] < 0  # there was an excess, or at least the errors fell
-    claimed = bool(max(expected**2, new) < old and shown)
+    claimed = bool(max(expected[1] ** 2, new) < old and shown)
     return Shrinkage(
         what, count, float(np.sqrt(old)), float(np.sqrt(new)), float(np.sqrt(floor)), float(removed), ends,
-        expected, claimed,
+        *expected, claimed,
     )  # fmt: skip

@@ -19,6 +19,8 @@ FACES = 0.1
 """The rest: faces, one after another."""
 TRIED = 3
 """Cells that are fitted with outliers of their own."""
+LARGE = 50.0
+"""Nats from which a cell is fitted: it lets the noise fall, and priors then weigh less than was reckoned."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,27 @@ class Found:
 
 
 def found(state: State, pool: Pool) -> list[Found]:
-    """What every cell would add to a state."""
+    """What every cell would add to a state; where that is much, by a fit of the leading cells' best sets."""
+    out = reckoned(state, pool)
+    fitted: set[int] = set()
+    while out:
+        top = max(out, key=lambda f: f.gain)
+        if top.gain < LARGE or top.cell in fitted:
+            break
+        out[top.cell] = refitted(state, pool, top, state.weight)
+        fitted.add(top.cell)
+    return out
+
+
+def refitted(state: State, pool: Pool, f: Found, start: np.ndarray | None = None) -> Found:
+    """A cell with the nats that fits of its best set, scale by scale, bring over a state."""
+    nats = np.array([with_set(state, pool, f.best, s, start).log_evidence for s in SCALES]) + SCALE_PRIOR
+    gain = float(log_sum(nats)) - state.log_evidence - np.log(np.sum(pool.owner == f.cell))
+    return replace(f, gain=float(gain), scale=float(SCALES[int(np.argmax(nats))]))
+
+
+def reckoned(state: State, pool: Pool) -> list[Found]:
+    """What every cell would add to a state, without a fit of it."""
     bayes = weigh_sets(state, pool.bank) + SCALE_PRIOR
     out = []
     for i in range(len(pool.cells)):
@@ -104,15 +126,10 @@ def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[Found]]:
     cells = found(state, pool)
     if state.gross:
         whole = fit_state(state.problem, state.columns, state.scales, robust=False)
-        full = found(whole, pool)
-        for rank in sorted(full, key=lambda f: -f.gain)[:TRIED]:
-            fitted = [with_set(state, pool, rank.best, s).log_evidence for s in SCALES]
-            sets = int(np.sum(pool.owner == rank.cell))
-            gain = float(log_sum(np.array(fitted) + SCALE_PRIOR)) - state.log_evidence - np.log(sets)
-            if gain > cells[rank.cell].gain:
-                cells[rank.cell] = replace(
-                    rank, gain=gain, scale=float(SCALES[int(np.argmax(fitted + SCALE_PRIOR))])
-                )
+        for rank in sorted(reckoned(whole, pool), key=lambda f: -f.gain)[:TRIED]:
+            anew = refitted(state, pool, rank)
+            if anew.gain > cells[rank.cell].gain:
+                cells[rank.cell] = anew
     weight = np.where(same_place(hypothesis, pool), -np.inf, pool.log_prior)
     cells = [f if w > -np.inf else replace(f, rival=False) for f, w in zip(cells, weight, strict=True)]
     if not np.any(weight > -np.inf):

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayescal.gap.cells import Cell
 from bayescal.gap.evidence import log_sum
 from bayescal.gap.search import UNKNOWN, Hypothesis, Member, Search
-from bayescal.gap.unknown import Found, Pool, unknown, with_set
+from bayescal.gap.unknown import Found, Pool, course, unknown, with_set
 from bayescal.gap.where import visible
 
 LEADERS = 4
@@ -21,8 +22,11 @@ NULL_ENOUGH = 0.2
 SURE = 0.5
 """Probability from which on an effect is named."""
 SET = 0.9
-FORM = 0.04
-"""Share of its nats that something else gives away: a smooth cell also fits what a named form gets wrong."""
+FORM, SAME_COURSE, SAME_PLACE = 0.04, 0.06, 0.15
+"""Shares of its nats that something else gives away: a smooth cell also fits what a named form gets wrong.
+
+More where a leading hypothesis names an effect that acts there along that very coordinate.
+"""
 FOOTNOTE = 0.05
 """Share of the named variance below which an effect is a footnote."""
 KEPT = 5.0
@@ -107,13 +111,23 @@ def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[Found]]
         if not np.isfinite(gain):
             continue
         best = max((f for f in cells if f.rival), key=lambda f: f.gain + pool.log_prior[f.cell])
-        prior = h.log_prior + float(np.log(BESIDE)) if h.members else float(np.log(UNKNOWN))
-        evidence = h.log_evidence + gain - FORM * max(gain, 0.0)
+        beside = bool(h.members) or search.further
+        prior = h.log_prior + float(np.log(BESIDE)) if beside else float(np.log(UNKNOWN))
+        evidence = h.log_evidence + gain - given_away(pool.cells[best.cell], ranked) * max(gain, 0.0)
         out.append(Weighed(h, best, evidence - null.log_evidence, evidence + prior))
     out = softened(out)
     total = log_sum(np.array([w.score for w in out]))
     out = [replace(w, probability=float(np.exp(w.score - total))) for w in out]
     return tuple(sorted(out, key=lambda w: -w.score)), alone
+
+
+def given_away(cell: Cell, ranked: Sequence[Hypothesis]) -> float:
+    """Share of its nats that a cell gives away to the forms that leading hypotheses have for its place."""
+    members = [m for h in ranked[: LEADERS + 1] for m in h.members]
+    named = {(site, course(driver)) for m in members for site, driver in m.variant.places}
+    if (cell.site, cell.driver) in named:
+        return SAME_PLACE
+    return SAME_COURSE if (cell.site, course(cell.driver)) in named else FORM
 
 
 def softened(weighed: Sequence[Weighed]) -> list[Weighed]:

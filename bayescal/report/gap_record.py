@@ -29,6 +29,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
     record = {
         **origin(SCHEMA, gap.dataset, gap.seed, LIBRARIES),
         "baseline": list(gap.baseline),
+        "without": list(gap.without),
         "gap": _magnitude(gap.magnitude),
         "verdict": verdict.kind,
         "words": headline(gap),
@@ -148,6 +149,7 @@ def _shrinkage(s: Shrinkage) -> dict[str, Any]:
         "floor_um": UM * s.floor,
         "removed": s.removed,
         "removed_interval95": list(s.removed_interval95),
+        "predicted_before_rms_um": UM * s.predicted_before,
         "predicted_rms_um": UM * s.predicted,
         "claimed": s.claimed,
     }

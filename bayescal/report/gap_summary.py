@@ -32,6 +32,7 @@ def gap_summary(gap: Gap) -> RenderableType:
     title = Text.assemble(
         (gap.dataset.name, "bold"),
         f"  {gap.dataset.robot.name}  model: {', '.join(gap.baseline) or 'as drawn'}",
+        f" without {', '.join(gap.without)}" if gap.without else "",
     )
     style = STYLES.get(gap.verdict.kind, "bold red")
     parts: list[RenderableType] = [
@@ -148,7 +149,8 @@ def _which(gap: Gap) -> Facts:
 
 
 def _shrinkage(gap: Gap) -> Table:
-    table = plain_table("shrinks (um rms)", "count", "before", "after", "floor", "excess removed", "95 %")
+    headings = ("count", "before", "after", "the refit expects", "floor", "removed", "95 %")
+    table = plain_table("shrinks (um rms)", *headings)
     for s in gap.shrinkage:
         low, high = s.removed_interval95
         shown = s.claimed and np.isfinite(s.removed)
@@ -157,6 +159,7 @@ def _shrinkage(gap: Gap) -> Table:
             str(s.count),
             um(s.before),
             um(s.after) if s.claimed else "not claimed",
+            f"{um(s.predicted_before)} -> {um(s.predicted)}",
             um(s.floor),
             f"{100 * s.removed:.0f} %" if shown else "-",
             f"{100 * low:.0f} .. {100 * high:.0f} %" if shown and np.isfinite(low) else "-",

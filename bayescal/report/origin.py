@@ -16,7 +16,12 @@ def origin(schema: str, dataset: Dataset, seed: int, libraries: Iterable[str]) -
     return {
         "schema": schema,
         "dataset": {"name": dataset.name, "sha256": dataset.sha256},
-        "software": {"bayescal": __version__, "python": platform.python_version()}
-        | {name: version(name) for name in libraries},
+        "software": software(libraries),
         "seed": seed,
     }
+
+
+def software(libraries: Iterable[str]) -> dict[str, str]:
+    """Versions of ourselves, of Python and of the libraries."""
+    ours = {"bayescal": __version__, "python": platform.python_version()}
+    return ours | {name: version(name) for name in libraries}

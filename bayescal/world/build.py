@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 
-from bayescal.errors import BayescalError
 from bayescal.world import arm, joints, scene, session, write
 from bayescal.world.mix import recipe, wishes
 from bayescal.world.size import modest, sized
@@ -80,39 +77,3 @@ def build(seed: int, number: int, *, spared: bool = False) -> tuple[dict[str, st
     if kind == "outside":
         truth["effects"], truth["outside"] = ["unknown"], found[0][0].name
     return texts, truth
-
-
-def make(folder: str | Path, worlds: int, seed: int, first: int = 0) -> None:
-    """Write worlds, one folder each, and their truth apart in `truth`.
-
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        Where to.
-    worlds : int
-        How many.
-    seed : int
-        One seed, one set of worlds.
-    first : int
-        Number of the first; world k of a seed is the same however many are made.
-    """
-    if worlds < 1 or first < 0 or seed < 0:
-        raise BayescalError("a positive number of worlds, a seed and a first number from 0 on are needed")
-    for number in range(first, first + worlds):
-        texts, truth = build(seed, number)
-        write.folder(Path(folder), f"{number:03d}", texts, truth)
-
-
-def main() -> None:
-    """Make worlds from the command line."""
-    parser = argparse.ArgumentParser(prog="python -m bayescal.world.build", description=make.__doc__)
-    parser.add_argument("--worlds", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--out", default="worlds")
-    args = parser.parse_args()
-    make(args.out, args.worlds, args.seed, args.first)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,9 +1,7 @@
-"""The folder of a world, and its truth apart from it."""
+"""The files of a world as texts, and its truth as JSON knows it."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -103,12 +101,3 @@ def plain(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(f"{value:.9g}")
     return value
-
-
-def folder(out: Path, name: str, texts: dict[str, str], truth: dict) -> None:
-    """Write a world into a folder of its name, and its truth beside all of them."""
-    (out / name).mkdir(parents=True, exist_ok=True)
-    (out / "truth").mkdir(exist_ok=True)
-    for file, text in texts.items():
-        (out / name / file).write_text(text, encoding="utf-8")
-    (out / "truth" / f"{name}.json").write_text(json.dumps(plain(truth), indent=1) + "\n", encoding="utf-8")

@@ -201,7 +201,7 @@ def test_settings_worth_trying(scanned):
     """Each is a finite number with the same parameters, their drivers finite and none of them empty."""
     effect, c = scanned
     values = effect.scan.values(c)
-    assert len(values) > 2
+    assert len(values) > 1
     assert np.all(np.isfinite(values))
     assert np.all(np.diff(np.sort(values)) > 0)
     if effect.name == "gear-mesh":

@@ -472,11 +472,11 @@ def test_every_paper_between_fitted_targets_may_be_wrong(dataset):
         parameters = EFFECTS["artefact"].parameters(circumstances(dataset))
         return {p.name.removeprefix("artefact "): (p.unit, p.sd) for p in parameters}
 
-    turn, length = ("rad", pytest.approx(1.2e-4)), ("m", pytest.approx(3e-5))
+    turn, length = ("rad", pytest.approx(1.2e-4)), ("m", pytest.approx(9e-6))
     opposite = {f"cube.+y cube.-y parallel {k}": turn for k in (1, 2)} | {"cube.+y cube.-y distance": length}
     square = {f"cube.{pair} square": turn for pair in ("+y cube.-x", "+y cube.+z", "-x cube.+z")}
     assert told(dataset) == opposite | square
-    ball = {"s0 diameter": ("m", pytest.approx(1e-5)), "s0 s1 distance": ("m", pytest.approx(2e-5))}
+    ball = {"s0 diameter": ("m", pytest.approx(3e-6)), "s0 s1 distance": ("m", pytest.approx(6e-6))}
     assert told(spheres(dataset, 0.2, 0.05)) == ball
     role = np.where(dataset.measurements.target == 1, "validate", "calibrate")  # cube.-y is held out
     assert told(with_columns(dataset, role=role)) == square

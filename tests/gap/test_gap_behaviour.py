@@ -9,7 +9,8 @@ from gap_problems import Bench
 from bayescal.arm.motion import Term
 from bayescal.effects import Parameter
 from bayescal.gap.cells import cells
-from bayescal.gap.search import AFTER_COMPLIANCE
+from bayescal.gap.search import AFTER_COMPLIANCE, Search
+from bayescal.gap.verdict import decide
 from bayescal.gap.where import places
 
 STRONG = 150.0
@@ -95,6 +96,54 @@ def test_a_rare_direction_is_no_outlier(cube):
     assert names(decision) == ["backlash"]
     kept = p.rows[p.contact[decision.hypothesis.state.weight[: p.count] > 0]]
     assert len(np.intersect1d(kept, rare)) >= 9
+
+
+def beyond(c, joint, driver):
+    """A hose that is slack up to an angle of one joint, and drags another from there on, softly."""
+    angle = c.readings[:, driver - 1]
+    drag = 0.05 * np.logaddexp(0.0, (angle - np.quantile(angle, 0.55)) / 0.05)
+    return Term(joint, "rz", drag)
+
+
+def past(c, joint, memory=90.0):
+    """A joint that goes on yielding after its load has changed."""
+    load, time = c.moments[:, joint, 2], c.time
+    kernel = np.exp(-(time[:, None] - time[None]) / memory) * (time[:, None] >= time[None])
+    change = np.diff(load, prepend=load[0])
+    return Term(joint, "rz", -kernel @ change)
+
+
+@pytest.mark.parametrize(
+    ("term", "site", "driver"),
+    [
+        (lambda c: beyond(c, 3, 5), "joint 3", "angle 5, beyond one place"),
+        (lambda c: past(c, 4), "joint 4", "past torque 4"),
+        (lambda c: past(c, 5), "joint 5", "past torque 5"),
+    ],
+)
+def test_what_sets_in_or_lags_is_unknown_where_it_is(bench, term, site, driver):
+    column = bench.slopes.columns([Parameter("", "rad", (term(bench.circumstances),), 1.0)])
+    decision, _ = bench.decided(bench.made_up(3, bench.visible(column, 200.0, 0)))
+    assert decision.kind == "unknown", decision.probability
+    left = next(w for w in placed(bench, decision) if not w.explained_by)
+    assert (left.site, left.driver) == (site, driver)
+
+
+def test_drift_is_named_of_an_arm_as_a_whole(bench):
+    """A joint that alone wanders has another cause; a joint that alone has play has not."""
+    assert all(v.site == "" for v in bench.known.variants["thermal-drift"])
+    assert any(v.site == "joint 4" for v in bench.known.variants["backlash"])
+
+
+def test_what_comes_after_a_first_name_is_less_likely(bench):
+    """Weak structure that would pass for an effect is less of one where something was named before."""
+    p = bench.made_up(21, bench.of_effect("backlash", 20.0, site="joint 3"))
+    first, further = Search(p, bench.known), Search(p, bench.known, further=True)
+    for search in (first, further):
+        search.run()
+    one, two = decide(first, bench.pool).probability, decide(further, bench.pool).probability
+    assert two["null"] > 3.0 * one["null"]
+    assert sum(two[k] for k in two if k != "null") > 0
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3])

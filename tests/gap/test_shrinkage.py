@@ -7,7 +7,7 @@ import pytest
 
 from bayescal.gap.found import Distances
 from bayescal.gap.heldout import KEPT_BACK, HeldOut, interval, resampled
-from bayescal.gap.shrinkage import compare, shrinkage
+from bayescal.gap.shrinkage import compare, expects, shrinkage
 
 NOISE = 5e-6
 INFINITE = float("inf")
@@ -67,7 +67,7 @@ def test_interval_covers_the_truth(blocks, per_block):
                 np.zeros(count),
             ]
         )
-        found = compare("planes", count, squares, block, np.full(count, NOISE), INFINITE, rng)
+        found = compare("planes", count, squares, block, (NOISE, NOISE), INFINITE, rng)
         finite += np.isfinite(found.removed)
         inside += found.removed_interval95[0] <= 0.5 <= found.removed_interval95[1]
     assert finite > 180
@@ -102,6 +102,23 @@ def test_worse_distances_are_not_claimed():
     good = shrinkage(before, held(noise, distances=big / 10), NOISE)[1]
     assert good.claimed
     assert good.removed > 0.95
+
+
+def test_predicted_shrinkage_rests_on_fitted_rows_alone():
+    """It is right where the refitted model is, and held-out noise of another draw does not move it."""
+    rng = np.random.default_rng(6)
+    effect, off = 20e-6 * rng.standard_normal(2000), 3e-6 * rng.standard_normal(2000)
+    told = []
+    for _ in range(2):
+        noise = NOISE * rng.standard_normal(2000)
+        (found,) = shrinkage(held(noise + off + effect), held(noise + off, sd=np.hypot(NOISE, 3e-6)), NOISE)
+        assert found.predicted_before == pytest.approx(found.before, rel=0.05)
+        assert found.predicted == pytest.approx(found.after, rel=0.05)
+        told.append((found.predicted_before, found.predicted))
+    assert told[0] == pytest.approx(told[1], rel=1e-9)
+    assert expects(np.array([7.0, -1.0]), np.array([3.0, -1.0]), np.array([1.0, 1.0])) == pytest.approx(
+        (3.0, 1.0)
+    )
 
 
 def test_a_slip_does_not_count():

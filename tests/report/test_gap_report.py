@@ -77,9 +77,9 @@ def diagnosis(dataset, kind: str = "named", distances: bool = True) -> Gap:
         (Hypothetical(tuple(n for n in SETS[kind] if n != "null"), 0.9, 60.0), Hypothetical((), 0.01, 0.0)),
         (), {"thermal-drift": "no time_s"}, ("play, not late readings",),
     )  # fmt: skip
-    shrinkage = (Shrinkage("planes", 60, 13e-6, 6.4e-6, 6e-6, 0.96, (0.91, 0.99), 6.2e-6, True),)
+    shrinkage = (Shrinkage("planes", 60, 13e-6, 6.4e-6, 6e-6, 0.96, (0.91, 0.99), 12e-6, 6.2e-6, True),)
     if distances:
-        shrinkage += (Shrinkage("distances", 12, 27e-6, 31e-6, 5e-6, NAN, (NAN, NAN), 30e-6, False),)
+        shrinkage += (Shrinkage("distances", 12, 27e-6, 31e-6, 5e-6, NAN, (NAN, NAN), 33e-6, 30e-6, False),)
     measured = (Measured("held-out contacts", 60, 13e-6, 6e-6, (5e-6, 7e-6)),)
     at = 500e-6 if distances else NAN
     models = (("nominal",), ("geometry",), ("geometry", "compliance"))
@@ -288,16 +288,19 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
 
     asked = []
 
-    def diagnose(dataset, effects, seed, robust, prior_width, progress):
-        asked.append((dataset.name, effects, seed, robust, prior_width))
+    def diagnose(dataset, effects, seed, robust, prior_width, progress, without):
+        asked.append((dataset.name, effects, seed, robust, prior_width, without))
         progress("search", 0.5)
         return diagnosis(session, "named")
 
     monkeypatch.setitem(sys.modules, "bayescal.gap.diagnose", SimpleNamespace(diagnose=diagnose))
     arguments = ["gap", str(CUBE), "--model", "geometry", "--seed", "7", "--no-robust", "--no-pictures"]
+    arguments += ["--without", "geometry at joint 4, geometry at link 2"]
     done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "run")])
     assert done.exit_code == 0, done.output
-    assert asked == [("lrmate200ic-cube", ("geometry",), 7, False, 1.0)]
+    assert asked == [
+        ("lrmate200ic-cube", ("geometry",), 7, False, 1.0, ("geometry at joint 4", "geometry at link 2"))
+    ]
     assert "joint 3 turns by its play" in done.output
     assert "gap.json" in done.output
     assert [p.name for p in (tmp_path / "run").iterdir()] == ["gap.json"]

@@ -1,7 +1,6 @@
 """Blind worlds: readable, reproducible, silent about what they hide, and honest where they hide nothing."""
 
 import importlib
-import json
 import pkgutil
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from bayescal.model import build
 from bayescal.scene import Scene
 from bayescal.world import build as world
 from bayescal.world.mix import MIX, recipe
+from bayescal.world.write import plain
 
 SEED = 101
 TRUTH = ("truth", "effect", "lambda", "oracle", "outlier")
@@ -29,16 +29,17 @@ def number_of(kind: str) -> int:
 
 @pytest.fixture(scope="module", params=["null", "single"])
 def made(request, tmp_path_factory):
-    """A world on disk: the folder of all worlds, its number, its truth."""
-    folder, number = tmp_path_factory.mktemp("worlds"), number_of(request.param)
-    world.make(folder, 1, SEED, number)
-    name = f"{number:03d}"
-    return folder, number, json.loads((folder / "truth" / f"{name}.json").read_text())
+    """A world on disk: its folder, its number, its truth."""
+    folder, number = tmp_path_factory.mktemp("world"), number_of(request.param)
+    texts, truth = world.build(SEED, number)
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    return folder, number, plain(truth)
 
 
 def test_it_is_a_dataset(made):
-    folder, number, truth = made
-    dataset = read_dataset(folder / f"{number:03d}")
+    folder, _, truth = made
+    dataset = read_dataset(folder)
     assert dataset.noise.contact == pytest.approx(1e-6 * truth["stated_noise_um"], rel=1e-3)
     assert {t.kind for t in dataset.targets} == {"plane", "sphere"}
     assert set(dataset.measurements.role) == {"calibrate", "validate"}
@@ -46,11 +47,10 @@ def test_it_is_a_dataset(made):
 
 
 def test_its_folder_does_not_tell(made):
-    folder, number, truth = made
-    own = folder / f"{number:03d}"
+    folder, _, truth = made
     names = {"dataset.yaml", "robot.yaml", "measurements.csv", "baseline.txt"}
-    assert {p.name for p in own.iterdir()} == names
-    text = "\n".join((own / name).read_text() for name in names).lower()
+    assert {p.name for p in folder.iterdir()} == names
+    text = "\n".join((folder / name).read_text() for name in names).lower()
     for word in (*TRUTH, *truth["effects"]):
         assert word not in text.replace("compliance", "") or word == "compliance"
 
@@ -60,16 +60,16 @@ def test_seed_and_number_are_all(made):
     folder, number, truth = made
     texts, again = world.build(SEED, number)
     for name, text in texts.items():
-        assert (folder / f"{number:03d}" / name).read_text() == text
+        assert (folder / name).read_text() == text
     assert again["noise_um"] == pytest.approx(truth["noise_um"])
     assert again["effects"] == truth["effects"]
 
 
 def test_null_world_fits_to_the_noise(made):
-    folder, number, truth = made
+    folder, _, truth = made
     if truth["kind"] != "null":
         pytest.skip("something is hidden in it")
-    dataset = read_dataset(folder / f"{number:03d}")
+    dataset = read_dataset(folder)
     fitted = estimate(build(Scene(dataset), tuple(truth["baseline"])))
     fitted = estimate(build(settled(fitted), tuple(truth["baseline"])), start=fitted.z)
     noise = 1e6 * dataset.noise.contact * fitted.weights.scale["contact"]

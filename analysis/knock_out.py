@@ -1,0 +1,276 @@
+"""Knock-out on real sessions: whether a part that is taken out of the model is named, and the gap shrinks.
+
+Run from the top of the project:
+``python -m analysis.knock_out --real ../shared/data/real --out docs/knock_out.md --workers 2``.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from analysis.knock_out_page import right, table, update
+from bayescal.dataset import Dataset, read_dataset
+from bayescal.estimate import Estimate, calibrated, estimate
+from bayescal.gap.diagnose import Explained, diagnose, explain
+from bayescal.gap.heldout import HeldOut, held_out, kept
+from bayescal.gap.refit import model_name, refit
+from bayescal.gap.shrinkage import expects
+from bayescal.model import with_parameters
+from bayescal.parts import Part
+from bayescal.scene import Scene
+
+RUNS = Path(__file__).parents[1] / "runs" / "knock-out"
+UM, MM = 1e6, 1e3
+Record = dict[str, Any]
+
+
+class Task(NamedTuple):
+    """A session's whole model, or that model without something, and with more effects than usual."""
+
+    folder: Path
+    without: str = ""  # "" for nothing, "compliance", "geometry at joint 4"
+    beside: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """Of its record."""
+        return " | ".join([self.folder.name, self.without or "whole", *self.beside])
+
+
+def usual(dataset: Dataset) -> tuple[str, ...]:
+    """The model that is calibrated: with stiffness where the robot file gives masses."""
+    return ("geometry",) if dataset.robot.masses is None else ("geometry", "compliance")
+
+
+def made(task: Task) -> Record:
+    """The record of a task."""
+    start = time.process_time()
+    dataset = read_dataset(task.folder)
+    found = knocked(dataset, task.without, task.beside) if task.without else whole(dataset, task.folder)
+    seconds = round(time.process_time() - start, 1)
+    return found | {"session": task.folder.name, "without": task.without, "seconds": seconds}
+
+
+def whole(dataset: Dataset, folder: Path) -> Record:
+    """A session's ladder from the drawing up to what is named, and what remains."""
+    scene, effects = Scene(dataset), usual(dataset)
+    gap, found = diagnose(dataset, effects), explain(scene, effects)
+    members, after = found.last.decision.members, found.after
+    rungs = [("as drawn", estimate(with_parameters(scene, (), ())))]
+    rungs += [(effects[k - 1], calibrated(scene, effects[:k])) for k in range(1, len(effects))]
+    rungs += [(effects[-1], found.first.fitted)]
+    for k, member in enumerate(members, start=1):
+        rungs.append((model_name(member), refit(found.last.fitted, found.last.candidates.pool, members[:k])))
+    left = next((w for w in gap.where if not w.explained_by), None)
+    geometry = [p for p in found.first.fitted.model.parameters if p.effect == "geometry"]
+    joints = [j for j in range(1, dataset.robot.n + 1) if any(_row(j).holds(p) for p in geometry)]
+    return {
+        "robot": dataset.robot.name,
+        "model": list(effects),
+        "joints": joints,
+        "named": [model_name(m) for m in members],
+        "verdict": gap.verdict.kind,
+        "footnotes": list(gap.verdict.footnotes),
+        "ladder": [{"adds": name} | sizes(held_out(fitted)) for name, fitted in rungs],
+        "noise_um": UM * gap.magnitude.noise,
+        "heldout_um": UM * _rms(after.residual[kept(after) & (after.group == after.main)]),
+        "left": None if left is None else {
+            "place": f"{left.site}, {left.driver}",
+            "rms_um": UM * left.rms,
+            "share": left.share,
+            "family_p_value": left.family_p_value,
+        },
+        "yardsticks": yardsticks(folder / "README.md"),
+    }  # fmt: skip
+
+
+def _row(joint: int) -> Part:
+    return Part("geometry", f"joint {joint}")
+
+
+def sizes(held: HeldOut) -> Record:
+    """Mean, rms and largest error of all held-out contacts (their size) and points (their length), mm."""
+    out = {}
+    for kind in np.unique(held.kind):
+        mine = held.kind == kind
+        square = np.bincount(np.unique(held.rows[mine], return_inverse=True)[1], held.residual[mine] ** 2)
+        size = MM * np.sqrt(square)
+        out[str(kind)] = {
+            "count": len(size),
+            "mean_mm": float(np.mean(size)),
+            "rms_mm": float(np.sqrt(np.mean(size**2))),
+            "max_mm": float(np.max(size)),
+        }
+    return out
+
+
+def yardsticks(readme: Path) -> list[Record]:
+    """The table of held-out errors, mm, that a session's README quotes; empty where there is none."""
+    if not readme.exists():
+        return []
+    cells = [
+        [cell.strip(" *") for cell in line.strip().strip("|").split("|")]
+        for line in readme.read_text(encoding="utf-8").splitlines()
+        if line.startswith("|")
+    ]
+    first = next((k for k, row in enumerate(cells) if row[0].startswith("held out")), len(cells))
+    rows = [dict(zip(cells[first], row, strict=False)) for row in cells[first + 2 :]]
+    label = cells[first][0] if rows else ""
+    return [{"model": row.pop(label)} | {k: float(v) for k, v in row.items()} for row in rows]
+
+
+def knocked(dataset: Dataset, without: str, beside: Sequence[str] = ()) -> Record:
+    """Take something out of a session's model, and see whether the diagnosis puts it back."""
+    scene = Scene(dataset)
+    effects = (*usual(dataset), *beside)
+    known = calibrated(scene, effects)
+    parts = (Part.of(without),) if " at " in without else ()
+    found = explain(scene, tuple(e for e in effects if e != without), without=parts)
+    verdict = found.verdict
+    effect = without.partition(" at ")[0]
+    largest = max(
+        (abs(float(known.z[k])), p.name)
+        for k, p in enumerate(known.model.parameters)
+        if (parts[0].holds(p) if parts else p.effect == effect)
+    )
+    visible, strength = lost(known, found.first.fitted)
+    decision, pool = found.last.decision, found.last.pool
+    best = max(found.first.decision.alone, key=lambda f: f.gain, default=None)
+    leader = decision.weighed[0]
+    return {
+        "beside": list(beside),
+        "verdict": verdict.kind,
+        "named": [{"effect": n.effect, "site": n.site, "probability": n.probability} for n in verdict.named],
+        "probability": verdict.probability.get(effect, 0.0),
+        "missing": verdict.missing.get(effect, ""),
+        "footnotes": list(verdict.footnotes),
+        "largest": {"name": largest[1], "prior_sds": largest[0]},
+        "visible_um": UM * visible,
+        "lambda": strength,
+        "place": "" if best is None else f"{pool.cells[best.cell].site}, {pool.cells[best.cell].driver}",
+        "leading": list(leader.effects),
+        "claimed_nats": leader.log_evidence if leader.effects == ("unknown",) else 0.0,
+        "possible_nats": possible(known, found),
+        "heldout": heldout(known, found),
+    }
+
+
+def lost(known: Estimate, without: Estimate) -> tuple[float, float]:
+    """What the rest of a model cannot take up of what it lacks, at the fitted rows: rms, m, and lambda."""
+    moved, over = [], []
+    for full, bare in zip(known.model.blocks, without.model.blocks, strict=True):
+        keep = known.weights.row[full.target] > 0
+        apart = (known.residuals(full) - without.residuals(bare))[:, keep]
+        sigma = known.weights.sigma[full.target].reshape(full.kind.rows, -1)[:, keep]
+        moved.append(apart.ravel())
+        over.append((apart / (sigma * known.weights.scale[full.group])).ravel())
+    moved, over = np.concatenate(moved), np.concatenate(over)
+    return float(np.sqrt(np.mean(moved**2))), float(np.sum(over**2))
+
+
+def possible(known: Estimate, found: Explained) -> float:
+    """Nats that the fitted rows gain where their residuals shrink to those of the whole model."""
+    null = found.first.search.hypotheses[frozenset()].state
+    scale = known.weights.scale[found.before.main]
+    return null.problem.count * float(np.log(null.kappa / scale))
+
+
+def heldout(known: Estimate, found: Explained) -> Record:
+    """Held-out rms errors, um: before, after, of the whole model; and those that the refit expects."""
+    whole, before, after = held_out(known), found.before, found.after
+    fair = kept(whole, before, after)
+    out = {}
+    for kind in np.unique(before.kind):
+        mine = fair & (before.kind == kind)
+        first, last = expects(before.residual[mine], after.residual[mine], after.sd[mine])
+        out[str(kind)] = {
+            "before_um": UM * _rms(before.residual[mine]),
+            "after_um": UM * _rms(after.residual[mine]),
+            "whole_um": UM * _rms(whole.residual[mine]),
+            "predicted_before_um": UM * first,
+            "predicted_after_um": UM * last,
+        }
+    return out
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def on_workers(tasks: Sequence[Task], workers: int, what: str) -> Iterator[Record]:
+    """Records in the order of the tasks, with a count on the way."""
+
+    def counted(records: Iterator[Record]) -> Iterator[Record]:
+        for k, found in enumerate(records, start=1):
+            print(f"\r{what}: {k} of {len(tasks)}", end="", file=sys.stderr, flush=True)
+            yield found
+        print(file=sys.stderr)
+
+    if workers == 1 or len(tasks) < 2:
+        yield from counted(map(made, tasks))
+        return
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        yield from counted(pool.map(made, tasks))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Make the records that are missing, and the page of all."""
+    parser = argparse.ArgumentParser(prog="python -m analysis.knock_out", description=__doc__)
+    parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
+    parser.add_argument("--joints", default="", help="joints to take out, comma separated [default: all]")
+    parser.add_argument("--workers", type=int, default=2, help="processes")
+    parser.add_argument("--out", type=Path, help="page to write, or whose tables to bring up to date")
+    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
+    given = parser.parse_args(arguments)
+    given.runs.mkdir(parents=True, exist_ok=True)
+    path = given.runs / "records.json"
+    records: dict[str, Record] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+    def run(tasks: list[Task], what: str) -> None:
+        missing = [t for t in tasks if t.key not in records]
+        for task, found in zip(missing, on_workers(missing, given.workers, what), strict=True):
+            records[task.key] = found
+            path.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
+
+    folders = sorted(p.parent for p in given.real.glob("*/dataset.yaml"))
+    only = {int(j) for j in given.joints.split(",") if j.strip()}
+    run([Task(f) for f in folders], "whole models")
+    out = [Task(f, what) for f in folders for what in parts_out(records[Task(f).key], only)]
+    run(out, "knock-outs")
+    again = [
+        t._replace(beside=tuple(records[Task(t.folder).key]["named"]))
+        for t in out
+        if not right(records[t.key]) and records[Task(t.folder).key]["named"]
+    ]
+    run(again, "with what was named in the model")
+    wanted = [Task(f) for f in folders] + out + again
+    text = table([records[t.key] for t in wanted])
+    print(text)
+    if given.out is not None:
+        update(given.out, text)
+
+
+def parts_out(model: Record, only: set[int]) -> list[str]:
+    """What is taken out of a whole model: its stiffness, and the geometry of one joint after another."""
+    joints = [j for j in model["joints"] if not only or j in only]
+    stiffness = [e for e in model["model"] if e == "compliance"]
+    return stiffness + [str(_row(j)) for j in joints]
+
+
+if __name__ == "__main__":  # worker processes import this module too
+    main()

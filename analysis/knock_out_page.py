@@ -1,0 +1,216 @@
+"""The page of the knock-outs: its tables, and a rule that says why something was not named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from bayescal.gap.search import MOST
+
+BEGIN, END = "<!-- knock-out: begin -->", "<!-- knock-out: end -->"
+SEEN = 30.0
+"""Lambda from which on an effect is named more often than not."""
+MISSED = 1.02
+"""Factor on the whole model's held-out error from which on a part is missed there."""
+MANY = 2.0
+"""Times the whole model's error from which on what a place claims can be held against what is possible."""
+Record = dict[str, Any]
+
+
+def right(r: Record) -> bool:
+    """Whether what was taken out was named, at its site."""
+    effect, _, site = r["without"].partition(" at ")
+    return any(n["effect"] == effect and n["site"] in (site, "") for n in r["named"])
+
+
+def main_kind(r: Record) -> Record:
+    """Held-out errors of contacts where there are any, else of points."""
+    held = r["heldout"]
+    return held.get("planes") or held["points"]
+
+
+def _said(r: Record, words: str) -> bool:
+    effect = r["without"].partition(" at ")[0]
+    return any(note.startswith(f"{effect}{words}") for note in r["footnotes"])
+
+
+RULES: dict[str, Callable[[Record], bool]] = {
+    "nobody can see it": lambda r: bool(r["missing"]) or r["lambda"] < SEEN,
+    "named, and withheld: it spoilt what was held out": lambda r: _said(r, " explains"),
+    "a footnote beside greater effects": lambda r: _said(r, ": "),
+    "the place of something else claims more nats than there are": lambda r: (
+        main_kind(r)["before_um"] > MANY * main_kind(r)["whole_um"] and r["claimed_nats"] > r["possible_nats"]
+    ),
+    "not missed: held-out errors are as small without it": lambda r: (
+        main_kind(r)["before_um"] < MISSED * main_kind(r)["whole_um"]
+    ),
+    "other names take its place, held out too": lambda r: (
+        bool(r["named"]) and main_kind(r)["after_um"] < MISSED * main_kind(r)["whole_um"]
+    ),
+    "other names are preferred": lambda r: bool(r["named"]),
+    f"{MOST} others, as many names as a set may hold, explain more": lambda r: (
+        len(set(r["leading"]) - {"unknown"}) == MOST
+    ),
+    "put down to something else": lambda r: r["verdict"] == "unknown",
+}
+"""Why something was not named: the first rule that holds."""
+
+
+def why(r: Record) -> str:
+    """In words, why what was taken out was not named; "" where it was."""
+    if right(r):
+        return ""
+    return next((words for words, holds in RULES.items() if holds(r)), "left open")
+
+
+def table(records: Sequence[Record]) -> str:
+    """All tables, as Markdown, of the records of whole models and of what was taken out."""
+    models = [r for r in records if not r["without"]]
+    again = {(r["session"], r["without"]): r for r in records if r.get("beside")}
+    first = [r for r in records if r["without"] and not r["beside"]]
+    parts = [_summary(first, again), *(_knocked(first, again)), *_ladders(models), *_left(models)]
+    return "\n".join(parts)
+
+
+def _summary(first: Sequence[Record], again: dict[tuple[str, str], Record]) -> str:
+    seen = [r for r in first if r["lambda"] >= SEEN and not r["missing"]]
+    missed = [r for r in seen if main_kind(r)["before_um"] >= MISSED * main_kind(r)["whole_um"]]
+
+    def count(some: Sequence[Record]) -> str:
+        named = sum(map(right, some))
+        more = sum(not right(r) and (r["session"], r["without"]) in again
+                   and right(again[r["session"], r["without"]]) for r in some)  # fmt: skip
+        return f"{named} of {len(some)} named, {more} more once the rest is in the model"
+
+    return "\n".join(
+        [
+            f"- all that was taken out: {count(first)};",
+            f"- of it what the fitted rows show (lambda from {SEEN:.0f}): {count(seen)};",
+            f"- of that what is missed held out (error {100 * (MISSED - 1):.0f} % larger): {count(missed)};",
+            _foreseen([r for r in first if right(r)]),
+            "",
+        ]
+    )
+
+
+def _foreseen(named: Sequence[Record]) -> str:
+    """How well the refits foresaw the held-out errors, before and after."""
+    words = []
+    for when in ("before", "after"):
+        ratios = [main_kind(r)[f"{when}_um"] / main_kind(r)[f"predicted_{when}_um"] for r in named]
+        if ratios:
+            words.append(f"{when} {median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})")
+    return f"- where it was named, held-out error over what the refit expects: {', '.join(words) or 'none'}."
+
+
+def _names(r: Record) -> str:
+    named = [f"{n['effect']}{' at ' + n['site'] if n['site'] else ''}" for n in r["named"]]
+    return ", ".join(named) or r["verdict"]
+
+
+def _knocked(first: Sequence[Record], again: dict[tuple[str, str], Record]) -> list[str]:
+    out = []
+    for session in dict.fromkeys(r["session"] for r in first):
+        out += [
+            f"### {session}",
+            "",
+            "| taken out | largest, prior sd | seen, um (lambda) | found | P | named | before | after "
+            "| expected | whole |",
+            "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        ]
+        notes = []
+        for r in (r for r in first if r["session"] == session):
+            out.append(_row(r))
+            later = again.get((session, r["without"]))
+            if not right(r):
+                notes.append(
+                    f"- {r['without']}: {why(r)} (largest generic place: {r['place']}).{_later(later)}"
+                )
+        out += ["", *notes, ""] if notes else [""]
+    return out
+
+
+def _row(r: Record) -> str:
+    held, largest = main_kind(r), r["largest"]
+    cells = [
+        r["without"],
+        f"{largest['name']} {largest['prior_sds']:.1f}",
+        f"{r['visible_um']:.1f} ({r['lambda']:.0f})",
+        "yes" if right(r) else "no",
+        f"{r['probability']:.2f}",
+        _names(r),
+        f"{held['before_um']:.0f}",
+        f"{held['after_um']:.0f}" if r["named"] else "-",
+        f"{held['predicted_before_um']:.0f} -> {held['predicted_after_um']:.0f}" if r["named"] else "-",
+        f"{held['whole_um']:.0f}",
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def _later(r: Record | None) -> str:
+    if r is None:
+        return ""
+    held = main_kind(r)
+    shrinks = f"{held['before_um']:.0f} -> {held['after_um']:.0f} um, whole {held['whole_um']:.0f}"
+    found = f"named, probability {r['probability']:.2f}" if right(r) else f"not named either ({why(r)})"
+    return f" With {', '.join(r['beside'])} in the model: {found}; {shrinks}."
+
+
+def _ladders(models: Sequence[Record]) -> list[str]:
+    out = [
+        "### The whole ladder, held out, mm",
+        "",
+        "| session | model | mean | rms | max | README: model | mean | rms | max |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for r in models:
+        for kind in ("planes", "points"):
+            rungs = [(step["adds"], step[kind]) for step in r["ladder"] if kind in step]
+            quoted = r["yardsticks"] if kind == "planes" or "planes" not in r["ladder"][0] else []
+            for k in range(max(len(rungs), len(quoted)) if rungs else 0):
+                cells = [f"{r['session']}, {rungs[0][1]['count']} {kind}" if k == 0 else ""]
+                cells += _step(k, rungs) + _quoted(k, quoted)
+                out.append(f"| {' | '.join(cells)} |")
+    return [*out, ""]
+
+
+def _step(k: int, rungs: list[tuple[str, Record]]) -> list[str]:
+    if k >= len(rungs):
+        return [""] * 4
+    name, size = rungs[k]
+    return ["+ " * (k > 0) + name, *(f"{size[f'{what}_mm']:.3f}" for what in ("mean", "rms", "max"))]
+
+
+def _quoted(k: int, quoted: list[Record]) -> list[str]:
+    if k >= len(quoted):
+        return [""] * 4
+    return [quoted[k]["model"], *(f"{quoted[k][what]:.3f}" for what in ("mean", "rms", "max"))]
+
+
+def _left(models: Sequence[Record]) -> list[str]:
+    out = [
+        "### What remains",
+        "",
+        "| session | verdict | noise, um | held out, um | largest unexplained place | um rms | share | p |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for r in models:
+        left = r["left"]
+        where = ["-"] * 4 if left is None else [
+            left["place"], f"{left['rms_um']:.1f}", f"{100 * left['share']:.0f} %",
+            "< 0.0001" if left["family_p_value"] < 1e-4 else f"{left['family_p_value']:.4f}",
+        ]  # fmt: skip
+        cells = [r["session"], r["verdict"], f"{r['noise_um']:.0f}", f"{r['heldout_um']:.0f}", *where]
+        out.append(f"| {' | '.join(cells)} |")
+    notes = [f"- {r['session']}: {note}" for r in models for note in r["footnotes"]]
+    return [*out, "", *notes]
+
+
+def update(path: Path, text: str) -> None:
+    """Renew the tables of a page between its marks; a page without is made of them alone."""
+    old = path.read_text(encoding="utf-8") if path.exists() else f"{BEGIN}\n{END}\n"
+    before, rest = old.split(BEGIN, 1)
+    _, after = rest.split(END, 1)
+    path.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8", newline="\n")

@@ -1,0 +1,141 @@
+"""False names in sessions of our own simulator: nothing is hidden, but noise, masses or rows are not as told.
+
+Run from the top of the project: ``python -m analysis.own_sessions --workers 2 --page docs/blind.md``.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayescal.blind.card import between, table
+from bayescal.blind.judge import FLAGGED
+from bayescal.blind.rates import proportion
+from bayescal.blind.rows import of
+from bayescal.dataset import Dataset
+from bayescal.errors import BayescalError
+from bayescal.gap.diagnose import diagnose
+from bayescal.simulate import Options, simulate
+
+RUNS = Path(__file__).parents[1] / "runs" / "own-sessions"
+MARKS = "<!-- own-sessions: begin -->", "<!-- own-sessions: end -->"
+CASES: dict[str, dict[str, float]] = {
+    "noise as stated": {},
+    "stated noise 0.75 x the truth": {"stated": 0.75},
+    "stated noise 1.33 x the truth": {"stated": 4 / 3},
+    "3 % outliers": {"outliers": 0.03},
+    "masses +-15 %": {"masses": 0.15},
+    "masses +-15 %, 2 kg on half the contacts": {"masses": 0.15, "payload": 2.0},
+}
+"""What is wrong with what a session states; `stated` and `masses` change its files, the rest the session."""
+FEW: dict[str, Any] = {"placements": 1, "later": 30}
+"""They are asked for false names alone: few contacts to validate."""
+SEEDS = 10_000
+"""Seeds that belong to one seed of the command."""
+
+
+def wrongly_stated(dataset: Dataset, seed: int, stated: float = 1.0, masses: float = 0.0) -> Dataset:
+    """A session that states another noise, and whose robot file has other masses, than are true."""
+    rng = np.random.default_rng([seed, 15])
+    robot, noise = dataset.robot, dataset.noise
+    if masses and robot.masses is not None:
+        robot = replace(robot, masses=robot.masses * (1 + rng.uniform(-masses, masses, robot.n)))
+    if stated != 1.0 and noise.contact is not None:
+        noise = replace(noise, contact=stated * noise.contact)
+    return replace(dataset, robot=robot, noise=noise)
+
+
+def diagnosed(seed: int) -> list[dict[str, Any]]:
+    """One seed's sessions, case by case; none where the arm cannot reach what it should probe."""
+    out = []
+    simulated: dict[tuple[tuple[str, float], ...], Dataset] = {}
+    for case, said in CASES.items():
+        wrong = {key: value for key, value in said.items() if key in ("stated", "masses")}
+        key = tuple((name, value) for name, value in said.items() if name not in wrong)
+        if key not in simulated:
+            try:
+                simulated[key] = simulate(Options(name="own", seed=seed, **FEW, **dict(key))).dataset  # type: ignore[arg-type]
+            except BayescalError:
+                return []
+        verdict = diagnose(wrongly_stated(simulated[key], seed, **wrong)).verdict
+        named = [n.effect for n in verdict.named]
+        out.append({"case": case, "seed": seed, "verdict": verdict.kind, "named": named})
+    return out
+
+
+def figures(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """False names and flags by case."""
+    out = {}
+    for case in dict.fromkeys(r["case"] for r in records):
+        own = [r for r in records if r["case"] == case]
+        out[case] = {
+            "named": proportion(sum(bool(r["named"]) for r in own), len(own)),
+            "flagged": sum(r["verdict"] in FLAGGED for r in own),
+            "names": {str(r["seed"]): r["named"] for r in own if r["named"]},
+        }
+    return out
+
+
+def markdown(found: dict[str, Any]) -> str:
+    """The figures as a table."""
+    lines = []
+    for case, c in found.items():
+        names = "; ".join(f"{seed}: {' + '.join(names)}" for seed, names in c["names"].items())
+        lines.append((case, of(c["named"]), names, c["flagged"], "at most 5 %"))
+    return table(
+        ["nothing hidden", "a false name (Wilson 95 %)", "which, by seed", "flagged", "wanted"], lines
+    )
+
+
+def on_workers(seeds: Sequence[int], workers: int) -> Iterator[list[dict[str, Any]]]:
+    """Results in the order of the seeds, whatever the number of workers, with a count on the way."""
+
+    def counted(results: Iterator[list[dict[str, Any]]]) -> Iterator[list[dict[str, Any]]]:
+        for k, result in enumerate(results, start=1):
+            print(f"\rseeds: {k} of {len(seeds)}", end="", file=sys.stderr, flush=True)
+            yield result
+        print(file=sys.stderr)
+
+    if workers == 1:
+        yield from counted(map(diagnosed, seeds))
+        return
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        yield from counted(pool.map(diagnosed, seeds))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Simulate, diagnose, print the table, and renew it in a page."""
+    parser = argparse.ArgumentParser(prog="python -m analysis.own_sessions", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=40, help="sessions a case")
+    parser.add_argument("--seed", type=int, default=11, help="one seed, one set of sessions")
+    parser.add_argument("--workers", type=int, default=2, help="processes")
+    parser.add_argument("--page", type=Path, help="page whose table to renew")
+    parser.add_argument("--runs", type=Path, default=RUNS, help="folder for the records")
+    given = parser.parse_args(arguments)
+    seeds = [SEEDS * given.seed + k for k in range(given.seeds)]
+    records = [r for found in on_workers(seeds, given.workers) for r in found]
+    given.runs.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({"seed": given.seed, "sessions": records}, indent=1)
+    (given.runs / "records.json").write_text(text + "\n", encoding="utf-8")
+    told = markdown(figures(records))
+    print(told)
+    if given.page is not None:
+        between(given.page, MARKS, told)
+
+
+if __name__ == "__main__":  # worker processes import this module too
+    main()

@@ -1,0 +1,202 @@
+"""The score card: one screen of a terminal, and the tables of a page of the documentation."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from bayescal.blind.rows import bands, by_lambda, number, rows
+from bayescal.errors import BayescalError
+from bayescal.report.text import facts, plain_table
+
+BEGIN, END = "<!-- blind: begin -->", "<!-- blind: end -->"
+KINDS = {"null": "hide nothing", "single": "one effect", "pair": "two", "outside": "something without a name"}
+MET = {True: Text("yes", style="green"), False: Text("no", style="yellow"), None: Text("")}
+ALTERNATIVE = {
+    "blind-lambda.png": "Shares of right answers by lambda",
+    "blind-reliability.png": "Stated probabilities beside how often they held, and the log score",
+    "blind-shrinkage.png": "Shrinkage of held-out errors, as predicted and as achieved",
+    "blind-confusion.png": "What was said of what",
+}
+"""Pictures of a page, in their order, and their words."""
+SUMS = {"code": "code_sha256", "sealed truth": "truth_sha256", "answers": "answers_sha256"}
+
+
+def terminal(found: Mapping[str, Any]) -> RenderableType:
+    """The figures on one screen, at most 100 columns wide."""
+    title = Text.assemble((f"{found['worlds']} worlds", "bold"), f"  {kinds(found)}")
+    bins = found["reliability"]
+    strength = plain_table("by lambda", *bands())
+    for label, cells in by_lambda(found):
+        strength.add_row(label, *cells)
+    stated = plain_table("probability stated", *(span(b["bin"]) for b in bins))
+    for label, cells in reliability(found):
+        stated.add_row(label, *cells)
+    parts: list[RenderableType] = [
+        title,
+        "",
+        _figures(found),
+        "",
+        strength,
+        "",
+        stated,
+        "",
+        facts(_misses(found)),
+    ]
+    return Group(*parts)
+
+
+def _figures(found: Mapping[str, Any]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
+    for heading in ("figure", "found (95 %)", "wanted", ""):
+        table.add_column(heading)
+    for row in rows(found):
+        table.add_row(row.label, row.found, row.wanted, MET[row.met if row.wanted else None])
+    return table
+
+
+def kinds(found: Mapping[str, Any]) -> str:
+    """'48 hide nothing, 120 one effect, ...'."""
+    return ", ".join(f"{found['kinds'][kind]} {words}" for kind, words in KINDS.items())
+
+
+def span(ends: tuple[float, float]) -> str:
+    """A bin of probabilities."""
+    return f"{ends[0]:g}-{ends[1]:g}"
+
+
+def reliability(found: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
+    """Rows of the reliability table, a cell a bin."""
+    bins = found["reliability"]
+    return [
+        ("how often", [str(b["count"]) for b in bins]),
+        ("mean of them", [f"{b['said']:.2f}" for b in bins]),
+        ("held", [f"{b['held']:.2f}" for b in bins]),
+        ("95 % band", ["{:.2f}-{:.2f}".format(*b["band95"]) for b in bins]),
+    ]
+
+
+def _misses(found: Mapping[str, Any]) -> Iterable[tuple[str, str, str]]:
+    told = "; ".join(f"{title} {count}" for title, count in found["reasons"].items())
+    yield f"misses ({len(found['misses'])})", told or "none", ""
+
+
+def page(path: Path, found: Mapping[str, Any], about: Mapping[str, Any], folder: Path) -> None:
+    """Renew the tables between the marks of a Markdown page, and the pictures beside it.
+
+    Parameters
+    ----------
+    path : Path
+        The page; the pictures go to ``pictures/`` beside it.
+    found : Mapping
+        As `score.figures` returns it.
+    about : Mapping
+        ``truth_sha256``, ``answers_sha256``, ``software``, ``code_sha256``, ``worlds``, ``seed`` and, where
+        given, ``note``: when and at which commit thresholds were frozen.
+    folder : Path
+        The score folder that holds the pictures.
+
+    Raises
+    ------
+    BayescalError
+        Where the page cannot be read or has no marks.
+    """
+    shown = [name for name in ALTERNATIVE if (folder / name).is_file()]
+    between(path, (BEGIN, END), tables(found, about, shown))
+    for name in shown:
+        (path.parent / "pictures").mkdir(exist_ok=True)
+        shutil.copyfile(folder / name, path.parent / "pictures" / name)
+
+
+def between(path: Path, marks: tuple[str, str], text: str) -> None:
+    """Renew what stands between two marks of a page; what is around stays as it is.
+
+    Raises
+    ------
+    BayescalError
+        Where the page cannot be read or has no marks.
+    """
+    begin, end = marks
+    try:
+        before, rest = path.read_text(encoding="utf-8").split(begin, 1)
+        _, after = rest.split(end, 1)
+    except OSError as error:
+        raise BayescalError(error.strerror or "cannot be read", str(path)) from None
+    except ValueError:
+        raise BayescalError("no marks to write between", str(path), f"add {begin} and {end}") from None
+    stage = path.with_name(f".{path.name}.part")
+    stage.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8", newline="\n")
+    os.replace(stage, path)
+
+
+def tables(found: Mapping[str, Any], about: Mapping[str, Any], pictures: Iterable[str] = ()) -> str:
+    """The figures as Markdown."""
+    bins = found["reliability"]
+    strength = [(label, *cells) for label, cells in by_lambda(found)]
+    stated = [(label, *cells) for label, cells in reliability(found)]
+    judged = [(r.label, r.found, r.wanted, str(MET[r.met if r.wanted else None])) for r in rows(found)]
+    score = [(KINDS[kind], s["count"], number(s["mean"], 2), number(s["base"], 2))
+             for kind, s in (found["log_score"] or {"kinds": {}})["kinds"].items()]  # fmt: skip
+    blocks = [
+        origin(found, about),
+        table(["figure", "found (Wilson 95 %)", "wanted", "met"], judged),
+        table(["by lambda", *bands()], strength),
+        table(["probability stated", *(span(b["bin"]) for b in bins)], stated),
+        table(["log score, nats", "worlds", "answers", "base rates"], score),
+        "\n\n".join(f"![{ALTERNATIVE[name]}](pictures/{name})" for name in pictures),
+        _worse(found),
+        f"**Misses, {len(found['misses'])}, by their reason.**",
+        *(_of_reason(found, title) for title in found["reasons"]),
+    ]
+    return "\n\n".join(block for block in blocks if block)
+
+
+def origin(found: Mapping[str, Any], about: Mapping[str, Any]) -> str:
+    """Where the figures come from, in lines that can be checked."""
+    frozen = about.get("note") or "no note of when thresholds were frozen"
+    software = ", ".join(f"{name} {version}" for name, version in about.get("software", {}).items())
+    sums = ", ".join(f"{what} {_short(about, key)}" for what, key in SUMS.items())
+    lines = [
+        f"{found['worlds']} worlds of seed {about.get('seed', 'not told')}: {kinds(found)}.",
+        f"Frozen: {frozen}. SHA-256: {sums}. Software: {software or 'not told'}.",
+    ]
+    return "\n".join(lines)
+
+
+def _short(about: Mapping[str, Any], key: str) -> str:
+    return f"`{str(about.get(key) or 'not told')[:16]}`"
+
+
+def _worse(found: Mapping[str, Any]) -> str:
+    each = (f"{world} ({old:.1f} to {new:.1f} um)" for world, (old, new) in found["worse"].items())
+    return f"Sphere distances made worse by over 5 %: {', '.join(each) or 'nowhere'}."
+
+
+def _of_reason(found: Mapping[str, Any], title: str) -> str:
+    own = [m for m in found["misses"] if m["reason"] == title]
+    lines = [f"{title} ({len(own)}):", ""]
+    for m in own:
+        at = f" at {m['acts_at']}" if m["acts_at"] else ""
+        said = m["named"] or "no name"
+        line = f"- {m['world']}: {m['truth']}{at} (lambda {m['lambda'] or 0}): {m['verdict']}, {said}"
+        told = f"; {m['detail']}" if m["detail"] not in line else ""
+        lines.append(f"{line} ({m['leaders']}){told}")
+    return "\n".join(lines)
+
+
+def table(headings: Iterable[str], lines: Iterable[Iterable[object]]) -> str:
+    """A Markdown table; "" without lines."""
+    body = [f"| {' | '.join(map(str, line))} |" for line in lines]
+    head = list(headings)
+    return (
+        "\n".join([f"| {' | '.join(head)} |", f"| {' | '.join('---' for _ in head)} |", *body])
+        if body
+        else ""
+    )

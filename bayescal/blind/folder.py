@@ -1,0 +1,98 @@
+"""What stands where in a blind folder, and how its files are written and read."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bayescal.errors import BayescalError
+
+WORLDS, ANSWERS = "worlds", "answers"
+TRUTH, SEALED = "truth.json", "answers.json"
+PLAN = ".making/plan.json"
+"""What is being made; there from the first world to the seal."""
+SEAL, BASELINE = "seal.txt", "baseline.txt"
+DATASET = ("dataset.yaml", "robot.yaml", "measurements.csv")
+FILES = (*DATASET, BASELINE)
+"""A world, without its seal."""
+
+
+def name_of(number: int) -> str:
+    """Name of a world."""
+    return f"{number:03d}"
+
+
+def names(folder: Path, what: str = WORLDS) -> list[str]:
+    """Names of the worlds, or of those that have an answer, in their order."""
+    found = (p.stem for p in (folder / what).glob("*") if p.stem.isdigit())
+    return sorted(found, key=int)
+
+
+def texts(folder: Path, name: str) -> dict[str, str]:
+    """The files of a world by name, without its seal."""
+    return {file: read(folder / WORLDS / name / file) for file in FILES}
+
+
+def answer_path(folder: Path, name: str) -> Path:
+    """Where the answer to a world is."""
+    return folder / ANSWERS / f"{name}.json"
+
+
+def read(path: Path) -> str:
+    """The text of a file.
+
+    Raises
+    ------
+    BayescalError
+        Where it cannot be read.
+    """
+    try:
+        return path.read_bytes().decode()
+    except OSError as error:
+        raise BayescalError(error.strerror or "cannot be read", str(path)) from None
+    except UnicodeDecodeError:
+        raise BayescalError("is no text", str(path)) from None
+
+
+def parsed(text: str, path: Path) -> dict[str, Any]:
+    """What a JSON file says.
+
+    Raises
+    ------
+    BayescalError
+        Where it is no JSON object.
+    """
+    try:
+        found = json.loads(text)
+    except ValueError as error:
+        raise BayescalError(f"no JSON: {error}", str(path)) from None
+    if not isinstance(found, dict):
+        raise BayescalError("no JSON object", str(path))
+    return found
+
+
+def record(path: Path) -> dict[str, Any]:
+    """What a JSON file says; see `read` and `parsed`."""
+    return parsed(read(path), path)
+
+
+def write(path: Path, content: str | Mapping[str, Any]) -> None:
+    """Write a text, or a record as JSON, whole or not at all; the folder is made where it is missing.
+
+    Raises
+    ------
+    BayescalError
+        Where it cannot be written.
+    """
+    text = content if isinstance(content, str) else json.dumps(content, allow_nan=False, indent=1) + "\n"
+    stage = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        stage.write_bytes(text.encode())
+        os.replace(stage, path)
+    except OSError as error:
+        stage.unlink(missing_ok=True)
+        raise BayescalError(error.strerror or "cannot be written", str(path)) from None

@@ -1,0 +1,169 @@
+"""Sealed worlds: sessions to be diagnosed, and one truth of them all."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import shutil
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from bayescal.blind import seal
+from bayescal.blind.folder import PLAN, SEAL, TRUTH, WORLDS, name_of, parsed, read, record, write
+from bayescal.blind.workers import Lost, results
+from bayescal.errors import BayescalError
+from bayescal.folders import check_free, whole
+
+SEEDS = 2**48
+"""How many seeds there are to draw from."""
+NO_PINOCCHIO = BayescalError("making worlds needs Pinocchio", "", "pip install 'bayescal[world]'")
+Told = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is made: the seed, how many worlds, and what keeps the truth from being guessed from its hash."""
+
+    seed: int
+    worlds: int
+    salt: str
+
+
+def make(
+    folder: Path,
+    worlds: int = 200,
+    seed: int | None = None,
+    workers: int = 1,
+    dask: str | None = None,
+    told: Told = lambda words, fraction: None,
+) -> str:
+    """Make blind worlds, or those that are missing yet, and seal their truth.
+
+    Parameters
+    ----------
+    folder : Path
+        A new or empty one, or one whose worlds are being made.
+    worlds : int
+        How many.
+    seed : int, optional
+        One seed, one set of worlds; drawn where left out, and then told by the truth alone.
+    workers, dask
+        See `workers.results`.
+    told : callable
+        Told how many there are, in words and as a fraction.
+
+    Returns
+    -------
+    str
+        SHA-256 of the sealed truth.
+
+    Raises
+    ------
+    BayescalError
+        Where the folder holds something else, or worlds of another seed or number; where Pinocchio is
+        missing.
+    """
+    if worlds < 1 or (seed is not None and seed < 0):
+        raise BayescalError("a positive number of worlds and a seed from 0 on are needed")
+    if (folder / TRUTH).is_file() and not (folder / PLAN).exists():
+        return _made(folder, worlds, seed)
+    if dask is None and find_spec("pinocchio") is None:
+        raise NO_PINOCCHIO
+    plan = _plan(folder, worlds, seed)
+    todo = [k for k in range(plan.worlds) if not _record_path(folder, k).exists()]
+    done = plan.worlds - len(todo)
+    told(f"{done} of {plan.worlds}", done / plan.worlds)
+    with closing(results(built, ((plan.seed, k) for k in todo), workers, dask)) as found:
+        for index, result in found:
+            if isinstance(result, Lost):
+                raise BayescalError(f"could not be made: {result.words}", f"world {todo[index]}")
+            _keep(folder, todo[index], *result)
+            done += 1
+            told(f"{done} of {plan.worlds}", done / plan.worlds)
+    return _seal(folder, plan)
+
+
+def built(task: tuple[int, int]) -> tuple[dict[str, str], dict[str, Any]]:
+    """The files of a world by name and its truth, from its seed and number, on a worker."""
+    try:  # here, for the process that hands out the work needs no Pinocchio
+        from bayescal.world.build import build
+    except ImportError:
+        raise NO_PINOCCHIO from None
+    from bayescal.world.write import plain
+
+    texts, truth = build(*task)
+    return texts, plain(truth)
+
+
+def _made(folder: Path, worlds: int, seed: int | None) -> str:
+    """The seal of worlds that are all made, if they are the ones that are asked for."""
+    text = read(folder / TRUTH)
+    sealed = seal.check_truth(folder, text)
+    _tidy(folder)
+    truth = parsed(text, folder / TRUTH)
+    _check_same(folder, Plan(truth["seed"], len(truth["worlds"]), truth["salt"]), worlds, seed)
+    return sealed
+
+
+def _plan(folder: Path, worlds: int, seed: int | None) -> Plan:
+    """The plan of worlds that are being made, or a new one."""
+    path = folder / PLAN
+    if not path.exists():
+        check_free(folder, TRUTH)
+        seed = secrets.randbelow(SEEDS) if seed is None else seed
+        plan = Plan(seed, worlds, secrets.token_hex(32))
+        with whole(folder, PLAN) as stage:
+            write(stage / PLAN, vars(plan))
+        return plan
+    plan = Plan(**record(path))
+    _check_same(folder, plan, worlds, seed)
+    return plan
+
+
+def _check_same(folder: Path, plan: Plan, worlds: int, seed: int | None) -> None:
+    differs = {f"{plan.worlds} worlds": worlds != plan.worlds, "another seed": seed not in (None, plan.seed)}
+    if any(differs.values()):
+        words = " and ".join(what for what, so in differs.items() if so)
+        raise BayescalError(f"was begun with {words}", str(folder), "ask for these, or give another --out")
+
+
+def _record_path(folder: Path, number: int) -> Path:
+    """Where the truth of a world is while others are made; it is there when the world is."""
+    return (folder / PLAN).with_name(f"{name_of(number)}.json")
+
+
+def _keep(folder: Path, number: int, texts: dict[str, str], truth: dict[str, Any]) -> None:
+    with whole(folder / WORLDS / name_of(number), "dataset.yaml") as stage:
+        for file, text in texts.items():
+            write(stage / file, text)
+    write(_record_path(folder, number), {"session": seal.of_world(texts), "truth": truth})
+
+
+def _seal(folder: Path, plan: Plan) -> str:
+    """Put the truths into one file and its hash into every world; gone through again, it does the same."""
+    made = {name_of(k): record(_record_path(folder, k)) for k in range(plan.worlds)}
+    truth = {
+        "schema": seal.TRUTHS,
+        "seed": plan.seed,
+        "salt": plan.salt,
+        "sessions": {name: own["session"] for name, own in made.items()},
+        "worlds": {name: own["truth"] for name, own in made.items()},
+    }
+    text = json.dumps(truth, allow_nan=False, indent=1) + "\n"
+    write(folder / TRUTH, text)
+    sealed = seal.of_text(text)
+    for name in made:
+        write(folder / WORLDS / name / SEAL, sealed + "\n")
+    (folder / PLAN).unlink()
+    _tidy(folder)
+    return sealed
+
+
+def _tidy(folder: Path) -> None:
+    """Remove what the making, killed or not, leaves beside the worlds."""
+    for left in ((folder / PLAN).parent, *(folder / WORLDS).glob(".*")):
+        shutil.rmtree(left, ignore_errors=True)

@@ -1,0 +1,174 @@
+"""The figures of a score as rows of words, each beside what is wanted: terminal and page share them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from bayescal.blind.rates import BANDS, value
+from bayescal.blind.score import CLEAR, STRONG, SURE
+
+Found = Mapping[str, Any]
+NONE = "-"
+SHOWN = 2
+"""Worlds that are named in a row before the rest is counted."""
+
+
+class Row(NamedTuple):
+    """A figure, in words, and whether it is as wanted; None where nothing is wanted or nothing was found."""
+
+    label: str
+    found: str
+    wanted: str = ""
+    met: bool | None = None
+
+
+def rows(f: Found) -> list[Row]:
+    """All figures that are one number."""
+    single, pair, clear, out = f["single"], f["pairs"]["all"], f["pairs"]["clear"], f["outside"]
+    d, planes = f["distances"], f["planes"]
+    return [
+        _at_most("nothing hidden: carries a name", f["null"]["named"], 0.02),
+        _at_least(f"one effect, lambda {CLEAR:g} to {STRONG:g}: right", single["clear"], 0.90),
+        _at_least(f"one effect, lambda over {STRONG:g}: right", single["strong"], 0.98),
+        _at_least(f"named with P over {SURE:g}: right", f["sure"]["right"], 0.96),
+        Row("the same: no name wrong", of(f["sure"]["names_true"])),
+        _at_least("the 90 % set holds all effects", f["set"]["holds"], 0.87),
+        _under("its mean size", f["set"]["size"], 5.0, f"{number(f['set']['size_all'])} over all worlds"),
+        _at_least(f"two effects, {pair['worlds']} worlds: recall", pair["recall"], 0.93),
+        _at_least("the same: precision", pair["precision"], 0.97),
+        _at_least(f"both lambda over {CLEAR:g}, {clear['worlds']} worlds: recall", clear["recall"], 0.93),
+        _at_least("the same: precision", clear["precision"], 0.97),
+        _at_least(f"outside, lambda from {STRONG:g}: flagged", out["flagged"], 0.90),
+        _at_least("the same: at the right site", out["right_site"], 0.95),
+        Row("outside, all: a name and no flag", of(out["named_alone"])),
+        Row("a name's first place is where it acts", of(f["named_place"])),
+        Row("unnamed: the first place is right", of(f["unnamed_place"])),
+        _closed(f"distances, {d['count']} named worlds: closed", d),
+        _closed(f"the same, lambda from {CLEAR:g}", f["distances_clear"]),
+        _worse(f["worse"]),
+        _near("distances: refit over true model", d),
+        _near("planes: refit over true model", planes),
+        *(_predicted(what, f["predicted"][what]) for what in f["predicted"]),
+        _log_score(f["log_score"]),
+        Row("seconds a world, median and most", f"{number(f['seconds']['median'])}, {_most(f)}"),
+        Row("crashed", listed([f"{w}: {e}" for w, e in f["crashed"].items()]), "none", not f["crashed"]),
+    ]
+
+
+def by_lambda(f: Found) -> list[tuple[str, list[str]]]:
+    """Rows of shares, a cell a band of lambda."""
+    single = f["single"]
+    return [
+        ("one effect: worlds", [str(b["count"]) for b in single["right"]]),
+        ("right", _cells(single["right"])),
+        ("its 95 % interval", [_ends(s) for s in single["right"]]),
+        ("a wrong name", _cells(single["wrong_name"])),
+        ("the 90 % set holds it", _cells(single["set_holds"])),
+        ("its mean size", [number(b["mean"]) for b in single["set_size"]]),
+        ("each of two: named", _cells(f["each_of_two"], counts=True)),
+        ("outside: flagged", _cells(f["outside_flagged"], counts=True)),
+        ("first place right, all", _cells(f["first_place"], counts=True)),
+    ]
+
+
+def bands() -> list[str]:
+    """The bands of lambda in words."""
+    return [
+        f"over {low:g}" if high == BANDS[-1][1] else f"{low:g} to {high:g}" if low else f"under {high:g}"
+        for low, high in BANDS
+    ]
+
+
+def _cells(shares: Sequence[Found], counts: bool = False) -> list[str]:
+    return [
+        (f"{percent(value(s))} of {s['count']}" if counts else percent(value(s))) if s["count"] else NONE
+        for s in shares
+    ]
+
+
+def _ends(s: Found) -> str:
+    return "{:.0f}-{:.0f} %".format(*(100 * end for end in s["interval95"])) if s["count"] else NONE
+
+
+def of(s: Found) -> str:
+    """'12 of 13, 92 % (67 to 99)'."""
+    if not s["count"]:
+        return "none to judge"
+    low, high = (f"{100 * end:.0f}" for end in s["interval95"])
+    return f"{s['hits']} of {s['count']}, {percent(value(s))} ({low} to {high})"
+
+
+def percent(share: float | None) -> str:
+    """A fraction in per cent."""
+    return NONE if share is None else f"{100 * share:.0f} %"
+
+
+def number(x: float | None, digits: int = 1) -> str:
+    """A number, or a dash."""
+    return NONE if x is None else f"{x:.{digits}f}"
+
+
+def listed(words: Sequence[str]) -> str:
+    """The first few of many, and how many more."""
+    more = f" and {len(words) - SHOWN} more" if len(words) > SHOWN else ""
+    return "; ".join(words[:SHOWN]) + more if words else "none"
+
+
+def _share(label: str, s: Found, wanted: str, good: Callable[[float], bool]) -> Row:
+    share = value(s)
+    return Row(label, of(s), wanted, None if share is None else good(share))
+
+
+def _at_least(label: str, s: Found, least: float) -> Row:
+    return _share(label, s, f"at least {100 * least:.0f} %", lambda share: share >= least)
+
+
+def _at_most(label: str, s: Found, most: float) -> Row:
+    return _share(label, s, f"at most {100 * most:.0f} %", lambda share: share <= most)
+
+
+def _under(label: str, x: float | None, most: float, more: str) -> Row:
+    return Row(label, f"{number(x)} ({more})", f"under {most:g}", None if x is None else x < most)
+
+
+def _closed(label: str, s: Found) -> Row:
+    share, wanted = s["closed"], "at least 95 %"
+    if share is None:
+        return Row(label, NONE, wanted)
+    lengths = f"{s['before_um']:.1f} to {s['after_um']:.1f}, floor {s['floor_um']:.1f} um"
+    return Row(label, f"{percent(share)} ({lengths})", wanted, share >= 0.95)
+
+
+def _worse(worse: Found) -> Row:
+    names = [f"{world}: x {new / old:.2f}" for world, (old, new) in worse.items()]
+    told = f"{len(names)} ({listed(names)})" if names else "none"
+    return Row("distances made worse by over 5 %", told, "none", not names)
+
+
+def _near(label: str, s: Found) -> Row:
+    if s["ratio"] is None:
+        return Row(label, NONE, "at most 1.15")
+    exact = "" if s["ratio_right"] is None else f", {s['ratio_right']:.2f} where right"
+    told = f"{s['ratio']:.2f}, median {s['ratio_median']:.2f}{exact}"
+    return Row(label, told, "at most 1.15", s["ratio"] <= 1.15)
+
+
+def _predicted(what: str, s: Found) -> Row:
+    label = f"{what}: achieved/predicted shrinkage"
+    if not s["count"]:
+        return Row(label, NONE)
+    near, going = percent(s["near"]), number(s["correlation"], 2)
+    return Row(label, f"{s['median']:.2f}, {near} within 1.3 x, r {going}")
+
+
+def _log_score(s: Found | None) -> Row:
+    label = "log score: mean ln P(truth), nats"
+    if s is None:
+        return Row(label, NONE)
+    told = f"{s['mean']:.2f}, base rates {s['base']:.2f}"
+    return Row(label, told, "above them", s["mean"] > s["base"])
+
+
+def _most(f: Found) -> str:
+    return number(f["seconds"]["most"])

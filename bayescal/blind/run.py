@@ -1,0 +1,166 @@
+"""Answers to blind worlds: a diagnosis of each, its truth unread, and their seal."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bayescal.blind import seal
+from bayescal.blind.folder import (
+    BASELINE,
+    DATASET,
+    SEALED,
+    answer_path,
+    names,
+    read,
+    record,
+    texts,
+    write,
+)
+from bayescal.blind.make import Told
+from bayescal.blind.workers import Lost, results
+from bayescal.errors import BayescalError
+
+LONG = ("curves", "residuals")
+"""Keys of gap.json that are the data of pictures, and no answer."""
+
+
+@dataclass(frozen=True)
+class Answered:
+    """Answers that are all given: their seal, how many there are, those of crashes, those given again."""
+
+    sha256: str
+    worlds: int
+    crashed: int
+    again: int
+
+
+@dataclass(frozen=True)
+class Task:
+    """A world as a worker gets it: its name and its files, and nothing else."""
+
+    name: str
+    texts: dict[str, str]
+
+
+def run(
+    folder: Path,
+    workers: int = 1,
+    dask: str | None = None,
+    told: Told = lambda words, fraction: None,
+) -> Answered:
+    """Diagnose every world that has no answer yet, and seal the answers.
+
+    A world that was answered by other sources than these, or whose files have changed since, is answered
+    again.
+
+    Parameters
+    ----------
+    folder : Path
+        Worlds of `make.make`. Their truth is not read: it may be elsewhere meanwhile.
+    workers, dask
+        See `workers.results`. The answers are the same, whoever gives them.
+    told : callable
+        Told how many are answered, in words and as a fraction.
+
+    Raises
+    ------
+    BayescalError
+        Where there are no worlds, they are not all made, or their answers are sealed; where a worker has
+        other sources.
+    """
+    seal.check_unsealed(folder)
+    truth = seal.truth_seal(folder)
+    worlds = names(folder)
+    given = {name: answer_path(folder, name).exists() for name in worlds}
+    todo = [name for name in worlds if not (given[name] and _stands(folder, name))]
+    done = len(worlds) - len(todo)
+    told(f"{done} of {len(worlds)}", done / len(worlds))
+    for answer in _answers(folder, todo, workers, dask):
+        write(answer_path(folder, answer["world"]), answer)
+        done += 1
+        told(f"{done} of {len(worlds)}", done / len(worlds))
+    answers = {name: record(answer_path(folder, name)) for name in worlds}
+    write(folder / SEALED, _sealed(truth, answers))
+    return Answered(
+        seal.of_text(read(folder / SEALED)),
+        len(worlds),
+        sum("error" in answer for answer in answers.values()),
+        sum(given[name] for name in todo),
+    )
+
+
+def _stands(folder: Path, name: str) -> bool:
+    """Whether an answer is one to the world as it is, by the sources as they are."""
+    answer = record(answer_path(folder, name))
+    now = seal.of_world(texts(folder, name)), seal.of_code()
+    return (answer.get("dataset_sha256"), answer.get("code_sha256")) == now
+
+
+def _answers(folder: Path, todo: list[str], workers: int, dask: str | None) -> Iterator[dict[str, Any]]:
+    """Answers as they come."""
+    own = seal.of_code()
+    tasks = (Task(name, texts(folder, name)) for name in todo)
+    with closing(results(answered, tasks, workers, dask)) as found:
+        for index, answer in found:
+            if isinstance(answer, Lost):
+                about = _about(Task(todo[index], texts(folder, todo[index])))
+                answer = about | {"error": answer.words}
+            if answer["code_sha256"] != own:
+                raise BayescalError(
+                    "a worker has other sources of bayescal than this process",
+                    dask or "",
+                    "install the same for all, leave them alone meanwhile, and start again",
+                )
+            yield answer
+
+
+def answered(task: Task) -> dict[str, Any]:
+    """Diagnose one world in a folder that holds its dataset alone, on a worker; a crash is an answer too."""
+    # here, for the process that hands out the work needs none of it
+    from bayescal.dataset import read_dataset
+    from bayescal.gap.diagnose import diagnose
+    from bayescal.report.gap_record import gap_record
+
+    start, about = time.process_time(), _about(task)
+    with tempfile.TemporaryDirectory(prefix="bayescal-blind-") as folder:
+        for file in DATASET:
+            write(Path(folder) / file, task.texts[file])
+        try:
+            effects = tuple(task.texts[BASELINE].split()[-1].split(","))
+            gap = gap_record(diagnose(read_dataset(folder), effects))
+        except Exception as error:
+            told = error if isinstance(error, BayescalError) else f"{type(error).__name__}: {error}"
+            words = " ".join(str(told).replace(f"{folder}/", "").split())
+            return about | {"seconds": time.process_time() - start, "error": words}
+    return about | {
+        "seconds": time.process_time() - start,
+        "gap": {key: value for key, value in gap.items() if key not in LONG},
+    }
+
+
+def _about(task: Task) -> dict[str, Any]:
+    return {
+        "world": task.name,
+        "dataset_sha256": seal.of_world(task.texts),
+        "code_sha256": seal.of_code(),
+    }
+
+
+def _sealed(truth: str, answers: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """The contents of answers.json; the time that answers took is not part of it."""
+    from bayescal.report.gap_record import LIBRARIES
+    from bayescal.report.origin import software
+
+    return {
+        "schema": seal.ANSWERED,
+        "truth_sha256": truth,
+        "code_sha256": seal.of_code(),
+        "software": software(LIBRARIES),
+        "answers": {name: seal.of_answer(answer) for name, answer in answers.items()},
+    }

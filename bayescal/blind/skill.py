@@ -1,0 +1,78 @@
+"""The log score: how much probability an answer gave to what is true, beside what base rates would give.
+
+An answer states a probability of every set of effects; what is scored is that of the event that is true:
+
+- nothing is hidden: that of 'nothing';
+- something outside the vocabulary: that of 'something else', with or without names beside it;
+- effects: that of exactly this set. gap.json lists the weightiest sets; what they leave over is spread on all
+  other sets in proportion to the product of the stated marginals.
+
+These events exclude each other and their probabilities add up to one, so that the mean of the logs is a
+strictly proper score: on average nothing but what one believes does better. A probability under `CLIP` counts
+as `CLIP`; no answer at all does too.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
+from math import comb, log
+from typing import Any
+
+from bayescal.blind.judge import OTHERS, Record
+from bayescal.blind.rates import mean
+
+CLIP = 1e-4
+TOGETHER = {"null": 0, "single": 1, "pair": 2, "outside": 0}
+"""Effects of the vocabulary that a world of each kind hides."""
+
+
+def stated(r: Record) -> float:
+    """Probability that an answer gives to what is true of its world."""
+    p: Mapping[str, float] = r["probability"]
+    if r["kind"] == "null":
+        return p.get("null", 0.0)
+    if r["kind"] == "outside":
+        return p.get("unknown", 0.0)
+    listed = {frozenset(names): q for names, q in r["sets"] if names and "unknown" not in names}
+    true = frozenset(r["effects"])
+    if true in listed or not p:
+        return listed.get(true, 0.0)
+    marginals = {name: q for name, q in p.items() if name not in OTHERS}
+    rest = 1.0 - p["null"] - p["unknown"] - sum(listed.values())
+    others = 1.0 - sum(independent(names, marginals) for names in (frozenset[str](), *listed))
+    return max(rest, 0.0) * independent(true, marginals) / others if others > 0 else 0.0
+
+
+def independent(names: Iterable[str], marginals: Mapping[str, float]) -> float:
+    """Probability of exactly these effects, were they there or not independently of each other."""
+    there = set(names)
+    out = 1.0 if there <= set(marginals) else 0.0
+    for name, p in marginals.items():
+        out *= p if name in there else 1.0 - p
+    return out
+
+
+def base_rates(records: Sequence[Record]) -> list[float]:
+    """What base rates give to what is true: the share of its kind, spread evenly over the sets of that kind.
+
+    The shares are those of these very worlds, which no answer could know: a hard reference.
+    """
+    kinds = Counter(r["kind"] for r in records)
+    said = chain.from_iterable((*r["probability"], *r["effects"]) for r in records)
+    names = len(set(said) - set(OTHERS))
+    return [kinds[r["kind"]] / len(records) / max(comb(names, TOGETHER[r["kind"]]), 1) for r in records]
+
+
+def log_score(records: Sequence[Record]) -> dict[str, Any]:
+    """Mean log score of all worlds and of each kind, nats, beside that of the base rates."""
+    answers = [log(max(stated(r), CLIP)) for r in records]
+    base = [log(max(p, CLIP)) for p in base_rates(records)]
+
+    def of(own: Sequence[int]) -> dict[str, Any]:
+        a, b = mean(answers[k] for k in own), mean(base[k] for k in own)
+        return {"count": len(own), "mean": a, "base": b}
+
+    kinds = {kind: of([k for k, r in enumerate(records) if r["kind"] == kind]) for kind in TOGETHER}
+    return of(range(len(records))) | {"clip": CLIP, "kinds": kinds}

@@ -1,0 +1,139 @@
+"""The knock-outs in small: what is taken out of a simulated session is found, and a miss has its reason."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from analysis import knock_out, knock_out_page
+from bayescal.dataset import read_dataset, write_dataset
+from bayescal.simulate import Options, simulate
+
+REAL = Path(__file__).parents[3] / "shared" / "data" / "real"
+README = """# A session
+
+| held out, mm | mean | rms | max |
+| --- | --- | --- | --- |
+| nominal | 1.5 | 1.75 | 3 |
+| **geometric** | 0.2 | 0.25 | 0.5 |
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """One simulated session through the command, and the page that it writes."""
+    folder = tmp_path_factory.mktemp("knock-out")
+    options = Options(contacts=120, later=40, repeats=0, spheres=2, placements=2, seed=4)
+    write_dataset(simulate(options).dataset, folder / "real" / "session")
+    (folder / "real" / "session" / "README.md").write_text(README, encoding="utf-8")
+    marks = knock_out_page.BEGIN, knock_out_page.END
+    (folder / "page.md").write_text("before\n{}\nold\n{}\nafter\n".format(*marks), encoding="utf-8")
+    knock_out.main(arguments(folder))
+    return folder
+
+
+def arguments(folder):
+    given = ["--real", folder / "real", "--runs", folder / "runs", "--out", folder / "page.md"]
+    return [*map(str, given), "--joints", "4", "--workers", "1"]
+
+
+def test_what_is_taken_out_is_found(run):
+    records = json.loads((run / "runs" / "records.json").read_text(encoding="utf-8"))
+    assert list(records) == ["session | whole", "session | compliance", "session | geometry at joint 4"]
+    whole, stiffness, joint = records.values()
+    assert whole["verdict"] == "null"
+    assert whole["joints"] == [1, 2, 3, 4, 5]
+    assert [step["adds"] for step in whole["ladder"]] == ["as drawn", "geometry", "compliance"]
+    assert whole["yardsticks"][1] == {"model": "geometric", "mean": 0.2, "rms": 0.25, "max": 0.5}
+    for r in (stiffness, joint):
+        assert knock_out_page.right(r)
+        assert r["probability"] > 0.99
+        held = r["heldout"]["planes"]
+        assert held["after_um"] < 1.1 * held["whole_um"] < 0.2 * held["before_um"]
+        assert held["before_um"] == pytest.approx(held["predicted_before_um"], rel=0.15)
+        assert r["lambda"] > 1000
+
+
+def test_page_keeps_what_is_around(run):
+    text = (run / "page.md").read_text(encoding="utf-8")
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    assert "\nold\n" not in text
+    assert "all that was taken out: 2 of 2 named" in text
+    assert "| geometry at joint 4 | " in text
+    assert "| session, 40 planes | as drawn |" in text
+
+
+def test_an_interrupted_run_goes_on(run, monkeypatch):
+    before = (run / "page.md").read_text(encoding="utf-8")
+    path = run / "runs" / "records.json"
+    records = json.loads(path.read_text(encoding="utf-8"))
+    last = records.popitem()[1]
+    path.write_text(json.dumps(records), encoding="utf-8")
+    made = []
+    monkeypatch.setattr(knock_out, "made", lambda task: made.append(task.key) or last)
+    knock_out.main(arguments(run))
+    assert made == ["session | geometry at joint 4"]
+    assert (run / "page.md").read_text(encoding="utf-8") == before
+
+
+def missed(**more):
+    """A record of something that was not named, made up."""
+    held = {"before_um": 90.0, "after_um": 80.0, "whole_um": 60.0}
+    return {
+        "without": "geometry at joint 4", "named": [], "verdict": "unknown", "missing": "", "footnotes": [],
+        "lambda": 500.0, "claimed_nats": 0.0, "possible_nats": 100.0, "leading": ["unknown"],
+        "heldout": {"points": held},
+    } | more  # fmt: skip
+
+
+OTHER = [{"effect": "eccentricity", "site": "joint 4", "probability": 0.9}]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"lambda": 20.0}, "nobody can see it"),
+        ({"missing": "no contact would show it"}, "nobody can see it"),
+        ({"footnotes": ["geometry explains the fitted contacts but spoils"]}, "withheld"),
+        ({"footnotes": ["geometry: 3 um, 2 % of what was found"]}, "footnote"),
+        ({"footnotes": ["step: 3 um, 2 % of what was found"]}, "something else"),
+        (
+            {"claimed_nats": 101.0, "heldout": {"points": {"before_um": 130.0, "whole_um": 60.0}}},
+            "claims more nats than there are",
+        ),
+        ({"heldout": {"points": {"before_um": 61.0, "whole_um": 60.0}}}, "not missed"),
+        (
+            {"named": OTHER, "heldout": {"points": {"before_um": 90.0, "after_um": 61.0, "whole_um": 60.0}}},
+            "take its place",
+        ),
+        ({"named": OTHER}, "are preferred"),
+        ({"leading": [*"abcdef", "unknown"]}, "as many names as a set may hold"),
+        ({"verdict": "ambiguous"}, "left open"),
+    ],
+)
+def test_a_miss_has_its_reason(more, words):
+    assert words in knock_out_page.why(missed(**more))
+
+
+def test_only_the_right_name_at_the_right_place_counts():
+    here = {"effect": "geometry", "site": "joint 4", "probability": 1.0}
+    assert knock_out_page.right(missed(named=[*OTHER, here]))
+    assert not knock_out_page.right(missed(named=[here | {"site": "joint 5"}]))
+    assert knock_out_page.right(
+        missed(without="compliance", named=[here | {"effect": "compliance", "site": ""}])
+    )
+    assert knock_out_page.why(missed(named=[here])) == ""
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="no shared data")
+def test_a_joint_of_a_real_arm():
+    found = knock_out.knocked(read_dataset(REAL / "panda-ball-socket-3"), "geometry at joint 4")
+    assert found["named"][0].items() >= {"effect": "geometry", "site": "joint 4"}.items()
+    held = found["heldout"]["points"]
+    assert held["before_um"] > 4 * held["whole_um"]
+    assert held["after_um"] == pytest.approx(held["predicted_after_um"], rel=0.05)
+    assert held["before_um"] == pytest.approx(held["predicted_before_um"], rel=0.05)
