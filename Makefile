@@ -10,7 +10,7 @@ WORKERS ?= 2
 # small matrices: more than one BLAS thread only waits for the others
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: fit test lint bench study own-sessions blind clean
+.PHONY: fit test lint bench study own-sessions knock-out blind clean
 
 fit: $(VENV)/.run
 	$(BIN)/bayescal fit data/lrmate200ic-cube --samples 5000 --out $(OUT)/lrmate200ic-cube-fit
@@ -26,6 +26,11 @@ lint: $(VENV)/.test
 
 study: $(VENV)/.test
 	$(BIN)/python -m analysis.study
+
+# sessions of real arms, a folder each
+REAL ?= ../shared/data/real
+knock-out: $(VENV)/.test
+	$(BIN)/python -m analysis.knock_out --real $(REAL) --out docs/knock_out.md --workers $(WORKERS)
 
 own-sessions: $(VENV)/.test
 	$(BIN)/python -m analysis.own_sessions
