@@ -15,7 +15,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -212,7 +212,9 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def on_workers(tasks: Sequence[Task], workers: int, what: str) -> Iterator[Record]:
+def on_workers(
+    work: Callable[[Any], Record], tasks: Sequence[Any], workers: int, what: str
+) -> Iterator[Record]:
     """Records in the order of the tasks, with a count on the way."""
 
     def counted(records: Iterator[Record]) -> Iterator[Record]:
@@ -222,10 +224,10 @@ def on_workers(tasks: Sequence[Task], workers: int, what: str) -> Iterator[Recor
         print(file=sys.stderr)
 
     if workers == 1 or len(tasks) < 2:
-        yield from counted(map(made, tasks))
+        yield from counted(map(work, tasks))
         return
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from counted(pool.map(made, tasks))
+        yield from counted(pool.map(work, tasks))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -243,7 +245,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     def run(tasks: list[Task], what: str) -> None:
         missing = [t for t in tasks if t.key not in records]
-        for task, found in zip(missing, on_workers(missing, given.workers, what), strict=True):
+        for task, found in zip(missing, on_workers(made, missing, given.workers, what), strict=True):
             records[task.key] = found
             path.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
 

@@ -208,9 +208,10 @@ def _left(models: Sequence[Record]) -> list[str]:
     return [*out, "", *notes]
 
 
-def update(path: Path, text: str) -> None:
+def update(path: Path, text: str, marks: tuple[str, str] = (BEGIN, END)) -> None:
     """Renew the tables of a page between its marks; a page without is made of them alone."""
-    old = path.read_text(encoding="utf-8") if path.exists() else f"{BEGIN}\n{END}\n"
-    before, rest = old.split(BEGIN, 1)
-    _, after = rest.split(END, 1)
-    path.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8", newline="\n")
+    begin, end = marks
+    old = path.read_text(encoding="utf-8") if path.exists() else f"{begin}\n{end}\n"
+    before, rest = old.split(begin, 1)
+    _, after = rest.split(end, 1)
+    path.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8", newline="\n")

@@ -17,8 +17,8 @@ from bayescal.dataset import read_dataset
 from bayescal.fit import Fit, fit
 
 ROOT = Path(__file__).resolve().parents[1]
-LABELS = ("as drawn", "kinematic", "kinematic\n+ stiffness")
-COLOURS = ("#9aa5b1", "#5b8db8", "#1b4f72")
+LABELS = ("as drawn", "joint zeros\nand scales", "kinematic", "kinematic\n+ stiffness")
+COLOURS = ("#9aa5b1", "#8fb0c9", "#5b8db8", "#1b4f72")
 
 
 def draw(result: Fit) -> plt.Figure:
@@ -36,8 +36,8 @@ def draw(result: Fit) -> plt.Figure:
         )  # fmt: skip
     left.set_yscale("log")
     left.set_ylim(3e-4, 4)
-    left.set_xticks(range(3), LABELS)
-    left.set_xlim(-0.5, 2.5)
+    left.set_xticks(range(4), LABELS)
+    left.set_xlim(-0.5, 3.5)
     left.set_ylabel("|error of a sphere distance| (mm)")
     left.grid(axis="y", alpha=0.25)
     checks = result.final.validation.distances
@@ -45,7 +45,7 @@ def draw(result: Fit) -> plt.Figure:
     errors = np.array([d.error for d in checks]) * 1e6
     at = np.arange(len(checks))
     right.bar(at, high - low, bottom=low, width=0.62, color="#d6e4f0", label="predicted, 95 %")
-    right.scatter(at, errors, s=26, color=COLOURS[2], zorder=3, label="measured")
+    right.scatter(at, errors, s=26, color=COLOURS[3], zorder=3, label="measured")
     right.axhline(0.0, color="0.5", lw=0.8)
     names = ["-".join(name.split(".")[1].split("@")[0] for name in d.between) for d in checks]
     places = [d.between[0].split("@")[1] for d in checks]

@@ -37,7 +37,7 @@ FALSE_REJECTIONS = 0.01
 
 @dataclass(frozen=True)
 class Weights:
-    """How much each residual counts, by target: `sigma` (R,) m at noise scale 1, row weights (C,)."""
+    """How much each residual counts, by block: `sigma` (R,) m at noise scale 1, row weights (C,)."""
 
     sigma: Mapping[str, np.ndarray]
     row: Mapping[str, np.ndarray]
@@ -45,8 +45,8 @@ class Weights:
 
     def whitening(self, block: Block) -> np.ndarray:
         """Factors (R,) that whiten a block's residuals."""
-        row = np.tile(self.row[block.target], block.kind.rows)
-        return np.sqrt(row) / (self.sigma[block.target] * self.scale[block.group])
+        row = np.tile(self.row[block.name], block.kind.rows)
+        return np.sqrt(row) / (self.sigma[block.name] * self.scale[block.group])
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Linear:
 
     residual: np.ndarray  # (R,)
     jacobian: np.ndarray  # (R, D)
-    of_block: Mapping[str, slice]  # rows of each target's contacts
+    of_block: Mapping[str, slice]  # rows of each block's contacts, by its name
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def standing(model: Model, values: np.ndarray) -> Scene:
     delta = model.motion(np.arange(len(scene.q))).displacements(values)
     # the model starts from the drawing with the sag that the robot file knows, the statics from the drawing
     delta[:, 1:-1, 0] += scene.q - link_angles(scene.dataset.robot, scene.dataset.measurements.readings)
-    return Scene(scene.dataset, delta)
+    return replace(scene, delta=delta)
 
 
 def unit_weights(model: Model, z: np.ndarray) -> Weights:
@@ -130,35 +130,33 @@ def unit_weights(model: Model, z: np.ndarray) -> Weights:
             slices = model.slices
             by = block.by_readings(model.deviations(z[slices[ARM]]), z[slices[block.target]], coupling)
             own = np.sqrt(own**2 + joint**2 * np.sum(by**2, axis=1))
-        sigma[block.target] = own
-    row = {block.target: np.ones(len(block.rows)) for block in model.blocks}
+        sigma[block.name] = own
+    row = {block.name: np.ones(len(block.rows)) for block in model.blocks}
     return Weights(sigma, row, {block.group: 1.0 for block in model.blocks})
 
 
 def linearise(model: Model, z: np.ndarray, weights: Weights) -> Linear:
     """Whitened residuals and Jacobian at z, in NumPy arrays."""
-    residuals, jacobians, of_block, at = [], [], {}, 0
-    arm = z[model.slices[ARM]]
-    values = model.deviations(arm)
+    count = sum(b.residuals for b in model.blocks) + sum(t.rows for t in model.ties)
+    residual, jacobian, of_block, at = np.empty(count), np.zeros((count, model.size)), {}, 0
+    arm = model.slices[ARM]
+    values = model.deviations(z[arm])
     for block in model.blocks:
-        own = model.slices[block.target]
+        own, mine = model.slices[block.target], slice(at, at + block.residuals)
         r, by_arm, by_target = block.linearise(values, z[own])
         whiten = weights.whitening(block)
-        jacobian = np.zeros((len(r), model.size))
-        jacobian[:, model.slices[ARM]] = by_arm * model.sd * whiten[:, None]
-        jacobian[:, own] = by_target * whiten[:, None]
-        residuals.append(r * whiten)
-        jacobians.append(jacobian)
-        of_block[block.target] = slice(at, at + len(r))
-        at += len(r)
+        residual[mine] = r * whiten
+        jacobian[mine, arm] = by_arm * model.sd * whiten[:, None]
+        jacobian[mine, own] = by_target * whiten[:, None]
+        of_block[block.name] = mine
+        at = mine.stop
     for tie in model.ties:
-        r, by = model.tied(tie, {name: z[model.slices[name]] for name in tie.variables})
-        jacobian = np.zeros((tie.rows, model.size))
+        mine = slice(at, at + tie.rows)
+        residual[mine], by = model.tied(tie, {name: z[model.slices[name]] for name in tie.variables})
         for name, slope in by.items():
-            jacobian[:, model.slices[name]] = slope
-        residuals.append(r)
-        jacobians.append(jacobian)
-    return Linear(np.concatenate(residuals), np.concatenate(jacobians), of_block)
+            jacobian[mine, model.slices[name]] = slope
+        at = mine.stop
+    return Linear(residual, jacobian, of_block)
 
 
 def solve(
@@ -270,8 +268,8 @@ def estimate(model: Model, robust: bool = True, start: np.ndarray | None = None)
         weights = rescaled
     check_converged(linear, cov, z)
     check_within_reach(model, z)
-    rejected = np.concatenate([b.rows[weights.row[b.target] == 0.0] for b in model.blocks])
-    return Estimate(model, z, cov, weights, linear, iterations, np.sort(rejected), dof)
+    rejected = np.concatenate([b.rows[weights.row[b.name] == 0.0] for b in model.blocks])
+    return Estimate(model, z, cov, weights, linear, iterations, np.unique(rejected), dof)
 
 
 def leverages(linear: Linear, covariance: np.ndarray) -> np.ndarray:
@@ -293,9 +291,9 @@ def _rescaled(
     taken = leverages(linear, covariance)
     scale, dof = {}, {}
     for group, blocks in _groups(model).items():
-        at = [linear.of_block[b.target] for b in blocks]
+        at = [linear.of_block[b.name] for b in blocks]
         chi2 = sum(float(np.sum(linear.residual[s] ** 2)) for s in at) * weights.scale[group] ** 2
-        count = sum(float(np.sum(weights.row[b.target])) * b.kind.rows for b in blocks)
+        count = sum(float(np.sum(weights.row[b.name])) * b.kind.rows for b in blocks)
         dof[group] = max(count - sum(float(np.sum(taken[s])) for s in at), 0.0)
         scale[group] = float(np.sqrt((STATED_WORTH + chi2) / (STATED_WORTH + dof[group])))
     return replace(weights, scale=scale), dof
@@ -307,18 +305,18 @@ def _row_sizes(model: Model, weights: Weights, z: np.ndarray) -> dict[str, np.nd
     arm = model.deviations(z[model.slices[ARM]])
     for block in model.blocks:
         r = block.residual(arm, z[model.slices[block.target]])
-        r = r / weights.sigma[block.target].reshape(r.shape)
-        out[block.target] = np.sqrt(np.mean(r**2, axis=0))
+        r = r / weights.sigma[block.name].reshape(r.shape)
+        out[block.name] = np.sqrt(np.mean(r**2, axis=0))
     return out
 
 
 def _scatter(model: Model, sizes: Mapping[str, np.ndarray]) -> dict[str, float]:
     """Robust noise scales by group: the median size of a row over that of normal noise."""
-    out = {}
+    out, every = {}, sum(b.residuals for b in model.blocks)  # a group has its share of the parameters
     for group, blocks in _groups(model).items():
-        size = np.concatenate([sizes[b.target] / MEDIAN_SIZE[b.kind.rows] for b in blocks])
+        size = np.concatenate([sizes[b.name] / MEDIAN_SIZE[b.kind.rows] for b in blocks])
         count = sum(b.residuals for b in blocks)
-        spare = max(count - model.size, 0.25 * count)
+        spare = max(count - model.size * count / every, 0.25 * count)
         out[group] = max(float(np.median(size)) * np.sqrt(count / spare), 1e-3)
     return out
 
@@ -331,7 +329,7 @@ def _without_outliers(model: Model, z: np.ndarray, weights: Weights) -> tuple[np
         sizes = _row_sizes(model, weights, z)
         scale = _scatter(model, sizes)
         row = {
-            b.target: (TAIL + b.kind.rows) / (TAIL + b.kind.rows * (sizes[b.target] / scale[b.group]) ** 2)
+            b.name: (TAIL + b.kind.rows) / (TAIL + b.kind.rows * (sizes[b.name] / scale[b.group]) ** 2)
             for b in model.blocks
         }
         weights = replace(weights, row=row, scale=scale)
@@ -346,7 +344,7 @@ def _without_outliers(model: Model, z: np.ndarray, weights: Weights) -> tuple[np
         limit = -ndtri(FALSE_REJECTIONS / 2 / count)
         row = {}
         for b in model.blocks:
-            row[b.target] = (sizes[b.target] <= limit * scale[b.group]).astype(float)
+            row[b.name] = (sizes[b.name] <= limit * scale[b.group]).astype(float)
         if all(np.array_equal(row[k], weights.row[k]) for k in row):
             break
         weights = replace(weights, row=row, scale=scale)

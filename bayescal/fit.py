@@ -8,19 +8,29 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.dataset import Dataset
+from bayescal.directions import Directions, directions
+from bayescal.effects.geometry import GEOMETRY
+from bayescal.effects.joint import JOINT
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.flatness import FORM, FaceCheck, check_faces, with_form
 from bayescal.identify import Identifiability, identifiability
 from bayescal.latent import with_latent_readings
-from bayescal.model import Model, check_asked, with_parameters
+from bayescal.model import ORIENTATION, check_asked, with_parameters
 from bayescal.posterior import Draws, gaussian, sample
 from bayescal.scene import Scene
 from bayescal.unexplained import Unexplained, unexplained
-from bayescal.validate import Validation, validate
+from bayescal.validate import Forecast, Validation, false_comfort, forecast, validate
 
 VALIDATION_DRAWS = 2000
 NOMINAL = ("nominal",)
-IN_ROBOT_FILE = ("geometry", "compliance", FORM, "artefact")  # a face's form, a paper: no part of the arm
+IN_ROBOT_FILE = (
+    "geometry",
+    "joint",
+    "encoder-scale",
+    "compliance",
+    FORM,
+    "artefact",
+)  # a face's form, a paper: no part of the arm
 WILD_SCALE = 100.0  # times the stated noise: no calibration any more
 
 
@@ -45,6 +55,8 @@ class Fit:
     draws: Draws
     identifiability: Identifiability
     faces: tuple[FaceCheck, ...]
+    forecast: Forecast
+    directions: Directions
     warnings: tuple[str, ...]
 
     @property
@@ -69,7 +81,7 @@ def fit(
     ----------
     dataset : Dataset
     effects : tuple of str
-        The model: names of `effects.EFFECTS`.
+        The model: names of `effects.MODELS`.
     samples : int
         Effective draws wanted of every parameter; 0 stops at the Gaussian approximation.
     seed : int
@@ -89,8 +101,8 @@ def fit(
         Where the session cannot be fitted, with the reason.
     """
     check_asked(effects, prior_width)
-    scene = Scene(dataset)
-    steps = [effects[:k] for k in range(len(effects) + 1)]
+    scene = Scene(dataset, oriented=True)
+    steps = _steps(effects)
     ladder: list[Rung] = []
     faces: tuple[FaceCheck, ...] = ()
     for k, step in enumerate(steps):
@@ -117,11 +129,21 @@ def fit(
         checked = validate(found, z, kappa, left.excess, seed)
         ladder.append(Rung(found.model.effects or NOMINAL, found, left, checked))
     progress("done", 1.0)
-    known = identifiability(found)
+    known, seen = identifiability(found), directions(found.model)
+    expected = forecast(found, z, checked, left.excess, seed)
+    warnings = (
+        *_warnings(ladder[-1], known, faces, prior_width),
+        *false_comfort(checked, left, expected, seen),
+    )
     return Fit(
-        dataset, seed, prior_width, tuple(ladder), draws, known, faces,
-        _warnings(ladder[-1], known, faces, prior_width),
+        dataset, seed, prior_width, tuple(ladder), draws, known, faces, expected, seen, warnings
     )  # fmt: skip
+
+
+def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Models of the ladder: the drawing, the joints alone where all of the geometry follows, then effects."""
+    joints = [(JOINT.name,)] if effects[:1] == (GEOMETRY.name,) else []
+    return [(), *joints, *(effects[:k] for k in range(1, len(effects) + 1))]
 
 
 def _spread(draws: Draws) -> tuple[np.ndarray, np.ndarray]:
@@ -154,13 +176,11 @@ def _warnings(
             f"{len(known.weak)} directions of the arm are not identifiable from these contacts: "
             "there the prior decides"
         )
-    if _rank_of_directions(model) < 3:
-        out.append("the contacts probe fewer than three directions: the arm is told only along those")
     if not model.knows_length:
         out.append(
             "no certified length among the fitted targets: the arm's size rests on the tolerance priors alone"
         )
-    count = sum(len(b.rows) for b in model.blocks)
+    count = sum(len(b.rows) for b in model.states)
     if len(found.rejected) > 0.05 * count:
         out.append(
             f"{len(found.rejected)} of {count} rows were rejected as outliers: "
@@ -175,7 +195,7 @@ def _warnings(
         out.append(
             f"{', '.join(far)}: more than 4 prior standard deviations off the drawing; check the robot file"
         )
-    if max(found.weights.scale.values()) > WILD_SCALE:
+    if max(s for group, s in found.weights.scale.items() if group != ORIENTATION) > WILD_SCALE:
         out.append(
             f"the rows miss by {1e3 * left.fitted:.1f} mm, far more than any small error of an arm: "
             "check offset_deg, the signs of link_from_reading, units, and the tools"
@@ -187,23 +207,4 @@ def _warnings(
     kept_back = [name for name in model.effects if name not in IN_ROBOT_FILE]
     if kept_back:
         out.append(f"robot.yaml holds geometry and compliance only: {', '.join(kept_back)} is not in it")
-    poses = dataset_poses(model)
-    if poses:
-        out.append(f"{poses} rows also read an orientation, which this model does not use")
     return tuple(out)
-
-
-def dataset_poses(model: Model) -> int:
-    """Number of rows that read a whole pose."""
-    rpy = model.scene.dataset.measurements.rpy
-    return 0 if rpy is None else int(np.sum(~np.isnan(rpy).any(axis=1)))
-
-
-def _rank_of_directions(model: Model) -> int:
-    """How many independent directions in space the fitted residuals look along."""
-    directions = []
-    for block in model.blocks:
-        _, u, _ = block.kind.linearise(np.zeros(len(block.kind.sd)), model.scene.points[block.rows].T)
-        directions.append(np.moveaxis(u, 1, 2).reshape(-1, 3))
-    values = np.linalg.svd(np.concatenate(directions), compute_uv=False)
-    return int(np.sum(values > 0.05 * values[0]))

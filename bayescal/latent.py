@@ -46,10 +46,11 @@ def with_latent_readings(fitted: Estimate) -> Estimate:
     n = model.scene.chain.n
     for block in model.blocks:
         scale = fitted.weights.scale[block.group]
-        for k in np.flatnonzero(fitted.weights.row[block.target]):
+        for k in np.flatnonzero(fitted.weights.row[block.name]):
             name = f"readings {block.rows[k]}"
-            graph.variable(name, n)
-            start[name] = np.zeros(n)
+            if name not in start:  # the point and the orientation of one row have the same readings
+                graph.variable(name, n)
+                start[name] = np.zeros(n)
             _add_contact(graph, model, block, int(k), name, scale, joint * scale)
     add_ties(graph, model, variables)
     found, iterations = graph.solve(start)
@@ -76,11 +77,7 @@ def _add_contact(
         if coupling[j, r]
     ]
     motion = Motion(model.scene.chain, model.scene.q[row], model.scene.tools[row], terms, size + n)
-    index = next(i for i, t in enumerate(model.scene.dataset.targets) if t.name == block.target)
-    own = replace(
-        block, rows=row, motion=motion, kind=model.scene.kind(index, row), sigma=block.sigma[[k]],
-        contact=block.contact[:, [k]],
-    )  # fmt: skip
+    own = replace(model.part(block, row), motion=motion)
     sigma = scale * float(block.sigma[k])
 
     def function(*parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:

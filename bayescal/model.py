@@ -7,15 +7,17 @@ maps to physical values by `Parameter`, a target's part by the `sd` of its kind.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from bayescal.arm.motion import CERTIFICATE, CONTACT, Motion, Term
+from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Motion, Term
+from bayescal.block import ARM, Block, Tie, Turned
 from bayescal.dataset import Certificate as CertificateEntry
-from bayescal.effects import UNITS, Parameter, parameters_of
+from bayescal.effects import PART_OF, UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
+from bayescal.orientations import sigma
 from bayescal.parts import Part, kept
 from bayescal.scene import Scene, stated_u
 from factors import certificate
@@ -23,7 +25,10 @@ from factors.distance import Distance
 from factors.instrument import Instrument
 from factors.kind import Kind
 
-ARM = "arm"
+ORIENTATION = "orientation"
+"""Noise group of all orientations."""
+__all__ = ["ARM", "ORIENTATION", "Block", "Model", "Tie", "Turned", "build", "check_asked", "with_parameters"]
+
 LENGTHS = ("parallel", "distance", "diameter")
 """Certificates that state a length."""
 KNOWN_PLACE = 1e-3
@@ -31,132 +36,11 @@ KNOWN_PLACE = 1e-3
 
 
 @dataclass(frozen=True)
-class Block:
-    """The rows of one target: their motion and kind, ready for residuals.
-
-    `sigma` (C,) m is the stated uncertainty of a residual; `contact` (P', C) drives the residual
-    directly by the parameters `contact_index` (P',). `group` names the noise scale that it shares.
-    """
-
-    target: str
-    group: str
-    rows: np.ndarray
-    motion: Motion
-    kind: Kind
-    sigma: np.ndarray
-    contact_index: np.ndarray
-    contact: np.ndarray
-
-    @cached_property
-    def free(self) -> np.ndarray:
-        """Indices of the unknown components of the target's state, (size,)."""
-        return np.flatnonzero(self.kind.sd > 0)
-
-    @cached_property
-    def sd(self) -> np.ndarray:
-        """Prior standard deviations of the unknown components, (size,), m and rad."""
-        return self.kind.sd[self.free]
-
-    @property
-    def size(self) -> int:
-        """Length of the target's part of z."""
-        return len(self.free)
-
-    @property
-    def residuals(self) -> int:
-        """Number of residuals: rows of the kind times contacts."""
-        return self.kind.rows * len(self.rows)
-
-    def state(self, z: np.ndarray) -> np.ndarray:
-        """The target's state (..., kind size), m and rad, from its part of z (..., size)."""
-        if self.size == len(self.kind.sd):
-            return z * self.sd
-        out = np.zeros((*z.shape[:-1], len(self.kind.sd)))
-        out[..., self.free] = z * self.sd
-        return out
-
-    def by_z(self, by_state: np.ndarray) -> np.ndarray:
-        """Gradients (..., size) by the target's part of z, from those by its state (..., kind size)."""
-        return (by_state if self.size == by_state.shape[-1] else by_state[..., self.free]) * self.sd
-
-    def residual(self, values: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Residuals (..., rows, C), m, at arm deviations (..., P) and target z (..., size)."""
-        r = self.kind.residual(self.state(z), self.motion.points(values))
-        if len(self.contact_index):
-            r = r + (values[..., self.contact_index] @ self.contact)[..., None, :]
-        return r
-
-    def at_contact(self, values: np.ndarray) -> np.ndarray:
-        """What the model adds to residuals at the contact itself, (..., C), m, at deviations (..., P)."""
-        return values[..., self.contact_index] @ self.contact
-
-    def touched(self, values: np.ndarray) -> Kind:
-        """The kind with balls as large as the model says that they are at each contact, at (P,)."""
-        if not len(self.contact_index) or not hasattr(self.kind, "radius"):
-            return self.kind
-        return replace(self.kind, radius=self.kind.radius - self.at_contact(values))  # type: ignore[type-var]
-
-    def linearise(self, values: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Residuals (R,), m, and gradients by the arm's deviations (R, P) and the target's z (R, size)."""
-        p = self.motion.points(values)
-        r, u, dx = self.kind.linearise(self.state(z), p)
-        # parameter after parameter, as the kernel gives and the solver takes them
-        arm = [self.motion.columns(values, p, u[k]) for k in range(self.kind.rows)]
-        by_arm = arm[0] if len(arm) == 1 else np.concatenate(arm, axis=1)
-        if len(self.contact_index):
-            r = r + values[self.contact_index] @ self.contact
-            by_arm[self.contact_index] += np.tile(self.contact, self.kind.rows)
-        return r.ravel(), by_arm.T, self.by_z(dx).reshape(self.residuals, self.size)
-
-    def by_readings(self, values: np.ndarray, z: np.ndarray, coupling: np.ndarray) -> np.ndarray:
-        """Gradients (R, n) of residuals by joint readings, m/rad; coupling (n, n) is link from reading."""
-        n, size = self.motion.chain.n, self.motion.size
-        joints = [(size + j, Term(j + 1, "rz")) for j in range(n)]
-        turning = Motion(
-            self.motion.chain, self.motion.q, self.motion.tool, [*self.motion.terms, *joints], size + n
-        )
-        at = np.append(values, np.zeros(n))
-        p = turning.points(at)
-        _, u, _ = self.kind.linearise(self.state(z), p)
-        return np.concatenate(
-            [turning.columns(at, p, u[k])[size:].T @ coupling for k in range(self.kind.rows)]
-        )
-
-
-@dataclass(frozen=True)
-class Tie:
-    """A certificate between fitted targets: whitened residuals of their states.
-
-    `shift` (P', rows) is by how many of its stated uncertainties `u` (rows,) a unit of each of the
-    parameters `index` (P',) shifts what it states.
-    """
-
-    kind: str
-    targets: tuple[str, ...]
-    function: certificate.Certificate
-    u: np.ndarray
-    index: np.ndarray
-    shift: np.ndarray
-
-    @property
-    def rows(self) -> int:
-        """Number of residuals."""
-        return len(self.u)
-
-    @property
-    def variables(self) -> tuple[str, ...]:
-        """Names of the parts of z that it joins: the arm's too where a parameter shifts it."""
-        return (ARM, *self.targets) if len(self.index) else self.targets
-
-    def linearise(self, values: np.ndarray, *states: np.ndarray) -> certificate.Residual:
-        """Residuals (..., rows) at arm deviations (..., P) and states, and gradients by each state."""
-        r, slopes = self.function(*states)
-        return (r - values[..., self.index] @ self.shift if len(self.index) else r), slopes
-
-
-@dataclass(frozen=True)
 class Model:
-    """Parameters, blocks of contacts and certificates, over the rows that are fitted."""
+    """Parameters, blocks of contacts and certificates, over the rows that are fitted.
+
+    A target's first block is of its contacts or points; another of the same target shares its state.
+    """
 
     scene: Scene
     effects: tuple[str, ...]
@@ -169,28 +53,36 @@ class Model:
         """Where the arm and each target stand in z."""
         out = {ARM: slice(0, len(self.parameters))}
         at = len(self.parameters)
-        for block in self.blocks:
+        for block in self.states:
             out[block.target] = slice(at, at + block.size)
             at += block.size
         return out
 
     @property
+    def states(self) -> tuple[Block, ...]:
+        """The first block of every target: whose states make up z."""
+        return tuple(self.block_of.values())
+
+    @property
     def size(self) -> int:
         """Length of z."""
-        return len(self.parameters) + sum(block.size for block in self.blocks)
+        return len(self.parameters) + sum(block.size for block in self.states)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """A name for every component of z."""
         out = [p.name for p in self.parameters]
-        for block in self.blocks:
+        for block in self.states:
             out += [f"{block.target} {block.kind.parts[k][0]}" for k in block.free]
         return tuple(out)
 
     @cached_property
     def block_of(self) -> Mapping[str, Block]:
-        """Blocks by their target's name."""
-        return {block.target: block for block in self.blocks}
+        """The first block of each target, by its name."""
+        out: dict[str, Block] = {}
+        for block in self.blocks:
+            out.setdefault(block.target, block)
+        return out
 
     @cached_property
     def sd(self) -> np.ndarray:
@@ -209,14 +101,14 @@ class Model:
     def physical(self, z: np.ndarray) -> np.ndarray:
         """Every component of z (..., size) in SI: arm parameters as values, targets as displacements."""
         arm = z[..., self.slices[ARM]] * self.sd + np.array([p.centre for p in self.parameters])
-        parts = [z[..., self.slices[b.target]] * b.sd for b in self.blocks]
+        parts = [z[..., self.slices[b.target]] * b.sd for b in self.states]
         return np.concatenate([arm, *parts], axis=-1)
 
     @cached_property
     def units(self) -> tuple[str, ...]:
         """SI unit of every component of z."""
         out = [p.unit for p in self.parameters]
-        for block in self.blocks:
+        for block in self.states:
             out += [block.kind.parts[k][1] for k in block.free]
         return tuple(out)
 
@@ -287,17 +179,50 @@ class Model:
             drivers[:, rows],
         )
 
+    def turned(self, target: int, rows: np.ndarray) -> Turned:
+        """Any rows of an instrument that read the tool's orientation too, as a block of orientations."""
+        scene = self.scene
+        axes = [self.driven(TURN, axis, len(scene.q)) for axis in ("rx", "ry", "rz")]
+        index = np.concatenate([own for own, _ in axes])
+        turn = np.zeros((len(index), 3, len(rows)))
+        turn[np.arange(len(index)), np.repeat(np.arange(3), [len(own) for own, _ in axes])] = np.concatenate(
+            [drivers[:, rows] for _, drivers in axes]
+        )
+        return Turned(
+            scene.dataset.targets[target].name,
+            ORIENTATION,
+            rows,
+            self.motion(rows),
+            scene.orientation(target, rows),
+            sigma(scene.dataset, len(rows)),
+            np.zeros(0, int),
+            np.zeros((0, len(rows))),
+            scene.tool_frames[rows],
+            index,
+            turn,
+        )
+
+    def part(self, block: Block, rows: np.ndarray) -> Block:
+        """Any rows of a block's target as such a block."""
+        target = next(k for k, t in enumerate(self.scene.dataset.targets) if t.name == block.target)
+        return self.turned(target, rows) if isinstance(block, Turned) else self.block(target, rows)
+
 
 def check_asked(effects: tuple[str, ...], prior_width: float) -> None:
-    """Refuse what no model can be made of: priors of no width, an effect named twice."""
+    """Refuse what no model can be made of: priors of no width, an effect named twice, or held by another."""
     if not 0 < prior_width < float("inf"):
         raise BayescalError(
             "a model without priors would shrink the arm to fit its contacts",
             "--prior-width",
             "give a number above 0",
         )
-    if len({name.partition("@")[0] for name in effects}) < len(effects):
+    plain = {name.partition("@")[0] for name in effects}
+    if len(plain) < len(effects):
         raise BayescalError("an effect is named twice", "--model", "name it once")
+    for level, wholes in PART_OF.items():
+        if level in plain and (held := plain.intersection(wholes)):
+            what = f"{level} is part of {' and of '.join(sorted(held))}"
+            raise BayescalError(what, "--model", f"leave {level} out")
 
 
 def build(
@@ -309,7 +234,7 @@ def build(
     ----------
     scene : Scene
     effects : tuple of str
-        Names of `effects.EFFECTS`; () leaves the arm as drawn.
+        Names of `effects.MODELS`; () leaves the arm as drawn.
     prior_width : float
         Factor on the prior standard deviations of the arm's parameters.
     without : sequence of Part
@@ -336,6 +261,8 @@ def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Pa
     present = np.unique(scene.dataset.measurements.target[rows])
     blocks = tuple(bare.block(int(t), scene.rows_of(int(t), rows)) for t in present)
     kinds = {b.target: b.kind for b in blocks}
+    of_turns = [(int(t), scene.rows_of(int(t), rows[scene.posed[rows]])) for t in present]
+    blocks += tuple(bare.turned(t, own) for t, own in of_turns if len(own))
     numbered = enumerate(scene.dataset.certificates)
     ties = tuple(tie for k, entry in numbered if (tie := _tie(bare, k, entry, kinds)) is not None)
     return Model(scene, effects, parameters, blocks, ties)

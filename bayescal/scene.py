@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from bayescal import orientations
 from bayescal.arm import chain as reference
 from bayescal.arm.chain import Chain, chain_of, link_angles
 from bayescal.arm.statics import gravity_moments
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Target
-from bayescal.effects import Circumstances, Face, Paper
+from bayescal.effects import Circumstances, Face, Paper, Session
 from bayescal.errors import BayescalError
 from factors.cylinder import Cylinder
 from factors.distance import Distance
 from factors.fixed_point import FixedPoint
 from factors.instrument import Instrument
 from factors.kind import Kind
+from factors.orientation import Orientation
 from factors.plane import Plane
 from factors.sphere import Sphere
 
@@ -47,10 +49,12 @@ class Scene:
     """A dataset, and what follows from it before anything is fitted.
 
     `delta` (N, n + 2, 6) says where the frames were found to stand beside the drawing, for the statics.
+    `oriented` says that the orientations that instruments read count, beside the points.
     """
 
     dataset: Dataset
     delta: np.ndarray | None = None
+    oriented: bool = False
 
     @cached_property
     def chain(self) -> Chain:
@@ -107,6 +111,21 @@ class Scene:
         """Nominal ball centres (N, 3) in F0, m."""
         return reference.points(self.chain, self.q, self.tools)
 
+    @cached_property
+    def flange(self) -> np.ndarray:
+        """Nominal orientations of the flange in F0, (N, 3, 3)."""
+        return reference.frames(self.chain, self.q)[:, -1, :3, :3]
+
+    @cached_property
+    def tool_frames(self) -> np.ndarray:
+        """Nominal orientation of each row's tool on the flange, (N, 3, 3)."""
+        return orientations.tool_frames(self.dataset, self.flange)[self.dataset.measurements.tool]
+
+    @cached_property
+    def posed(self) -> np.ndarray:
+        """Which rows tell how the tool is turned, (N,)."""
+        return orientations.posed(self.dataset) & self.oriented
+
     def rows(self, *roles: str) -> np.ndarray:
         """Indices of the rows with one of the roles, in order."""
         return np.flatnonzero(np.isin(self.dataset.measurements.role, roles))
@@ -120,6 +139,7 @@ class Scene:
         d, m = self.dataset, self.dataset.measurements
         used = tuple(int(k) for k in np.unique(m.tool[fitted]))
         targets = [d.targets[k] for k in np.unique(m.target[fitted])]
+        turned = tuple(int(k) for k in np.unique(m.tool[fitted[self.posed[fitted]]]))
         return Circumstances(
             robot=d.robot,
             chain=self.chain,
@@ -131,8 +151,9 @@ class Scene:
             tool_u=tuple(tool.u for tool in d.tools),
             fitted_tools=used,
             fitted=fitted,
-            tied_base=any(t.u is not None or t.u_angle is not None for t in targets),
-            tied_tool=any(d.tools[k].u is not None for k in used),
+            tied_base=_tied(targets),
+            tied_tool=any(d.tools[k].u is not None for k in used)
+            or any(d.tools[k].u_angle is not None for k in turned),
             readings=m.readings,
             gravity=d.gravity,
             load_mass=self._load_mass,
@@ -145,6 +166,9 @@ class Scene:
             temperature=None if d.temperature_of == "artefact" else m.temperature,
             faces=self._faces(fitted),
             papers=self._papers({t.name for t in targets}),
+            sessions=self._sessions(targets),
+            turned_tools=turned,
+            tool_u_angle=tuple(tool.u_angle for tool in d.tools),
         )
 
     @cached_property
@@ -162,8 +186,7 @@ class Scene:
 
     def _approach(self) -> np.ndarray:
         """The inward normals in the flange frame, (N, 3)."""
-        flange = reference.frames(self.chain, self.q)[:, -1, :3, :3]
-        return (np.swapaxes(flange, -1, -2) @ self._inward[..., None])[..., 0]
+        return (np.swapaxes(self.flange, -1, -2) @ self._inward[..., None])[..., 0]
 
     def _speed(self) -> np.ndarray | None:
         """Speed of the nominal arm's ball along the inward normals, (N,), m/s; None without velocities."""
@@ -204,9 +227,19 @@ class Scene:
                 out.append(Paper(f"{' '.join(entry.targets)} {what}", unit, float(u), number, rows))
         return tuple(out)
 
+    def _sessions(self, fitted: Sequence[Target]) -> tuple[Session, ...]:
+        """The sessions joined in this one, and whether fitted targets tie the base of each."""
+        of_row = np.array([t.session for t in self.dataset.targets])[self.dataset.measurements.target]
+        return tuple(
+            Session(s.name, of_row == s.name, _tied([t for t in fitted if t.session == s.name]))
+            for s in self.dataset.sessions
+        )
+
     def group(self, target: int) -> str:
         """Which stated noise, and so which noise scale, a target's residuals have: contact or point."""
-        return "point" if self.dataset.targets[target].kind in POINT_KINDS else "contact"
+        item = self.dataset.targets[target]
+        group = "point" if item.kind in POINT_KINDS else "contact"
+        return f"{group} of {item.noise}" if item.noise else group
 
     def sigma(self, rows: np.ndarray) -> np.ndarray:
         """Stated standard uncertainty of one residual of each row, m, without that of the readings."""
@@ -216,6 +249,12 @@ class Scene:
         if m.u is not None:
             stated = np.where(np.isnan(m.u[rows]), stated, m.u[rows])
         return stated
+
+    def orientation(self, target: int, rows: np.ndarray) -> Orientation:
+        """What an instrument reads of the tool's orientation in some of its rows."""
+        of, d = self.kind(target, rows), self.dataset
+        assert isinstance(of, Instrument)
+        return Orientation(of.frame, orientations.read(d, rows), of.sd)
 
     def kind(self, target: int, rows: np.ndarray) -> Kind:
         """The measurement kind of a target, as seen by some of its rows.
@@ -229,6 +268,11 @@ class Scene:
         middle = self.points[fitted if len(fitted) else mine].mean(axis=0)
         radii = np.array([t.ball_radius or 0.0 for t in self.dataset.tools])[m.tool[rows]]
         return KINDS[item.kind](item, _Rows(middle, radii, rows, self.dataset))
+
+
+def _tied(targets: Sequence[Target]) -> bool:
+    """Whether a target's place in F0 is stated."""
+    return any(t.u is not None or t.u_angle is not None for t in targets)
 
 
 @dataclass(frozen=True)

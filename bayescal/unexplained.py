@@ -72,13 +72,21 @@ def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
     return float(np.sqrt(np.mean(kept**2))), dof
 
 
+def _rms(values: list[np.ndarray]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(values) ** 2)))
+
+
 def unexplained(fitted: Estimate) -> Unexplained:
     """Compare what a fit leaves with the noise of one contact."""
     scene = fitted.model.scene
-    group = "contact" if "contact" in fitted.weights.scale else "point"
-    sigma = [fitted.weights.sigma[b.target] for b in fitted.model.blocks if b.group == group]
-    stated = float(np.sqrt(np.mean(np.concatenate(sigma) ** 2)))
-    scale, dof = float(fitted.weights.scale[group]), max(fitted.dof[group], 1.0)
+    scales = fitted.weights.scale
+    kind_of = {name: name.partition(" of ")[0] for name in scales}  # one a session where several are fitted
+    group = "contact" if "contact" in kind_of.values() else "point"
+    blocks = [b for b in fitted.model.blocks if kind_of[b.group] == group]
+    stated = _rms([fitted.weights.sigma[b.name] for b in blocks])
+    left = _rms([scales[b.group] * fitted.weights.sigma[b.name] for b in blocks])
+    scale = left / stated
+    dof = max(sum(fitted.dof[name] for name, kind in kind_of.items() if kind == group), 1.0)
     repeats, repeats_dof = repeat_scatter(scene, fitted)
     if repeats is None:
         floor, p = stated, float(chi2.sf(dof * (scale / STATED_FACTOR) ** 2, dof))

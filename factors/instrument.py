@@ -6,28 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-
-def _turned(vector: np.ndarray) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), rad (Rodrigues)."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    k = _cross_matrix(vector)
-    return np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (k @ k)
-
-
-def _cross_matrix(v: np.ndarray) -> np.ndarray:
-    out = np.zeros((*v.shape[:-1], 3, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    return out - np.swapaxes(out, -1, -2)
-
-
-def _left_jacobian(v: np.ndarray) -> np.ndarray:
-    """J with exp(v + dv) = exp(J dv) exp(v), (..., 3, 3) (Sola et al., A micro Lie theory, 2018)."""
-    angle = np.linalg.norm(v, axis=-1)[..., None, None]
-    k = _cross_matrix(v)
-    first = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
-    safe = np.where(angle < 1e-4, 1.0, angle)
-    second = np.where(angle < 1e-4, 1 / 6, (safe - np.sin(safe)) / safe**3)
-    return np.eye(3) + first * k + second * (k @ k)
+from factors.turns import cross_matrix, left_jacobian, turned
 
 
 @dataclass(frozen=True)
@@ -54,7 +33,7 @@ class Instrument:
 
     def _local(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points relative to the moved pivot, turned back (..., 3, C), and that turn (..., 3, 3)."""
-        turn = np.swapaxes(_turned(x[..., :3]), -1, -2)
+        turn = np.swapaxes(turned(x[..., :3]), -1, -2)
         return turn @ (p - (self.pivot + x[..., 3:])[..., None]), turn
 
     def residual(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -72,14 +51,14 @@ class Instrument:
         u = np.broadcast_to(to_instrument[..., None], (*lead, 3, 3, count))
         dx = np.empty((*lead, 3, count, 6))
         # exp(-(J dv)) in front of the turned-back point: its change is local x (R' J dv)
-        spin = turn @ _left_jacobian(x[..., :3])
-        crosses = _cross_matrix(np.swapaxes(local, -1, -2))  # (..., C, 3, 3)
+        spin = turn @ left_jacobian(x[..., :3])
+        crosses = cross_matrix(np.swapaxes(local, -1, -2))  # (..., C, 3, 3)
         dx[..., :3] = np.moveaxis(home @ crosses @ spin[..., None, :, :], -2, -3)
         dx[..., 3:] = -to_instrument[..., :, None, :]
         return r, u, dx
 
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
-        turn = _turned(x[:3])
+        turn = turned(x[:3])
         out = np.eye(4)
         out[:3, :3] = turn @ self.frame[:3, :3]
         out[:3, 3] = turn @ (self.frame[:3, 3] - self.pivot) + self.pivot + x[3:]

@@ -19,7 +19,7 @@ from analysis.study.session import RUNGS, Record
 NAMES = ("study-z-scores.png", "study-coverage.png", "study-errors.png")
 DOTS = 150  # a inch
 INK, FAINT = "#222222", "#9aa0a6"
-COLOURS = ("#b2182b", "#e08214", "#2166ac")  # nominal, kinematic, kinematic + stiffness
+COLOURS = ("#b2182b", "#8c6bb1", "#e08214", "#2166ac")  # one a rung
 KINDS = {
     "parameters": "#2166ac",
     "sphere distances": "#b2182b",

@@ -14,7 +14,7 @@ from bayescal.simulate import Options, Simulation, simulate
 from bayescal.validate import Validation, validate
 
 MODEL = ("geometry", "compliance")
-RUNGS = ("nominal", "kinematic", "kinematic + stiffness")
+RUNGS = ("nominal", "joint zeros and scales", "kinematic", "kinematic + stiffness")
 """What the ladder of a fit with `MODEL` holds, in order."""
 SUMS = (("d2", "d3"),)
 """Parameters that contacts tell only as their sum (parallel axes 2 and 3), by the names of a LR Mate."""

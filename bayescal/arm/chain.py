@@ -7,8 +7,9 @@ tool is at
     base  D0  link0 [Rz(q1) Tz(d1)] D1 link1 ... [Rz(qn) Tz(dn)] Dn linkn  T(tool)  D(n+1)  0
 
 in F0. ``link`` holds what stands between one joint and the next: Rx(alpha) Tx(a) of the next row in
-modified DH, Tx(a) Rx(alpha) of the same row in standard DH. Rz and Tz of D commute with those of
-the joint, so the components are exact DH errors: of theta, d, alpha, a, and Hayati's beta.
+modified DH (and the flange behind the last), Tx(a) Rx(alpha) of the same row in standard DH. Rz and Tz
+of D commute with those of the joint, so the components are exact DH errors: of theta, d, alpha, a, and
+Hayati's beta.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ def chain_of(robot: Robot) -> Chain:
         hayati = rigid(rotation(1, robot.beta[i]))
         at = i if robot.convention == "mdh" else i + 1
         link[at] = twist @ shift @ hayati if robot.convention == "mdh" else shift @ twist @ hayati
+    link[n] = link[n] @ robot.flange
     return Chain(robot.base, link, robot.d)
 
 

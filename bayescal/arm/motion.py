@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,14 +18,16 @@ CONTACT = -1
 """The frame of a term that moves the ball along the direction of its contact, not the arm."""
 CERTIFICATE = -2
 """The frame of a term that moves nothing, but shifts what a certificate states."""
+TURN = -3
+"""The frame of a term that turns the tool about its own point, so that only its orientation tells."""
 
 
 @dataclass(frozen=True)
 class Term:
     """Displacement of one axis of one frame by parameter x driver.
 
-    `frame` counts 0 (base), 1 to n, n + 1 (tool), or is `CONTACT` or `CERTIFICATE`; `axis` is one of
-    `transforms.AXES`, "normal" at the contact, or the number of a certificate of the session; `driver`
+    `frame` counts 0 (base), 1 to n, n + 1 (tool), or is `CONTACT`, `CERTIFICATE` or `TURN`; `axis` is one
+    of `transforms.AXES`, "normal" at the contact, or the number of a certificate of the session; `driver`
     is a number or one value a row, (N,): of a certificate one value for each that it states.
     """
 
@@ -55,8 +58,8 @@ class Motion:
     tool : np.ndarray, shape (C, 3)
         Nominal ball centres in the flange frame, m.
     terms : sequence of (int, Term)
-        Parameter index and term; drivers are numbers or of shape (C,). Those at the contact or of a
-        certificate move no frame and are left to the residual.
+        Parameter index and term; drivers are numbers or of shape (C,). Those at the contact, of a
+        certificate or of the tool's own turn move no frame and are left to the residual.
     size : int
         Number P of parameters.
     """
@@ -127,6 +130,32 @@ class Motion:
             self._base, self._link, self._d, np.ascontiguousarray(p), np.ascontiguousarray(u), out,
         )  # fmt: skip
         return out[:, : self.count]
+
+    def carrying(self, tool: np.ndarray) -> Motion:
+        """The same motion of other points of the flange, (C, 3) or (3,), m."""
+        out = copy.copy(self)
+        out.tool = np.broadcast_to(tool, (self.count, 3))
+        out._tool = _padded(out.tool.T)
+        return out
+
+    def turns(self, values: np.ndarray) -> np.ndarray:
+        """Orientations of the flange in F0, (..., 3, 3, C), at parameter deviations `values` (..., P), SI."""
+        # a point of the flange is affine in its place there, and the slopes are the flange's axes
+        origin = self.carrying(np.zeros(3)).points(values)
+        return np.stack([self.carrying(axis).points(values) - origin for axis in np.eye(3)], axis=-2)
+
+    def turning_columns(self, values: np.ndarray, axis: np.ndarray) -> np.ndarray:
+        """Turn of the flange about `axis` (3, C) in F0 by each parameter, (P, C), at `values` (P,).
+
+        A couple is two forces: `columns` is linear in the wrench that it carries down the arm.
+        """
+        length = np.linalg.norm(axis, axis=0)
+        unit = axis / length
+        across = np.cross(np.eye(3)[np.argmin(np.abs(unit), axis=0)], unit.T)
+        force = (across / np.linalg.norm(across, axis=1)[:, None]).T
+        lever = np.cross(force, unit, axis=0)
+        forward, back = (self.columns(values, p, force) for p in (lever, np.zeros_like(lever)))
+        return length * (forward - back)
 
     def displacements(self, values: np.ndarray) -> np.ndarray:
         """Displacements of all frames, (..., C, n + 2, 6), rad and m, at `values` (..., P)."""

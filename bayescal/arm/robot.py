@@ -17,6 +17,7 @@ class Robot:
     Rows follow `convention`: in modified DH (``mdh``, Craig) ``alpha`` and ``a`` of row i stand
     before joint i, ``Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)``; in standard DH (``dh``) after it,
     ``Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)``. ``theta = link_from_reading @ reading + offset``.
+    Behind modified rows the flange may stand anywhere (`flange`); standard ones end at it.
     """
 
     name: str
@@ -34,6 +35,10 @@ class Robot:
     centres_of_mass: np.ndarray | None = None  # (n, 3) m, each in its link frame
     compliance: np.ndarray | None = None  # (n,) rad/(N m), where already known
     reductions: np.ndarray | None = None  # (n,) motor turns a joint turn
+    flange: np.ndarray = field(default_factory=lambda: np.eye(4))  # in the last row's frame; mdh only
+
+    def __post_init__(self) -> None:
+        assert self.convention == "mdh" or np.array_equal(self.flange, np.eye(4)), "standard rows end at it"
 
     @property
     def n(self) -> int:

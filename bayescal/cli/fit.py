@@ -13,40 +13,58 @@ from bayescal.errors import BayescalError
 
 @app.command()
 def fit(
-    dataset: Path = typer.Argument(..., help="Dataset folder: dataset.yaml, measurements.csv and the robot."),
+    datasets: list[Path] = typer.Argument(
+        ...,
+        metavar="DATASET...",
+        help="Dataset folder: dataset.yaml, measurements.csv and the robot. Several, sessions of one arm, "
+        "are fitted together.",
+    ),
     model: str = typer.Option("geometry,compliance", help="Effects to fit, comma separated."),
     samples: int = typer.Option(
         5000, min=0, help="Effective draws of every parameter; 0: Gaussian approximation."
     ),
     seed: int = typer.Option(0, help="One seed, one result."),
-    out: Path | None = typer.Option(None, help="Run folder to write [default: runs/<dataset>-fit]."),
+    out: Path | None = typer.Option(
+        None, help="Run folder to write [default: runs/<dataset>-fit; of several, their names joined by +]."
+    ),
     robust: bool = typer.Option(True, help="Find outliers and leave them out."),
     prior_width: float = typer.Option(1.0, help="Factor on the widths of the arm's tolerance priors."),
     latent_joints: bool = typer.Option(
         False, "--latent-joints", help="Keep the joint readings as unknowns of the graph."
     ),
+    remounted: bool = typer.Option(
+        False, "--remounted", help="Of several sessions: the tools were taken off in between."
+    ),
 ) -> None:
     """Calibrate an arm: its parameters, how sure they are, and what error to expect elsewhere."""
-    from bayescal.dataset import read_dataset
+    from bayescal.cli.sessions import read_sessions
     from bayescal.folders import check_free
 
     effects = tuple(name.strip() for name in model.split(",") if name.strip())
-    session = read_dataset(dataset)
-    folder = out or Path("runs") / f"{dataset.resolve().name}-fit"
+    session, name = read_sessions(datasets, remounted)
+    folder = out or Path("runs") / f"{name}-fit"
     check_free(folder, "fit.json")
 
-    from rich.console import Console
+    from rich.console import Console, Group
 
+    from bayescal.agreement import agreement
     from bayescal.fit import fit as run
+    from bayescal.report.agreement import agreement_summary
     from bayescal.report.files import write_fit
     from bayescal.report.summary import fit_summary
 
     console = Console(highlight=False)
     with progress() as told:
         result = run(session, effects, samples, seed, robust, prior_width, latent_joints, told)
+        compared = None
+        if session.sessions:
+            told("compare", 1.0)
+            compared = agreement(result.final.estimate, effects, prior_width, robust)
         told("write", 1.0)
-        write_fit(result, folder)
+        write_fit(result, folder, compared)
     console.print(fit_summary(result))
+    if compared is not None:
+        console.print(Group("", agreement_summary(compared)))
     console.print(f"[dim]written          [/dim]{folder}/fit.json, posterior.nc, robot.yaml")
     if not result.draws.converged:
         raise BayescalError(

@@ -12,7 +12,12 @@ from bayescal.cli.progress import progress
 
 @app.command()
 def gap(
-    dataset: Path = typer.Argument(..., help="Dataset folder: dataset.yaml, measurements.csv and the robot."),
+    datasets: list[Path] = typer.Argument(
+        ...,
+        metavar="DATASET...",
+        help="Dataset folder: dataset.yaml, measurements.csv and the robot. Several, sessions of one arm, "
+        "are diagnosed together.",
+    ),
     model: str = typer.Option(
         "geometry,compliance", help="Effects that the model has already, comma separated."
     ),
@@ -22,27 +27,38 @@ def gap(
         "(theta4, d4, and a4, alpha4, beta4 behind), 'geometry at link 4', 'compliance at joint 3'.",
     ),
     seed: int = typer.Option(0, help="One seed, one result."),
-    out: Path | None = typer.Option(None, help="Run folder to write [default: runs/<dataset>-gap]."),
+    out: Path | None = typer.Option(
+        None, help="Run folder to write [default: runs/<dataset>-gap; of several, their names joined by +]."
+    ),
     robust: bool = typer.Option(True, help="Find outliers and leave them out."),
     prior_width: float = typer.Option(1.0, help="Factor on the widths of the arm's tolerance priors."),
+    remounted: bool = typer.Option(
+        False, "--remounted", help="Of several sessions: the tools were taken off in between."
+    ),
     pictures: bool = typer.Option(True, help="Draw gap-where.png, -which, -ladder and -residuals."),
 ) -> None:
     """Diagnose the gap between model and machine: how big, where, which effect, how far it shrinks."""
-    from bayescal.dataset import read_dataset
+    from bayescal.cli.sessions import read_sessions
     from bayescal.folders import check_free
 
     effects, parts = (
         tuple(name.strip() for name in words.split(",") if name.strip()) for words in (model, without)
     )
-    session = read_dataset(dataset)
-    folder = out or Path("runs") / f"{dataset.resolve().name}-gap"
+    # places are told in one noise: the sessions share its scale
+    session, name = read_sessions(datasets, remounted, own_noise=False)
+    folder = out or Path("runs") / f"{name}-gap"
     check_free(folder, "gap.json")
 
-    from rich.console import Console
+    from rich.console import Console, Group
 
+    from bayescal.agreement import agreement
+    from bayescal.estimate import calibrated
     from bayescal.gap.diagnose import diagnose
+    from bayescal.report.agreement import verdicts
     from bayescal.report.gap_files import write_gap
     from bayescal.report.gap_summary import gap_summary
+    from bayescal.report.text import facts
+    from bayescal.scene import Scene
 
     console = Console(highlight=False)
     with progress() as told:
@@ -50,4 +66,8 @@ def gap(
         told("write", 1.0)
         written = write_gap(result, folder, pictures)
     console.print(gap_summary(result))
+    if session.sessions:
+        together = calibrated(Scene(session), effects, prior_width, robust)
+        compared = agreement(together, effects, prior_width, robust)
+        console.print(Group("", facts(verdicts(compared))))
     console.print(f"[dim]written          [/dim]{folder}/{', '.join(written)}", soft_wrap=True)

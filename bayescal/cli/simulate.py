@@ -15,7 +15,7 @@ def simulate(
     out: Annotated[
         Path, typer.Option("--out", help="Folder to write; an earlier simulated session is replaced.")
     ],
-    robot: str = typer.Option("fanuc-lrmate200ic", help="Built-in name, or a robot.yaml."),
+    robot: str = typer.Option("fanuc-lrmate200ic", help="Built-in name, robot.yaml, URDF or xacro."),
     effects: str = typer.Option("geometry,compliance", help="What is wrong with the true arm."),
     error_scale: float = typer.Option(1.0, help="Factor on every error of the arm."),
     contacts: int = typer.Option(500, help="Plane contacts to calibrate with, repeats among them."),
@@ -29,6 +29,9 @@ def simulate(
     outliers: float = typer.Option(0.0, help="Fraction of contacts that are grossly wrong."),
     payload: float = typer.Option(0.0, metavar="KG", help="Mass on half of the plane contacts."),
     seed: int = typer.Option(0, help="One seed, one session."),
+    arm_seed: int | None = typer.Option(
+        None, help="Seed of the arm, for another session of the same one [default: that of the session]."
+    ),
     name: str = typer.Option("", help="Name of the session; that of the folder where left out."),
 ) -> None:
     """Simulate a session on a cube and spheres, and write its truth apart."""
@@ -56,6 +59,7 @@ def simulate(
         joint_noise=math.radians(joint_noise_deg),
         outliers=outliers,
         payload=payload,
+        arm_seed=arm_seed,
     )
     simulation = run(options)
     write(simulation, out)

@@ -6,28 +6,31 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.arm.robot import Robot
-from bayescal.dataset.contacts import Contacts, priors, residual, scatter, settled
+from bayescal.dataset.contacts import Contacts, priors, residual, settled
+from bayescal.dataset.misfit import OFF, contacts, nominal, seen
 from bayescal.dataset.table import Table
 from bayescal.dataset.types import Dataset, Target
+from bayescal.dataset.wrong_units import suspicion
 from bayescal.errors import BayescalError
 from bayescal.files import Document
 
 BEYOND = np.deg2rad(10)
 """How far beyond its limit a joint is believed."""
 
-OFF = 0.05
-"""m: a contact this far from where the others of its target put the surface is impossible."""
-
 LEVER = 0.3
 """m: arm of an angle's uncertainty when a target's place is judged."""
 
-FULL_TURN = 6.3
-"""Readings all within this may be radians."""
-
-FEWEST = 4
-"""Instrument rows from which a rigid fit can judge any of them."""
+LOOKS_LIKE = (
+    (180 / np.pi, "radians"),
+    (np.pi / 180, "degrees converted twice"),
+    (1e-3 * 180 / np.pi, "milliradians"),
+    (1e3, "m"),
+    (1e-3, "um"),
+    (10.0, "cm"),
+    (25.4, "inches"),
+)
+"""Of values in deg or mm that fit once multiplied by the first: what they look like."""
 
 
 def check(dataset: Dataset, table: Table, document: Document) -> None:
@@ -37,43 +40,23 @@ def check(dataset: Dataset, table: Table, document: Document) -> None:
     """
     rows = dataset.measurements
     _check_limits(dataset.robot, rows.readings, table)
-    p = _points(dataset, rows.readings)
-    _check_radians(dataset, p, table)
+    _check_units(dataset, table)
+    p = nominal(dataset, rows.readings)
     limit = np.array([max(OFF, 5 * (t.u or 0.0)) for t in dataset.tools])[rows.tool]
     for index, target in enumerate(dataset.targets):
         at = np.flatnonzero(rows.target == index)
         if not len(at):
             continue
         if target.kind == "instrument":
-            away = _seen(dataset, p, at)
+            away = seen(dataset, p, at)
         else:
-            contacts = _contacts(dataset, target, p, at)
-            away = np.linalg.norm(residual(contacts)[0], axis=1)
+            mine = contacts(dataset, target, p, at)
+            away = np.linalg.norm(residual(mine)[0], axis=1)
             if (away <= limit[at]).all():
                 continue
-            _check_place(contacts, away, document)
-            away = settled(contacts)
+            _check_place(mine, away, document)
+            away = settled(mine)
         _check_rows(target, away, limit[at], at, table, document)
-
-
-def _points(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
-    """Nominal ball centres in F0, (N, 3) m."""
-    tool = np.array([t.centre for t in dataset.tools])[dataset.measurements.tool]
-    return points(chain_of(dataset.robot), link_angles(dataset.robot, readings), tool)
-
-
-def _contacts(dataset: Dataset, target: Target, p: np.ndarray, at: np.ndarray) -> Contacts:
-    rows = dataset.measurements
-    radius = np.array([t.ball_radius or 0.0 for t in dataset.tools])[rows.tool[at]]
-    length = np.full(len(at), target.values.get("length", np.nan))
-    if rows.length is not None:
-        length = np.where(np.isfinite(rows.length[at]), rows.length[at], length)
-    return Contacts(target, p[at], radius, length)
-
-
-def _seen(dataset: Dataset, p: np.ndarray, at: np.ndarray) -> np.ndarray:
-    xyz = dataset.measurements.xyz
-    return np.zeros(len(at)) if len(at) < FEWEST or xyz is None else scatter(p[at], xyz[at], OFF)
 
 
 def _check_limits(robot: Robot, readings: np.ndarray, table: Table) -> None:
@@ -95,32 +78,20 @@ def _check_limits(robot: Robot, readings: np.ndarray, table: Table) -> None:
     raise table.error(row, what, often if bad.mean() > 0.3 else "check the reading, or the robot's limits")
 
 
-def _check_radians(dataset: Dataset, p: np.ndarray, table: Table) -> None:
-    """Refuse small readings that explain the contacts only when taken for radians.
-
-    A session in a small range is fine: its contacts lie near their targets as they are.
-    """
-    readings = dataset.measurements.readings
-    values = np.rad2deg(readings)
-    if np.abs(values).max() > FULL_TURN or len(values) < FEWEST:
+def _check_units(dataset: Dataset, table: Table) -> None:
+    """Refuse readings that explain the session only in another unit than their columns say."""
+    found = suspicion(dataset)
+    if found is None:
         return
-    as_degrees, as_radians = _typical(dataset, p), _typical(dataset, _points(dataset, values))
-    if as_degrees > 0.02 and as_radians < as_degrees / 3:
-        raise table.error(
-            0, "the joint readings look like radians", "`j1_deg` ... hold degrees: convert them"
-        )
-
-
-def _typical(dataset: Dataset, p: np.ndarray) -> float:
-    """Median of all rows' misfits at nominal geometry, m."""
-    away = np.zeros(len(p))
-    for index, target in enumerate(dataset.targets):
-        at = np.flatnonzero(dataset.measurements.target == index)
-        if target.kind == "instrument":
-            away[at] = _seen(dataset, p, at)
-        elif len(at):
-            away[at] = np.linalg.norm(residual(_contacts(dataset, target, p, at))[0], axis=1)
-    return float(np.median(away))
+    unit = "deg" if found.quantities[0].startswith("j") else "mm"
+    columns = [f"`{quantity}_{unit}`" for quantity in found.quantities]
+    every = len(columns) == dataset.robot.n
+    noun = "the joint readings" if every else f"the values of {', '.join(columns)}"
+    like = next((word for factor, word in LOOKS_LIKE if np.isclose(factor, found.factor)), "another unit's")
+    what = (
+        f"{noun} look like {like}: a row is {1e3 * found.stated:.0f} mm off, and then {1e3 * found.other:.2g}"
+    )
+    raise table.error(0, what, f"these columns hold {unit}: convert them")
 
 
 def _check_place(contacts: Contacts, away: np.ndarray, document: Document) -> None:

@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
-from bayescal.dataset import plausible, session
+import numpy as np
+
+from bayescal.dataset import plausible, session, turns
 from bayescal.dataset.rows import measurements_of
 from bayescal.dataset.schema import SCHEMA, DatasetFile
 from bayescal.dataset.table import read_table
-from bayescal.dataset.types import Dataset
+from bayescal.dataset.types import Dataset, Measurements
 from bayescal.errors import BayescalError
-from bayescal.files import check_schema, read_document
+from bayescal.files import Document, check_schema, read_document
 from bayescal.robots import load_robot
 
 SETTINGS, TABLE = "dataset.yaml", "measurements.csv"
 
 
-def read_dataset(folder: Path | str) -> Dataset:
+def read_dataset(folder: Path | str, judge: bool = True) -> Dataset:
     """Read and check a dataset folder.
 
     Parameters
     ----------
     folder : Path or str
         Holds ``dataset.yaml``, ``measurements.csv`` and, unless it is a built-in one, the robot.
+    judge : bool
+        Whether what keeps the contract but cannot have been measured is refused.
 
     Returns
     -------
@@ -39,21 +44,35 @@ def read_dataset(folder: Path | str) -> Dataset:
     if not folder.is_dir():
         remedy = "give the folder, not a file in it" if folder.exists() else "check the path"
         raise BayescalError("no such folder", str(folder), remedy)
-    document = read_document(folder / SETTINGS)
+    bare, document, robot_content = read_settings(folder / SETTINGS)
+    n = bare.robot.n
+    table = read_table(folder / TABLE, n)
+    dataset = replace(
+        bare,
+        measurements=measurements_of(table, n, bare.tools, bare.targets, bare.noise),
+        sha256=_digest(document.content, table.content, robot_content),
+    )
+    if judge:
+        plausible.check(dataset, table, document)
+        turns.check(dataset, table)
+    return dataset
+
+
+def read_settings(path: Path) -> tuple[Dataset, Document, bytes]:
+    """Read a dataset.yaml and its robot: a `Dataset` of no rows, the document, the robot file's content."""
+    document = read_document(path)
     check_schema(document, SCHEMA)
     file = document.parse(DatasetFile)
     try:
-        robot, robot_content = load_robot(file.robot, folder)
+        robot, robot_content = load_robot(file.robot, path.parent)
     except BayescalError as error:
         raise BayescalError(error.what, error.where or document.where(("robot",)), error.remedy) from None
     gravity = session.gravity_of(document, file)
     tools, noise = session.tools_of(file), session.noise_of(file)
     targets = session.targets_of(document, file)
-    certificates = session.certificates_of(document, file, targets)
-    table = read_table(folder / TABLE, robot.n)
     dataset = Dataset(
         name=file.name,
-        folder=folder,
+        folder=path.parent,
         robot=robot,
         robot_reference=file.robot,
         readings=file.readings,
@@ -61,14 +80,18 @@ def read_dataset(folder: Path | str) -> Dataset:
         tools=tools,
         noise=noise,
         targets=targets,
-        certificates=certificates,
-        measurements=measurements_of(table, robot.n, tools, targets, noise),
+        certificates=session.certificates_of(document, file, targets),
+        measurements=no_rows(robot.n),
         temperature_of=file.temperature_of,
         source=file.source,
-        sha256=_digest(document.content, table.content, robot_content),
     )
-    plausible.check(dataset, table, document)
-    return dataset
+    return dataset, document, robot_content
+
+
+def no_rows(n: int) -> Measurements:
+    """Measurements of an arm with n joints, before any was made."""
+    none = np.zeros(0, int)
+    return Measurements((), none.astype(str), none, none, np.zeros((0, n)), none)
 
 
 def _digest(*contents: bytes) -> str:

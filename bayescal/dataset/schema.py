@@ -18,6 +18,7 @@ class ToolEntry(Keys):
     ball_radius_mm: NotNegative | None = None
     mass_kg: NotNegative = 0.0
     centre_of_mass_mm: Vector | None = None
+    rpy_deg: Vector | None = None
     u_mm: NotNegative | None = None
     u_rad: NotNegative | None = None
 
@@ -28,6 +29,7 @@ class NoiseEntry(Keys):
     contact_mm: Positive | None = None
     point_mm: Positive | None = None
     joint_deg: NotNegative = 0.0
+    orientation_deg: Positive | None = None
 
 
 class Loose(Keys):

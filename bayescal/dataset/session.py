@@ -48,6 +48,7 @@ def tools_of(file: schema.DatasetFile) -> tuple[Tool, ...]:
             ),
             u=_scaled(tool.u_mm, 1e-3),
             u_angle=tool.u_rad,
+            rpy=None if tool.rpy_deg is None else np.array(tool.rpy_deg) * si("rpy_deg"),
         )
         for name, tool in file.tools.items()
     )
@@ -57,7 +58,8 @@ def noise_of(file: schema.DatasetFile) -> Noise:
     """The stated noise."""
     noise = file.noise
     contact, point = _scaled(noise.contact_mm, 1e-3), _scaled(noise.point_mm, 1e-3)
-    return Noise(contact, point, noise.joint_deg * si("joint_deg"))
+    orientation = _scaled(noise.orientation_deg, si("orientation_deg"))
+    return Noise(contact, point, noise.joint_deg * si("joint_deg"), orientation)
 
 
 def targets_of(document: Document, file: schema.DatasetFile) -> tuple[Target, ...]:

@@ -22,7 +22,8 @@ class Tool:
     mass: float = 0.0  # kg, of all that hangs on the flange
     centre_of_mass: np.ndarray | None = None  # (3,) m, in the flange frame
     u: float | None = None  # m, 0 = known
-    u_angle: float | None = None  # rad
+    u_angle: float | None = None  # rad, of its orientation
+    rpy: np.ndarray | None = None  # (3,) rad, its frame's in that of the flange; None where none is stated
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class Target:
     `values` holds what the kind needs, SI, under the contract's keys without their units: plane
     ``normal`` (3,) unit, ``offset``; sphere ``centre``, ``diameter``; cylinder ``point``, ``axis``
     unit, ``diameter``; fixed-point ``centre``; distance ``centre``, ``length`` (nan where the rows
-    read it); instrument ``xyz``, ``rpy``.
+    read it); instrument ``xyz``, ``rpy``. Of several sessions joined, `session` is the one that it was
+    measured in, and `noise` that whose noise its rows share; "" where there is but one.
     """
 
     name: str
@@ -40,6 +42,8 @@ class Target:
     values: dict[str, np.ndarray | float]
     u: float | None = None  # m, None = loose, 0 = known
     u_angle: float | None = None  # rad
+    session: str = ""
+    noise: str = ""
 
 
 @dataclass(frozen=True)
@@ -61,14 +65,16 @@ class Certificate:
 
 @dataclass(frozen=True)
 class Noise:
-    """Stated standard uncertainties: one contact (m), one instrument coordinate (m), one reading (rad).
+    """Stated standard uncertainties, None where the file states none.
 
-    None where the file states none.
+    One contact (m), one instrument coordinate (m), one joint reading (rad), one turn of the tool about an
+    axis as an instrument reads it (rad).
     """
 
     contact: float | None = None
     point: float | None = None
     joint: float = 0.0
+    orientation: float | None = None
 
 
 @dataclass(frozen=True)
@@ -97,7 +103,7 @@ class Measurements:
 
 @dataclass(frozen=True)
 class Dataset:
-    """One session: robot, tools, targets, certificates and measurements."""
+    """One session, or several of one arm joined: robot, tools, targets, certificates and measurements."""
 
     name: str
     folder: Path
@@ -113,3 +119,4 @@ class Dataset:
     temperature_of: str | None = None
     source: str | None = None
     sha256: str = ""  # of dataset.yaml, measurements.csv and the robot file
+    sessions: tuple[Dataset, ...] = ()  # those joined in this one, each as it was read

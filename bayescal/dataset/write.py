@@ -103,6 +103,7 @@ def _tool(tool: Tool) -> str:
         "ball_radius_mm": tool.ball_radius,
         "mass_kg": tool.mass or None,
         "centre_of_mass_mm": tool.centre_of_mass,
+        "rpy_deg": tool.rpy,
         "u_mm": tool.u,
         "u_rad": tool.u_angle,
     }
@@ -142,6 +143,7 @@ def _settings(dataset: Dataset, robot: str) -> str:
         "contact_mm": dataset.noise.contact,
         "point_mm": dataset.noise.point,
         "joint_deg": dataset.noise.joint,
+        "orientation_deg": dataset.noise.orientation,
     }
     lines = [
         f"schema: {SCHEMA}",

@@ -19,6 +19,7 @@ from bayescal.effects.gear_mesh import GEAR_MESH
 from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.hardening import HARDENING
 from bayescal.effects.hysteresis import HYSTERESIS
+from bayescal.effects.joint import JOINT
 from bayescal.effects.latency import LATENCY
 from bayescal.effects.lobing import LOBING
 from bayescal.effects.payload import PAYLOAD
@@ -27,7 +28,16 @@ from bayescal.effects.second_harmonic import SECOND_HARMONIC
 from bayescal.effects.step import STEP
 from bayescal.effects.thermal_drift import THERMAL_DRIFT
 from bayescal.effects.tool import TOOL
-from bayescal.effects.vocabulary import UNITS, Circumstances, Effect, Face, Paper, Parameter, Scan
+from bayescal.effects.vocabulary import (
+    UNITS,
+    Circumstances,
+    Effect,
+    Face,
+    Paper,
+    Parameter,
+    Scan,
+    Session,
+)
 from bayescal.errors import BayescalError
 
 EFFECTS = {
@@ -55,10 +65,22 @@ EFFECTS = {
         BALL_RADIUS,
     )
 }
-"""What `--model` may name. The tool belongs to every model and is not among them."""
+"""Causes of error that a model may have and a diagnosis may name. The tool belongs to every model."""
+
+LEVELS = {JOINT.name: JOINT}
+"""Less than a cause: simpler models to set against the others, which no diagnosis names."""
+
+MODELS = EFFECTS | LEVELS
+"""What `--model` may name."""
+
+PART_OF = {JOINT.name: (GEOMETRY.name, ENCODER_SCALE.name)}
+"""Levels that other effects hold already, and which."""
 
 __all__ = [
     "EFFECTS",
+    "LEVELS",
+    "MODELS",
+    "PART_OF",
     "UNITS",
     "Circumstances",
     "Effect",
@@ -66,6 +88,7 @@ __all__ = [
     "Paper",
     "Parameter",
     "Scan",
+    "Session",
     "parameters_of",
 ]
 
@@ -96,9 +119,9 @@ def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple
 def _named(name: str) -> tuple[Effect, float | None]:
     """An effect and the setting that its name may carry: ``step@212``."""
     plain, at, setting = name.partition("@")
-    if plain not in EFFECTS:
-        raise BayescalError(f"no effect is called '{plain}'", "--model", f"known: {', '.join(EFFECTS)}")
-    effect = EFFECTS[plain]
+    if plain not in MODELS:
+        raise BayescalError(f"no effect is called '{plain}'", "--model", f"known: {', '.join(MODELS)}")
+    effect = MODELS[plain]
     if not at:
         return effect, None
     if effect.scan is None:

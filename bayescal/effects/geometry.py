@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
+from bayescal.effects.sessions import apart
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
 
 LENGTH_SD = 0.3e-3  # m
@@ -36,17 +37,21 @@ def _link(c: Circumstances, kind: str, i: int) -> Parameter:
     return Parameter(f"{kind}{i}", unit, (Term(i, axis),), sd, _nominal(c, kind, i), **where)
 
 
+def _base(c: Circumstances) -> list[Parameter]:
+    out = []
+    for axis in ("tx", "ty", "tz", "rx", "ry", "rz") if c.tied_base else ():
+        name, unit = (
+            f"base {axis[1]}" if axis[0] == "t" else f"base {axis}",
+            "m" if axis[0] == "t" else "rad",
+        )
+        term = (Term(0, axis),)
+        out.append(Parameter(name, unit, term, BASE_SD[axis[0]], site="base", driver="1"))
+    return out
+
+
 def _parameters(c: Circumstances) -> list[Parameter]:
     n = c.robot.n
-    out = []
-    if c.tied_base:
-        for axis in ("tx", "ty", "tz", "rx", "ry", "rz"):
-            name, unit = (
-                f"base {axis[1]}" if axis[0] == "t" else f"base {axis}",
-                "m" if axis[0] == "t" else "rad",
-            )
-            term = (Term(0, axis),)
-            out.append(Parameter(name, unit, term, BASE_SD[axis[0]], site="base", driver="1"))
+    out = apart(c, _base)
     for i in range(1, n + 1):
         last = i == n
         # the first zero and height are the base's too, the last the tool's: told apart where those are tied

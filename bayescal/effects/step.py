@@ -2,8 +2,9 @@
 
 Driver: 0 before a row and 1 from it on, for each of the six displacements of the base. The row is not
 linear: it is given, as ``step@212`` for the 212th row of the session, or is the middle one of the fitted
-rows, which are in the order of time. Who suspects another scans them. Prior: 0.05 mm and 0.1 mrad
-(assumed: 0.05 mm at half a metre; a greater bump would have been noticed).
+rows, which are in the order of time. Who suspects another scans them. A step ends with its session: of
+several, each has one in its middle, or the one with that row has it. Prior: 0.05 mm and 0.1 mrad (assumed:
+0.05 mm at half a metre; a greater bump would have been noticed).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
+from bayescal.effects.sessions import apart, each, within
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan, Where
 
 SD = {"t": ("m", 5e-5), "r": ("rad", 1e-4)}
@@ -25,13 +27,24 @@ def after(c: Circumstances, row: float) -> np.ndarray:
 
 def moments(c: Circumstances) -> np.ndarray:
     """Numbers (from 1) of rows that may be the first after a step, evenly spread over the fitted ones."""
-    count = len(c.fitted)
+    return np.concatenate([_moments(one.fitted) for one in each(c)])
+
+
+def _moments(fitted: np.ndarray) -> np.ndarray:
+    count = len(fitted)
     low = max(1, round(EDGE * count))
     at = np.unique(np.linspace(low, count - low, MOMENTS).round().astype(int))
-    return c.fitted[at[(at > 0) & (at < count)]] + 1.0
+    return fitted[at[(at > 0) & (at < count)]] + 1.0
 
 
 def _at(c: Circumstances, row: float) -> list[Parameter]:
+    if not c.sessions:
+        return _bump(c, row)
+    index = min(int(row), len(c.q)) - 1
+    return [within(p, s) for s in c.sessions if s.rows[index] for p in _bump(c, row)]
+
+
+def _bump(c: Circumstances, row: float) -> list[Parameter]:
     since = after(c, row)
     where: Where = {"site": "base", "driver": "moment"}
     out = []
@@ -41,8 +54,8 @@ def _at(c: Circumstances, row: float) -> list[Parameter]:
     return out
 
 
-def _parameters(c: Circumstances) -> list[Parameter]:
-    return _at(c, c.fitted[len(c.fitted) // 2] + 1.0)
+def _middle(c: Circumstances) -> list[Parameter]:
+    return _bump(c, c.fitted[len(c.fitted) // 2] + 1.0)
 
 
 def _missing(c: Circumstances) -> str:
@@ -52,7 +65,7 @@ def _missing(c: Circumstances) -> str:
 STEP = Effect(
     "step",
     "a base that was bumped at some moment of the session",
-    _parameters,
+    lambda c: apart(c, _middle),
     _missing,
     Scan("first row after it", "from row {:.0f} on", moments, _at),
 )

@@ -4,9 +4,9 @@ Driver: the temperature, or the time where none is recorded (an artefact's is no
 1 over the session. One value makes every length of the arm grow alike; each joint zero has a drift of its
 own, and the base slides; its turn about the first axis is that of the first zero. Values are half of what
 happens over the session. An arm that warms up on its own clock does so with a time constant, which is
-scanned, or given: ``thermal-drift@600`` for ten minutes. Prior: zeros 0.05 mrad, from drifts of 0.06 to
-0.13 mrad over a session (an ABB IRB 120 measured with a laser tracker); growth 5e-5, as of aluminium (23e-6
-1/K) over 4 K, and the base 0.02 mm (both assumed).
+scanned, or given: ``thermal-drift@600`` for ten minutes. Of several sessions each drifts its own way. Prior:
+zeros 0.05 mrad, from drifts of 0.06 to 0.13 mrad over a session (an ABB IRB 120 measured with a laser
+tracker); growth 5e-5, as of aluminium (23e-6 1/K) over 4 K, and the base 0.02 mm (both assumed).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.effects.joints import at
+from bayescal.effects.sessions import apart, each
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 from bayescal.errors import BayescalError
 
@@ -67,34 +68,43 @@ def _drifting(c: Circumstances, by: str, driver: np.ndarray) -> list[Parameter]:
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     found = course(c)
-    assert found is not None
-    return _drifting(c, *found)
+    return [] if found is None else _drifting(c, *found)
 
 
 def _warming(c: Circumstances, constant: float) -> list[Parameter]:
     """The drift of an arm that warms up with a time constant, s, in place of the recorded course."""
-    time = _clock(c)
-    if time is None or not np.ptp(time) > 0:
+    if all((time := _clock(one)) is None or not np.ptp(time) > 0 for one in each(c)):
         what = "a time constant needs time_s that varies"
         raise BayescalError(what, f"--model thermal-drift@{constant:g}", "say thermal-drift")
+    return apart(c, lambda one: _settling(one, constant))
+
+
+def _settling(c: Circumstances, constant: float) -> list[Parameter]:
+    time = _clock(c)
+    if time is None or not np.ptp(time) > 0:
+        return []
     grown = 1.0 - np.exp(-(time - np.min(time)) / constant)
     return _drifting(c, "time", 2.0 * grown / np.max(grown) - 1.0)
 
 
 def _constants(c: Circumstances) -> np.ndarray:
-    time = _clock(c)
-    span = 0.0 if time is None else float(np.ptp(time))
+    clocks = [time for one in each(c) if (time := _clock(one)) is not None]
+    span = max((float(np.ptp(time)) for time in clocks), default=0.0)
     return np.unique(np.maximum(span * np.array(SHARES), FASTEST)) if span > 0 else np.empty(0)
 
 
 def _missing(c: Circumstances) -> str:
-    return "" if course(c) else "no temperature_c of the arm or the air, and no time_s, that varies"
+    return (
+        ""
+        if any(map(course, each(c)))
+        else "no temperature_c of the arm or the air, and no time_s, that varies"
+    )
 
 
 THERMAL_DRIFT = Effect(
     "thermal-drift",
     "lengths, base and joint zeros that drift",
-    _parameters,
+    lambda c: apart(c, _parameters),
     _missing,
     Scan("time constant of warming up, s", "warming up in {:.0f} s", _constants, _warming),
     whole=True,

@@ -1,16 +1,17 @@
 """Tool: the ball's centre in the flange frame, for every tool that the fitted rows use.
 
-Part of every model; a tool whose uncertainty is stated as 0 stays as it is.
+And how it stands on the flange, where rows read its orientation. Part of every model; a tool whose
+uncertainty is stated as 0 stays as it is.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from bayescal.arm.motion import Term
+from bayescal.arm.motion import TURN, Term
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
-LOOSE = 5e-3  # m, the contract's prior where none is stated
+LOOSE, LOOSE_ANGLE = 5e-3, 0.2  # m, rad: the contract's priors where none is stated
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
@@ -35,6 +36,21 @@ def _parameters(c: Circumstances) -> list[Parameter]:
                     driver="1",
                 )
             )
+    return [*out, *_turns(c)]
+
+
+def _turns(c: Circumstances) -> list[Parameter]:
+    """Rotation vector of each tool beside its stated orientation, or where none is, the one first found."""
+    out = []
+    for k in c.turned_tools:
+        stated = c.tool_u_angle[k]
+        sd = LOOSE_ANGLE if stated is None else stated
+        if sd == 0.0:
+            continue
+        used = (c.tool == k).astype(float)
+        for axis in ("rx", "ry", "rz"):
+            terms = (Term(TURN, axis, used),)
+            out.append(Parameter(f"{c.tool_names[k]} {axis}", "rad", terms, sd, site="tool", driver="1"))
     return out
 
 

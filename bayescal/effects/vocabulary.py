@@ -47,6 +47,15 @@ class Paper:
 
 
 @dataclass(frozen=True)
+class Session:
+    """One of several sessions fitted together."""
+
+    name: str
+    rows: np.ndarray  # (N,) bool, those of the session
+    tied_base: bool  # see `Circumstances`
+
+
+@dataclass(frozen=True)
 class Circumstances:
     """All that a driver may vary with, one value a row of the session (N rows).
 
@@ -82,6 +91,9 @@ class Circumstances:
     faces: tuple[Face, ...] = ()
     compliance: np.ndarray | None = None  # (n,) rad/(N m), where a fit has found them
     papers: tuple[Paper, ...] = ()
+    sessions: tuple[Session, ...] = ()  # where several are fitted together
+    turned_tools: tuple[int, ...] = ()  # those whose orientation fitted rows read
+    tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation
 
     @property
     def touching(self) -> np.ndarray:

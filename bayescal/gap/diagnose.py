@@ -298,6 +298,8 @@ def _rungs(
     """Nominal, each effect of the baseline, then each that was named, in the order in which they entered."""
     out: list[tuple[tuple[str, ...], Estimate]]
     out = [(("nominal",), estimate(with_parameters(scene, (), ()), robust=robust))]
+    if effects[:1] == ("geometry",):
+        out.append((("joint",), calibrated(scene, ("joint",), width, robust)))
     for k in range(1, len(effects)):
         out.append((effects[:k], calibrated(scene, effects[:k], width, robust, without)))
     if effects:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from bayescal.estimate import STATED_WORTH, Estimate, linearise
-from bayescal.model import ARM
+from bayescal.model import ARM, Turned
 
 BINS = 2001
 REACH = 9.0  # standard deviations of log kappa that the grid covers on either side
@@ -24,12 +24,11 @@ class Density:
     def __init__(self, estimate: Estimate) -> None:
         model = estimate.model
         self.estimate, self.model = estimate, model
-        kept = [b.rows[estimate.weights.row[b.target] > 0] for b in model.blocks]
-        index = {t.name: k for k, t in enumerate(model.scene.dataset.targets)}
-        self._blocks = [
-            model.block(index[b.target], rows) for b, rows in zip(model.blocks, kept, strict=True)
-        ]
-        self._motion = model.motion(np.concatenate(kept))
+        kept = [b.rows[estimate.weights.row[b.name] > 0] for b in model.blocks]
+        self._blocks = [model.part(b, rows) for b, rows in zip(model.blocks, kept, strict=True)]
+        # the ball centres of all contacts in one pass; orientations take passes of their own
+        touching = [b.rows for b in self._blocks if not isinstance(b, Turned)]
+        self._motion = model.motion(np.concatenate(touching))
         ends = np.cumsum([len(rows) for rows in kept])
         self._at = [slice(end - len(rows), end) for end, rows in zip(ends, kept, strict=True)]
         scale = estimate.weights.scale
@@ -38,10 +37,10 @@ class Density:
         self.ratio = {g: s / self.kappa for g, s in scale.items()}
         self._inverse = []
         for b, full in zip(self._blocks, model.blocks, strict=True):
-            row = np.tile(estimate.weights.row[b.target], full.kind.rows)
-            inverse = np.sqrt(row) / (estimate.weights.sigma[b.target] * self.ratio[b.group])
+            row = np.tile(estimate.weights.row[b.name], full.kind.rows)
+            inverse = np.sqrt(row) / (estimate.weights.sigma[b.name] * self.ratio[b.group])
             self._inverse.append(inverse[row > 0].reshape(full.kind.rows, -1))
-        self.count = sum(float(np.sum(estimate.weights.row[b.target])) * b.kind.rows for b in model.blocks)
+        self.count = sum(float(np.sum(estimate.weights.row[b.name])) * b.kind.rows for b in model.blocks)
 
     @property
     def size(self) -> int:
@@ -57,7 +56,8 @@ class Density:
         states = {}
         for block, at, inverse in zip(self._blocks, self._at, self._inverse, strict=True):
             states[block.target] = block.state(z[:, slices[block.target]])
-            r = block.kind.residual(states[block.target], p[..., at])
+            seen = block.seen(values) if isinstance(block, Turned) else p[..., at]
+            r = block.kind.residual(states[block.target], seen)
             if len(block.contact_index):
                 r = r + (values[:, block.contact_index] @ block.contact)[:, None, :]
             r = r * inverse

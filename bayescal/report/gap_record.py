@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.gap.result import Advice, BlindSpot, Gap, Magnitude, Margin, Place, Shrinkage, Verdict
-from bayescal.report.gap_words import headline
+from bayescal.report.gap_words import headline, warnings
 from bayescal.report.origin import origin
 from bayescal.report.text import UM, amplitude
 
@@ -72,7 +72,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "blind_spots": [_blind(b) for b in gap.blind_spots],
         "curves": [_curve(gap, w) for w in gap.where[:CURVES]],
         "residuals": _residuals(gap),
-        "warnings": list(gap.warnings),
+        "warnings": list(warnings(gap)),
     }
     return {key: _plain(value) for key, value in record.items()}
 

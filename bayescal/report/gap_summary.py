@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayescal.gap.result import Gap, Margin, Shrinkage
-from bayescal.report.gap_words import headline, listed, p_value, place, probability, rival
+from bayescal.report.gap_words import headline, listed, p_value, place, probability, rival, warnings
 from bayescal.report.text import facts, model_label, plain_table, size, um
 
 PLACES = 5
@@ -239,5 +239,5 @@ def _words(gap: Gap) -> Facts:
         yield "" if k else "cannot be judged", f"{', '.join(effects)}: {why}", "dim"
     for k, note in enumerate(gap.verdict.notes):
         yield "" if k else "note", note, ""
-    for k, warning in enumerate(gap.warnings):
+    for k, warning in enumerate(warnings(gap)):
         yield "" if k else "warning", warning, "yellow"

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from bayescal.gap.result import Gap, Named, Place
+from bayescal.orientations import posed
 
 NO_PLACE = "at no single place"
 LOOSE = 4.0
@@ -107,3 +110,11 @@ def headline(gap: Gap) -> list[str]:
 def rival(name: str) -> str:
     """A member of the 90 % set as a sentence names it."""
     return {"null": "noise alone", "unknown": "something unknown"}.get(name, name)
+
+
+def warnings(gap: Gap) -> tuple[str, ...]:
+    """What weakens the figures, and what of the session they leave aside."""
+    turns = int(np.sum(posed(gap.dataset)))
+    if not turns:
+        return gap.warnings
+    return (*gap.warnings, f"{turns} rows also read an orientation: here their points alone are judged")

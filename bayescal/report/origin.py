@@ -12,10 +12,15 @@ from bayescal.dataset import Dataset
 
 
 def origin(schema: str, dataset: Dataset, seed: int, libraries: Iterable[str]) -> dict[str, Any]:
-    """Schema, dataset with its hash, versions of ourselves and of the libraries, seed."""
+    """Schema, dataset (and each of several sessions) with its hash, versions of all software, seed."""
+    named: dict[str, Any] = {"name": dataset.name, "sha256": dataset.sha256}
+    if dataset.sessions:
+        named["sessions"] = [
+            {"name": s.name, "sha256": s.sha256, "rows": len(s.measurements.ids)} for s in dataset.sessions
+        ]
     return {
         "schema": schema,
-        "dataset": {"name": dataset.name, "sha256": dataset.sha256},
+        "dataset": named,
         "software": software(libraries),
         "seed": seed,
     }

@@ -99,7 +99,7 @@ def _chains(fit: Fit, drawn: np.ndarray) -> np.ndarray:
 def _residuals(fit: Fit, rows: np.ndarray) -> np.ndarray:
     """Length of each fitted row's residual at the estimate, (C,), m; signed where it has one residual."""
     found, out = fit.final.estimate, np.full(len(rows), np.nan)
-    for block in found.model.blocks:
+    for block in found.model.states:
         r = found.residuals(block)
         out[np.searchsorted(rows, block.rows)] = r[0] if len(r) == 1 else np.linalg.norm(r, axis=0)
     return out

@@ -10,8 +10,8 @@ from bayescal.estimate import Estimate
 from bayescal.fit import Fit, Rung
 from bayescal.model import Block
 from bayescal.report.origin import origin
-from bayescal.report.text import MM, UM
-from bayescal.validate import PointCheck, Validation, inside95, interval95
+from bayescal.report.text import MDEG, MM, UM
+from bayescal.validate import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
 
 SCHEMA = "bayescal-fit/1"
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "emcee", "arviz")
@@ -42,6 +42,12 @@ def fit_record(fit: Fit) -> dict[str, Any]:
             {"target": f.target, "form_rms_um": UM * f.form, "p_value": f.p_value, "uneven": f.uneven}
             for f in fit.faces
         ],
+        "predicted_distance": _forecast(fit.forecast),
+        "directions": {
+            "axes": fit.directions.axes.tolist(),
+            "share": _numbers(fit.directions.share),
+            "missing": fit.directions.missing.tolist(),
+        },
         "sampler": _sampler(fit),
         "validation": validation_record(fit.ladder[0].validation, rung.validation),
         "ladder": [_rung(r) for r in fit.ladder],
@@ -56,7 +62,7 @@ def _numbers(values: np.ndarray) -> list[float]:
 def _parameters(fit: Fit) -> list[dict[str, Any]]:
     found, model = fit.final.estimate, fit.final.estimate.model
     units, factor = model.in_file_units()
-    prior = np.concatenate([model.sd, *(b.sd for b in model.blocks)]) * factor
+    prior = np.concatenate([model.sd, *(b.sd for b in model.states)]) * factor
     draws = model.physical(fit.draws.flat) * factor
     at = model.physical(found.z) * factor
     low, high = np.quantile(draws, [0.025, 0.975], axis=0)
@@ -125,6 +131,28 @@ def _residuals(rung: Rung) -> list[dict[str, Any]]:
 
 def _sizes(found: Estimate, block: Block) -> np.ndarray:
     return np.linalg.norm(found.residuals(block), axis=0)
+
+
+def _forecast(forecast: Forecast) -> dict[str, Any]:
+    """Distance errors to expect: first those that lead the summary, then all."""
+    every = [
+        {
+            "over": d.over,
+            "count": d.count,
+            "lengths_mm": [MM * d.shortest, MM * d.longest],
+            "predicted_rms_um": UM * d.rms,
+            "predicted_interval95_um": [UM * end for end in d.interval],
+            "measured_rms_um": None if d.measured is None else UM * d.measured,
+        }
+        for d in (*forecast.checked, forecast.workspace)
+    ]
+    return {
+        **every[0],
+        "prior_share": forecast.prior_share,
+        "prior_rms_um": UM * forecast.prior_rms,
+        "unexplained_share": forecast.unexplained_share,
+        "all": every,
+    }
 
 
 def _sampler(fit: Fit) -> dict[str, Any]:
@@ -197,6 +225,7 @@ def validation_record(nominal: Validation, calibrated: Validation) -> dict[str, 
         "distances": distances,
         "diameters": diameters,
         "points": _points(nominal.points, calibrated.points),
+        "orientations": _turns(calibrated.turns),
         "worst_distance_um": {
             "nominal": _or_none(UM * nominal.worst_distance),
             "calibrated": _or_none(UM * calibrated.worst_distance),
@@ -232,6 +261,24 @@ def _points(nominal: tuple[PointCheck, ...], calibrated: tuple[PointCheck, ...])
         "predicted_mean_interval95_um": ends(lengths.mean(axis=1), UM),
         "predicted_upper95_um": UM * float(np.quantile(lengths, 0.95)),
         "inside95_fraction": float(np.mean(inside95(flat, drawn))),
+    }
+
+
+def _turns(checks: tuple[TurnCheck, ...]) -> dict[str, Any]:
+    """Angles of held-out orientations from the predicted ones, all targets together."""
+    if not checks:
+        return {"count": 0}
+    angles = np.concatenate([np.linalg.norm(c.residuals, axis=0) for c in checks])
+    drawn = np.concatenate([np.linalg.norm(c.predicted, axis=1) for c in checks], axis=1)
+    inside = np.concatenate([inside95(c.residuals, c.predicted).ravel() for c in checks])
+    return {
+        "count": len(angles),
+        "calibrated_mean_mdeg": MDEG * float(angles.mean()),
+        "calibrated_rms_mdeg": MDEG * _rms(angles),
+        "calibrated_max_mdeg": MDEG * float(angles.max()),
+        "predicted_mean_mdeg": MDEG * float(drawn.mean()),
+        "predicted_upper95_mdeg": MDEG * float(np.quantile(drawn, 0.95)),
+        "inside95_fraction": float(np.mean(inside)),
     }
 
 

@@ -9,9 +9,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from bayescal.fit import Fit, Rung
-from bayescal.report.text import UM, facts, model_label, plain_table, um
-from bayescal.validate import PlaneCheck, PointCheck, Validation, inside95, interval95
+from bayescal.fit import Fit
+from bayescal.report.text import MDEG, MM, UM, facts, model_label, plain_table, um
+from bayescal.validate import Distances, PlaneCheck, PointCheck, TurnCheck, Validation, inside95, interval95
 
 MOST_PAIRS = 15
 MOST_DIRECTIONS = 6
@@ -32,14 +32,14 @@ def fit_summary(fit: Fit) -> RenderableType:
 def _headline(fit: Fit) -> Iterable[tuple[str, str, str]]:
     rung, found = fit.final, fit.final.estimate
     left = rung.unexplained
-    contacts = sum(len(b.rows) for b in found.model.blocks)
-    predicted = _predicted(rung)
-    if predicted:
-        yield "predicted error", predicted, "bold"
+    contacts = sum(len(b.rows) for b in found.model.states)
+    yield "predicted error", _predicted(fit), "bold"
+    if fit.forecast.checked:
+        yield "", _expected(fit.forecast.workspace), ""
     yield (
         "fitted",
         f"{', '.join(rung.effects)}: {len(found.model.parameters)} arm parameters from {contacts} rows "
-        f"on {len(found.model.blocks)} target{'s' if len(found.model.blocks) > 1 else ''}",
+        f"on {len(found.model.states)} target{'s' if len(found.model.states) > 1 else ''}",
         "",
     )
     repeats = ""
@@ -53,24 +53,25 @@ def _headline(fit: Fit) -> Iterable[tuple[str, str, str]]:
         yield "rejected", f"{len(ids)} rows as outliers: {shown}", ""
 
 
-def _predicted(rung: Rung) -> str:
-    """The predicted error, k = 2 in spirit: the central 95 % over all held-out distances, or points."""
-    v = rung.validation
+def _predicted(fit: Fit) -> str:
+    """The distance error to expect, its interval, over which lengths, and what was measured of it."""
+    lead, v = fit.forecast.lead, fit.final.validation
+    words = _expected(lead)
+    if lead.measured is None:
+        return f"{words}; measured: none held out"
+    words += f"; measured: {um(lead.measured)} um rms"
     if v.distances:
-        low, high = interval95(np.concatenate([d.predicted for d in v.distances]))
         inside = sum(bool(inside95(d.error, d.predicted)) for d in v.distances)
-        return (
-            f"of a distance {UM * low:+.0f} to {UM * high:+.0f} um (95 %); "
-            f"measured: worst {UM * v.worst_distance:.0f} um, {inside} of {len(v.distances)} inside"
-        )
-    if v.points:
-        lengths = np.concatenate([np.linalg.norm(p.predicted, axis=1).ravel() for p in v.points])
-        measured = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])
-        return (
-            f"of a point up to {UM * float(np.quantile(lengths, 0.95)):.0f} um (95 %); "
-            f"measured: mean {UM * measured.mean():.0f} um, worst {UM * measured.max():.0f} um"
-        )
-    return ""
+        words += f", worst {um(v.worst_distance)} um, {inside} of {len(v.distances)} inside"
+    return words
+
+
+def _expected(d: Distances) -> str:
+    low, high = d.interval
+    return (
+        f"of a distance {um(d.rms)} um rms (95 %: {um(low)} to {um(high)}), "
+        f"{d.count} of {MM * d.shortest:.0f} to {MM * d.longest:.0f} mm between {d.over}"
+    )
 
 
 def _ladder(fit: Fit) -> Table:
@@ -78,6 +79,7 @@ def _ladder(fit: Fit) -> Table:
     headings = ["planes rms"] * bool(v.planes)
     headings += ["distances rms", "worst", "predicted 95 %"] * bool(v.distances)
     headings += ["points mean"] * bool(v.points)
+    headings += ["angles mean (mdeg)"] * bool(v.turns)
     table = plain_table("held out (um)", *headings, "inside")
     for rung in fit.ladder:
         v = rung.validation
@@ -90,6 +92,9 @@ def _ladder(fit: Fit) -> Table:
             cells += [um(v.worst_distance), f"{UM * low:+.0f} .. {UM * high:+.0f}"]
         if v.points:
             cells.append(um(np.mean(np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points]))))
+        if v.turns:
+            angles = np.concatenate([np.linalg.norm(t.residuals, axis=0) for t in v.turns])
+            cells.append(f"{MDEG * np.mean(angles):.2g}")
         table.add_row(model_label(rung.effects), *cells, _inside(v))
     return table
 
@@ -97,7 +102,7 @@ def _ladder(fit: Fit) -> Table:
 def _inside(v: Validation) -> str:
     """How many held-out values lie inside their predicted intervals, in per cent."""
     hits = [np.atleast_1d(inside95(d.error, d.predicted)) for d in v.distances]
-    checks: list[PlaneCheck | PointCheck] = [*v.planes, *v.points]
+    checks: list[PlaneCheck | PointCheck | TurnCheck] = [*v.planes, *v.points, *v.turns]
     hits += [inside95(check.residuals, check.predicted).ravel() for check in checks]
     return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else "-"
 

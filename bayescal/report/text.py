@@ -12,8 +12,10 @@ from bayescal.effects import UNITS
 
 UM = 1e6
 MM = 1e3
+MDEG = 1e3 * 180.0 / np.pi
 LABELS = {
     ("nominal",): "as drawn",
+    ("joint",): "joint zeros and scales",
     ("geometry",): "kinematic",
     ("geometry", "compliance"): "kinematic + stiffness",
 }

@@ -1,4 +1,4 @@
-"""Robots: the built-in ones and those in a robot.yaml beside a dataset.
+"""Robots: the built-in ones, and those in a robot.yaml, URDF or xacro file beside a dataset.
 
 Functions
 ---------
@@ -18,7 +18,9 @@ from pathlib import Path
 from bayescal.arm.robot import Robot
 from bayescal.errors import BayescalError
 from bayescal.files import check_schema, read_document
+from bayescal.robots.markup import refuse_network
 from bayescal.robots.schema import SCHEMA, robot_from
+from bayescal.robots.urdf import robot_from_urdf
 from bayescal.robots.writing import robot_to_yaml
 
 __all__ = ["builtin_robots", "load_robot", "robot_to_yaml"]
@@ -37,7 +39,8 @@ def load_robot(reference: str, folder: Path | None = None) -> tuple[Robot, bytes
     Parameters
     ----------
     reference : str
-        A built-in name (`builtin_robots`), or the path of a robot.yaml.
+        A built-in name (`builtin_robots`), or the path of a robot.yaml, URDF or xacro; of the latter two
+        ``arm.urdf#tool0`` says which link is the flange (the end of the longest chain where left out).
     folder : Path, optional
         What a path is relative to; the working directory where left out.
 
@@ -49,23 +52,24 @@ def load_robot(reference: str, folder: Path | None = None) -> tuple[Robot, bytes
     Raises
     ------
     BayescalError
-        With the file and line, if there is no such robot or its file breaks the contract.
+        With the file and line, if there is no such robot or its file cannot be used.
     """
     names = builtin_robots()
+    refuse_network(reference, "")
+    file, _, tip = reference.partition("#")
+    if Path(file).suffix.lower() in (".urdf", ".xacro"):
+        return robot_from_urdf((folder or Path()) / file, tip)
     suffix = Path(reference).suffix.lower()
-    if suffix in (".urdf", ".xacro"):
-        raise BayescalError(
-            "URDF files are not read yet", reference, "give a robot.yaml (DH table, limits, masses)"
-        )
     if reference in names:
         path = _HERE / f"{reference}.yaml"
     elif suffix in (".yaml", ".yml") or "/" in reference or ((folder or Path()) / reference).is_file():
         path = (folder or Path()) / reference
     else:
-        near = difflib.get_close_matches(reference, names, 1)
+        near = [name for name in names if reference.lower() in name.split("-")]
+        near += difflib.get_close_matches(reference, names, 1)
         hint = f"did you mean `{near[0]}`" if near else f"built-in are: {', '.join(names)}"
         raise BayescalError(
-            f"no robot is called `{reference}`", "", f"{hint}; or give the path of a robot.yaml"
+            f"no robot is called `{reference}`", "", f"{hint}; or give the path of a robot.yaml or URDF"
         )
     document = read_document(path)
     check_schema(document, SCHEMA)

@@ -1,7 +1,8 @@
 """robot.yaml as pydantic models, in the file's units, and its way to and from a `Robot`.
 
 Beyond the contract a joint may carry ``beta_deg`` (default 0: Hayati's angle of near-parallel axes)
-and the file ``joint_compliance_rad_per_nm`` (one a joint): what a calibrated arm needs to be written.
+and the file ``joint_compliance_rad_per_nm`` (one a joint): what a calibrated arm needs to be written. Behind
+modified rows a ``flange`` (as ``base``) places the flange in the last row's frame: what a URDF's tip needs.
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ class Link(Keys):
     centre_of_mass_mm: Vector
 
 
-class Base(Keys):
-    """The first row's frame in F0; rpy are fixed-axis roll, pitch, yaw."""
+class Place(Keys):
+    """A frame in another; rpy are fixed-axis roll, pitch, yaw."""
 
     xyz_mm: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
@@ -56,7 +57,8 @@ class RobotFile(Keys):
     convention: Literal["mdh", "dh"]
     joints: Annotated[list[Joint], Field(min_length=1)]
     link_from_reading: list[list[Number]] | None = None
-    base: Base = Base()
+    base: Place = Place()
+    flange: Place = Place()
     links: list[Link] | None = None
     reductions: list[Positive] | None = None
     joint_compliance_rad_per_nm: list[NotNegative] | None = None
@@ -76,7 +78,8 @@ def robot_from(document: Document) -> Robot:
         convention=file.convention,
         joint_names=tuple(j.name for j in file.joints),
         link_from_reading=np.eye(n) if file.link_from_reading is None else np.array(file.link_from_reading),
-        base=rigid(rpy_matrix(np.deg2rad(file.base.rpy_deg)), np.array(file.base.xyz_mm) * 1e-3),
+        base=_frame(file.base),
+        flange=_frame(file.flange),
         masses=None if file.links is None else np.array([link.mass_kg for link in file.links]),
         centres_of_mass=(
             None if file.links is None else np.array([link.centre_of_mass_mm for link in file.links]) * 1e-3
@@ -85,6 +88,10 @@ def robot_from(document: Document) -> Robot:
         reductions=_array(file.reductions),
         **table,
     )
+
+
+def _frame(place: Place) -> np.ndarray:
+    return rigid(rpy_matrix(np.deg2rad(place.rpy_deg)), np.array(place.xyz_mm) * 1e-3)
 
 
 def _array(values: list[float] | None) -> np.ndarray | None:
@@ -101,6 +108,9 @@ def _check(document: Document, file: RobotFile, n: int) -> None:
                 document.where((key,)),
                 "give one a joint",
             )
+    if file.convention == "dh" and file.flange != Place():
+        where = document.where(("flange",))
+        raise BayescalError("standard rows end at the flange", where, "leave `flange` out, or use mdh rows")
     for i, joint in enumerate(file.joints):
         if not joint.limits_deg[0] < joint.limits_deg[1]:
             where = document.where(("joints", i, "limits_deg"))

@@ -64,9 +64,10 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
         lines.append(f"  - {{{', '.join(cells)}}}")
     if not np.array_equal(robot.link_from_reading, np.eye(robot.n)):
         lines += ["link_from_reading:"] + [f"  - {sequence(row)}" for row in robot.link_from_reading]
-    if not np.array_equal(robot.base, np.eye(4)):
-        rpy = np.rad2deg(rpy_of(robot.base[:3, :3]))
-        lines.append(f"base: {{xyz_mm: {sequence(robot.base[:3, 3] * 1e3)}, rpy_deg: {sequence(rpy)}}}")
+    for key, frame in (("base", robot.base), ("flange", robot.flange)):
+        if not np.array_equal(frame, np.eye(4)):
+            rpy = np.rad2deg(rpy_of(frame[:3, :3]))
+            lines.append(f"{key}: {{xyz_mm: {sequence(frame[:3, 3] * 1e3)}, rpy_deg: {sequence(rpy)}}}")
     if robot.masses is not None and robot.centres_of_mass is not None:
         lines += ["links:"] + [
             f"  - {{mass_kg: {number(mass)}, centre_of_mass_mm: {sequence(centre * 1e3)}}}"

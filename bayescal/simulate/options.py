@@ -16,10 +16,11 @@ FEWEST_ON_SPHERE = 6
 class Options:
     """A session to simulate. Counts are of contacts but for `spheres` of one artefact and its `placements`.
 
-    `contacts` are those to calibrate with, the repeats (groups of four) among them; `later` are on
-    the same faces, to validate. `error_scale` multiplies every deviation of the true arm. `noise` (m)
-    is that of a contact, `joint_noise` (rad) that of a reading, `outliers` the fraction of contacts
-    that are grossly wrong, `payload` (kg) hangs on half of the plane contacts.
+    `arm_seed` is that of the true arm and its tool where another session of the same arm is wanted; the
+    session's own where None. `contacts` are those to calibrate with, the repeats (groups of four) among
+    them; `later` are on the same faces, to validate. `error_scale` multiplies every deviation of the true
+    arm. `noise` (m) is that of a contact, `joint_noise` (rad) that of a reading, `outliers` the fraction of
+    contacts that are grossly wrong, `payload` (kg) hangs on half of the plane contacts.
     """
 
     robot: str = "fanuc-lrmate200ic"
@@ -37,6 +38,12 @@ class Options:
     joint_noise: float = 0.0
     outliers: float = 0.0
     payload: float = 0.0
+    arm_seed: int | None = None
+
+    @property
+    def seed_of_arm(self) -> int:
+        """Seed of the true arm."""
+        return self.seed if self.arm_seed is None else self.arm_seed
 
     def check(self) -> None:
         """Refuse what cannot be.
@@ -60,6 +67,8 @@ class Options:
             value = getattr(self, option)
             if not (np.isfinite(value) and value >= 0):
                 raise BayescalError("a negative value makes no sense", flag(option), "give 0 or more")
+        if self.seed_of_arm < 0:
+            raise BayescalError("a negative value makes no sense", "--arm-seed", "give 0 or more")
         if not 0 <= self.outliers < 0.5:
             raise BayescalError(f"{self.outliers:g} is no fraction of contacts", "--outliers", "0 to 0.5")
         if self.contacts < 16:

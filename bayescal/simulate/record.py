@@ -88,6 +88,7 @@ def document(
     return {
         "schema": SCHEMA,
         "seed": options.seed,
+        "arm_seed": options.seed_of_arm,
         "effects": list(options.effects),
         "error_scale": options.error_scale,
         "noise": {"contact_um": 1e6 * options.noise, "joint_deg": float(np.degrees(options.joint_noise))},

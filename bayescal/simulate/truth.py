@@ -16,6 +16,7 @@ from bayescal.simulate.scenery import DIAMETER, SIZE, U_ANGLE, U_DISTANCE, U_SPH
 
 TOOL_SD = 0.5e-3  # m: of a ball's place that nothing is stated of
 PLACE_SD, ANGLE_SD = 1e-3, 2e-3  # m, rad: how well a cube or an artefact is put where it is said to be
+OF_SESSION = ("thermal-drift", "step")  # effects that another session of the same arm has of its own
 OUTLIER = 30e-6, 1e-3  # m: least and most of a gross contact
 
 
@@ -23,12 +24,13 @@ def draws(options: Options, model: Model) -> np.ndarray:
     """The true arm's deviations from its drawing (P,), SI, times the error scale.
 
     Each parameter is drawn from its prior by a generator of its own name: the same seed gives the
-    same arm, whichever effects are added to it. What physics keeps positive is drawn log-normal, as
-    wide as its prior.
+    same arm, whichever effects are added to it. Effects of the session go by its own seed. What physics
+    keeps positive is drawn log-normal, as wide as its prior.
     """
     out = np.empty(len(model.parameters))
     for k, p in enumerate(model.parameters):
-        z = stream(options.seed, "truth", p.effect, p.name).normal()
+        seed = options.seed if p.effect.partition("@")[0] in OF_SESSION else options.seed_of_arm
+        z = stream(seed, "truth", p.effect, p.name).normal()
         if p.positive:
             value = p.centre * np.exp(np.log1p(p.sd / p.centre) * z) if p.centre > 0 else abs(p.sd * z)
         else:

@@ -73,6 +73,15 @@ class PointCheck:
 
 
 @dataclass(frozen=True)
+class TurnCheck:
+    """Held-out orientations of the tool, as rotation vectors in its own frame, rad."""
+
+    target: str
+    residuals: np.ndarray  # (3, C) at the estimate
+    predicted: np.ndarray  # (S, 3, C) draws of the residual
+
+
+@dataclass(frozen=True)
 class Validation:
     """What one model says of all held-out rows."""
 
@@ -81,6 +90,7 @@ class Validation:
     distances: tuple[DistanceCheck, ...]
     diameters: tuple[DiameterCheck, ...]
     points: tuple[PointCheck, ...]
+    turns: tuple[TurnCheck, ...] = ()
 
     @property
     def worst_distance(self) -> float:
@@ -146,14 +156,18 @@ def validate(
     rows = scene.rows("validate")
     stated = {c.targets[0]: c.u_distance for c in scene.dataset.certificates if c.kind == "diameter"}
     surfaces: list[PlaneCheck | PointCheck] = []
+    turns: list[TurnCheck] = []
     centres: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     diameters: dict[str, tuple[float, np.ndarray]] = {}
     for t in np.unique(m.target[rows]):
         name, own = scene.dataset.targets[t].name, scene.rows_of(int(t), rows)
         locate = scene.rows_of(int(t), scene.rows("locate"))
         kind = scene.kind(int(t), own)
+        posed = _known_turns(s.model, own)
         if name in fitted:
             surfaces.append(_against_fitted(s, estimate.model.block(int(t), own)))
+            mine, own_z = fitted[name], estimate.model.slices[name]
+            turns += _turns(s, int(t), posed, mine.state(estimate.z[own_z]), mine.state(z[:, own_z]))
         elif isinstance(kind, Sphere):
             at, drawn = _found(s, int(t), own)
             diameters[name] = float(at.x[0, 3]), drawn.x[:, 3]
@@ -165,12 +179,14 @@ def validate(
             if isinstance(kind, FixedPoint):
                 centres[name] = kind.centre + at.x[0], kind.centre + drawn.x
             surfaces.append(_against_found(s, int(t), own, at, drawn))
+            turns += _turns(s, int(t), posed, at.x[0], drawn.x)
     return Validation(
         estimate.model.effects,
         tuple(p for p in surfaces if isinstance(p, PlaneCheck)),
         tuple(_distances(s, scene.dataset.certificates, centres)),
         tuple(_diameters(s, stated, diameters)),
         tuple(p for p in surfaces if isinstance(p, PointCheck)),
+        tuple(turns),
     )
 
 
@@ -187,6 +203,26 @@ def _against_fitted(s: _Session, block: Block) -> PlaneCheck | PointCheck:
     if block.kind.rows > 1:
         return PointCheck(block.target, at, predicted)
     return PlaneCheck(block.target, at[0], predicted[:, 0])
+
+
+def _known_turns(model: Model, rows: np.ndarray) -> np.ndarray:
+    """Those of rows that read an orientation of a tool whose own on the flange is fitted, or stated."""
+    scene, m = model.scene, model.scene.dataset.measurements
+    posed = rows[scene.posed[rows]]
+    fitted = scene.rows("calibrate")
+    known = np.array([tool.rpy is not None and tool.u_angle is not None for tool in scene.dataset.tools])
+    known[m.tool[fitted[scene.posed[fitted]]]] = True
+    return posed[known[m.tool[posed]]]
+
+
+def _turns(s: _Session, target: int, rows: np.ndarray, at: np.ndarray, drawn: np.ndarray) -> list[TurnCheck]:
+    """Orientations of rows, with the instrument's state at the estimate (size,) and by draw (S, size)."""
+    if not len(rows):
+        return []
+    block, arm = s.model.turned(target, rows), s.model.slices[ARM]
+    residual = block.kind.residual(at, block.seen(s.model.deviations(s.estimate.z[arm])))
+    by_draw = block.kind.residual(drawn, block.seen(s.model.deviations(s.z[:, arm])))
+    return [TurnCheck(block.target, residual, residual - by_draw + _noise(s, block))]
 
 
 def _unknown_tool(model: Model, rows: np.ndarray) -> float:

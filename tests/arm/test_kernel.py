@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayescal.arm.chain import chain_of
+from bayescal.arm.chain import chain_of, frames
 from bayescal.arm.kernel import MAX_ANGLE, WIDTH, _cos, _sin
 from bayescal.arm.motion import CERTIFICATE, CONTACT, Motion, Term
 from bayescal.arm.transforms import AXES
@@ -63,6 +63,26 @@ def motion_of(robot, program, count, seed=0):
     size = 1 + max((k for k, _ in terms), default=-1)
     tool = np.where(rng.integers(0, 2, (count, 1)) == 0, [0.06, 0.0, 0.12], [-0.02, 0.05, 0.2])
     return Motion(chain_of(robot), rng.uniform(-3, 3, (count, robot.n)), tool, terms, size), rng
+
+
+@pytest.mark.parametrize("count", [1, 129])
+@pytest.mark.parametrize("program", [lean, shared])
+def test_turns_of_the_flange(lrmate, program, count):
+    """Orientations are those of the frames, and a couple's columns are their slopes about its axis."""
+    motion, rng = motion_of(lrmate, program, count)
+    walkers = 5e-3 * rng.standard_normal((2, motion.size))
+    turns = motion.turns(walkers)
+    for values, found in zip(walkers, turns, strict=True):
+        flange = frames(motion.chain, motion.q, motion.displacements(values))[:, -1, :3, :3]
+        np.testing.assert_allclose(np.moveaxis(found, -1, 0), flange, atol=1e-12, rtol=0)
+        axis = rng.standard_normal((3, count))
+        columns, h = motion.turning_columns(values, axis), 1e-6
+        for k in range(motion.size):
+            step = h * np.eye(motion.size)[k]
+            slope = (motion.turns(values + step) - motion.turns(values - step)) / (2 * h)
+            spin = np.einsum("ikc,jkc->ijc", slope, found)  # dR R' = [w] x
+            w = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
+            np.testing.assert_allclose(columns[k], np.sum(w * axis, axis=0), atol=1e-8)
 
 
 @pytest.mark.parametrize("count", COUNTS)

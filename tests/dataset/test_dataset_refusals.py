@@ -19,7 +19,7 @@ SPOILT_SETTINGS = [
     ("name: tiny", "name: {tiny", "robot", "not YAML"),
     ("name: tiny", "nane: tiny", "nane", "is it `name`"),
     ("source: made up", "? [a]\n: b", "[a]", "plain name"),
-    ("fanuc-lrmate200ic", "fanuc-lrmate200id", "robot", "mean `fanuc-lrmate200ic`"),
+    ("fanuc-lrmate200ic", "fanuc-lrmate200c", "robot", "mean `fanuc-lrmate200ic`"),
     ("fanuc-lrmate200ic", "nothing", "robot", "built-in are"),
     ("encoder", "pendant", "readings", "'encoder' or 'command'"),
     ("-9.81", "-9810", "gravity_mps2", "9.81"),
@@ -200,8 +200,8 @@ def test_folder(tmp_path):
 
 def test_urdf(tmp_path):
     error = refused(write(tmp_path, replaced(SETTINGS, "fanuc-lrmate200ic", "arm.urdf")))
-    assert "robot.yaml" in error.remedy
-    assert "URDF" in error.what
+    assert error.where == "arm.urdf"
+    assert "no such file" in error.what
 
 
 def test_own_uncertainty_replaces_stated_noise(tmp_path):

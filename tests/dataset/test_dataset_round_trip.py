@@ -132,10 +132,10 @@ def datasets(draw) -> Dataset:
         readings="command",
         gravity=np.array([0.1, 0.0, -9.8]),
         tools=(
-            Tool(names[0], np.array([0.06, 0.0, 0.12]), u=u, u_angle=u),
+            Tool(names[0], np.array([0.06, 0.0, 0.12]), u=u, u_angle=u, rpy=np.array([0.1, -3.0, 1e-7])),
             Tool(names[1], np.array([0.06, 0.0, 0.12]), mass=0.1, ball_radius=0.003),
         ),
-        noise=Noise(contact=1e-5, point=draw(st.none() | st.just(2e-6)), joint=1e-5),
+        noise=Noise(1e-5, draw(st.none() | st.just(2e-6)), 1e-5, draw(st.none() | st.just(3e-4))),
         targets=(
             Target(names[0], "fixed-point", {"centre": centre}, u_angle=u),
             Target(names[1], "distance", {"centre": centre, "length": np.nan}),

@@ -74,3 +74,23 @@ def test_a_loose_plane_may_be_tilted_and_off(tmp_path):
     bad = TABLE.replace("0.983,29.728,-39.851,", "0.983,29.728,20,")
     with pytest.raises(BayescalError, match=r"measurements.csv:3: impossible contact"):
         read_dataset(write(tmp_path, settings, bad))
+
+
+def test_an_instrument_in_metres_is_told(tmp_path):
+    lines = TABLE.splitlines()
+    for i in range(len(lines) - 6, len(lines)):
+        cells = lines[i].split(",")
+        cells[10:13] = [f"{float(c) / 1e3:.7f}" for c in cells[10:13]]
+        lines[i] = ",".join(cells)
+    with pytest.raises(BayescalError, match=r"values of `x_mm`, `y_mm`, `z_mm` look like m: .* hold mm"):
+        read_dataset(write(tmp_path, table="\n".join(lines)))
+
+
+def test_one_joint_in_radians_is_told(tmp_path):
+    lines = TABLE.splitlines()
+    for i in range(1, len(lines)):
+        cells = lines[i].split(",")
+        cells[5] = f"{np.radians(float(cells[5])):.7f}"
+        lines[i] = ",".join(cells)
+    with pytest.raises(BayescalError, match=r"values of `j2_deg` look like radians: .* hold deg"):
+        read_dataset(write(tmp_path, table="\n".join(lines)))

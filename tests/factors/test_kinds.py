@@ -12,8 +12,10 @@ from factors.distance import Distance
 from factors.fixed_point import FixedPoint
 from factors.instrument import Instrument
 from factors.kind import Kind, dot, tangents, tilted
+from factors.orientation import Orientation
 from factors.plane import Plane
 from factors.sphere import Sphere
+from factors.turns import inverse_left_jacobian, left_jacobian, rotation_vector, turned
 
 COUNT = 40
 RADIUS = np.where(np.arange(COUNT) % 2 == 0, 3e-3, 1.5e-3)  # two tools
@@ -66,6 +68,13 @@ def as_read(true: dict, gap: np.ndarray, rng: np.random.Generator) -> np.ndarray
     return true["frame"][:3, :3] @ (XYZ.T + gap) + true["frame"][:3, 3:]
 
 
+TURNS = turned(np.random.default_rng(8).uniform(-1.5, 1.5, (COUNT, 3)))  # (C, 3, 3), any way round
+
+
+def as_turned(true: dict, gap: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return np.moveaxis(true["frame"][:3, :3] @ TURNS @ turned(gap.T), 0, -1)
+
+
 FRAME = np.eye(4)
 FRAME[:3, :3] = np.array([unit(0.1, -1, 0.2), unit(1, 0.1, 0), np.cross(unit(0.1, -1, 0.2), unit(1, 0.1, 0))])
 FRAME[:3, :3] = np.linalg.qr(FRAME[:3, :3])[0]
@@ -73,12 +82,22 @@ FRAME[:3, :3] *= np.linalg.det(FRAME[:3, :3])
 FRAME[:3, 3] = [2.0, 0.1, 0.5]
 
 
+def shifted(p: np.ndarray, step: np.ndarray) -> np.ndarray:
+    return p + step
+
+
+def turned_by(turns: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Turns (3, 3, C) turned once more in F0, by rotation vectors (..., 3, C)."""
+    return np.moveaxis(turned(np.swapaxes(step, -1, -2)) @ np.moveaxis(turns, -1, -3), -3, -1)
+
+
 @dataclass(frozen=True)
 class Case:
     kind: Kind
-    contacts: Callable  # (what `describe` says, gap (rows, C), rng) -> (3, C)
+    contacts: Callable  # (what `describe` says, gap (rows, C), rng) -> (3, C), or turns (3, 3, C)
     rebuild: Callable  # what `describe` says -> the kind nominally there
     size: int
+    moved: Callable = shifted  # a contact by small steps (..., 3, C)
 
 
 def plane_case(normal: np.ndarray) -> Case:
@@ -95,6 +114,7 @@ _cylinder = Cylinder(
 _cone = FixedPoint(np.array([0.4, 0.0, 0.05]), np.full(3, 0.05))
 _bar = Distance(np.array([0.4, 0.0, 0.05]), LENGTHS, np.full(3, 0.05))
 _tracker = Instrument(FRAME, np.array([0.5, 0.0, 0.3]), XYZ, np.array([0.2] * 3 + [0.05] * 3))
+_turns = Orientation(FRAME, TURNS, _tracker.sd)
 
 CASES = {
     "plane": plane_case(unit(1, 0, 0)),
@@ -104,6 +124,7 @@ CASES = {
     "fixed point": Case(_cone, at_point, lambda d: replace(_cone, **d), 3),
     "distance": Case(_bar, at_length, lambda d: replace(_bar, **d), 3),
     "instrument": Case(_tracker, as_read, lambda d: replace(_tracker, frame=d["frame"]), 6),
+    "orientation": Case(_turns, as_turned, lambda d: replace(_turns, frame=d["frame"]), 6, turned_by),
 }
 
 
@@ -125,9 +146,9 @@ def touching(case: Case, x: np.ndarray, noise: float = 0.0, seed: int = 1) -> np
 
 
 def nearby(case: Case, *lead: int) -> np.ndarray:
-    """Points (..., 3, C) some millimetres off the nominal surface."""
+    """Points (..., 3, C) some millimetres off the nominal surface, or turns some milliradians off."""
     p = touching(case, np.zeros(case.size))
-    return p + 3e-3 * np.random.default_rng(2).standard_normal((*lead, 3, COUNT))
+    return case.moved(p, 3e-3 * np.random.default_rng(2).standard_normal((*lead, 3, COUNT)))
 
 
 def test_declared_parts(case):
@@ -179,8 +200,9 @@ def test_slopes(case, far):
     x, p, h = far * states(case), nearby(case), 1e-6
     _, u, dx = case.kind.linearise(x, p)
     for k in range(3):
-        step = h * np.eye(3)[k][:, None]
-        slope = (case.kind.residual(x, p + step) - case.kind.residual(x, p - step)) / (2 * h)
+        step = np.broadcast_to(h * np.eye(3)[k][:, None], (3, COUNT))
+        there, back = case.moved(p, step), case.moved(p, -step)
+        slope = (case.kind.residual(x, there) - case.kind.residual(x, back)) / (2 * h)
         np.testing.assert_allclose(u[:, k], slope, atol=2e-9)
     for k in range(case.size):
         step = h * np.eye(case.size)[k]
@@ -196,7 +218,8 @@ def test_draws(case, lead, of):
     p = nearby(case, *lead) if "points" in of else nearby(case)
     r, u, dx = case.kind.linearise(x, p)
     alone = case.kind.residual(x, p)
-    xs, ps = np.broadcast_to(x, (*lead, case.size)), np.broadcast_to(p, (*lead, 3, COUNT))
+    shape = touching(case, np.zeros(case.size)).shape
+    xs, ps = np.broadcast_to(x, (*lead, case.size)), np.broadcast_to(p, (*lead, *shape))
     for at in np.ndindex(*lead):
         one = case.kind.linearise(xs[at], ps[at])
         np.testing.assert_allclose(alone[at], one[0], atol=1e-15)
@@ -217,6 +240,15 @@ def test_whitened_residuals_are_standard_normal(case):
         assert abs(r.mean()) < 5 / np.sqrt(r.size)
     low, high = chi2.ppf([1e-4, 1 - 1e-4], count)
     assert low < total < high
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-5, 2e-4, 0.5, 3.0, np.pi - 1e-9])
+def test_rotation_vectors(angle):
+    """Logarithm and slopes undo what they are the inverse of, up to half a turn."""
+    v = angle * directions(np.random.default_rng(4)).T
+    np.testing.assert_allclose(rotation_vector(turned(v)), v, atol=1e-8 if angle > 3.1 else 1e-14)
+    both = left_jacobian(v) @ inverse_left_jacobian(v)
+    np.testing.assert_allclose(both, np.broadcast_to(np.eye(3), both.shape), atol=1e-12)
 
 
 def test_far_turns_of_an_instrument():

@@ -108,7 +108,12 @@ def test_nothing_there_is_said(quiet):
     assert record["shrinkage"] == {"planes": None, "distances": None}
     assert gap.where  # the largest place there is, for what it is worth
     assert all(w.family_p_value > 0.01 for w in gap.where)
-    assert [s.model for s in gap.ladder] == [("nominal",), ("geometry",), ("geometry", "compliance")]
+    assert [s.model for s in gap.ladder] == [
+        ("nominal",),
+        ("joint",),
+        ("geometry",),
+        ("geometry", "compliance"),
+    ]
     assert "explains these data" in printed(gap)
 
 
@@ -128,7 +133,7 @@ def test_play_is_named_and_removed(loud, tmp_path, monkeypatch, capsys):
     assert record["shrinkage"]["planes"]["removed"] > 0.8
     assert record["shrinkage"]["distances"]["removed"] > 0.8
     rungs = record["ladder"]
-    assert [r["model"][-1] for r in rungs] == ["nominal", "geometry", "compliance", "backlash"]
+    assert [r["model"][-1] for r in rungs] == ["nominal", "joint", "geometry", "compliance", "backlash"]
     assert rungs[-1]["heldout_rms_um"] < 0.6 * rungs[-2]["heldout_rms_um"]
     assert rungs[-1]["distance_rms_um"] < 0.6 * rungs[-2]["distance_rms_um"]
     assert set(record["missing"]) <= {"latency", "ball-radius"}  # at one speed nothing tells them apart
@@ -252,7 +257,7 @@ def test_a_model_that_has_the_effect_has_no_gap(few):
     sane(gap)
     assert "backlash" not in gap.verdict.probability
     assert gap.verdict.kind == "null"
-    assert len(gap.ladder) == 4
+    assert len(gap.ladder) == 5
 
 
 def test_a_model_with_a_step(few):

@@ -43,9 +43,11 @@ def robots(draw) -> Robot:
     limits = np.sort(draw(arrays(2 * n, -6, 6)).reshape(n, 2), axis=1) + np.array([-0.1, 0.1])
     rpy = draw(arrays(3, -1.5, 1.5))
     masses = draw(st.none() | arrays(n, 0, 50))
+    convention = draw(st.sampled_from(("mdh", "dh")))
+    flange = rigid(rpy_matrix(draw(arrays(3, -1.5, 1.5))), draw(arrays(3, -2, 2)))
     return Robot(
         name=draw(name),
-        convention=draw(st.sampled_from(("mdh", "dh"))),
+        convention=convention,
         joint_names=tuple(draw(st.lists(name, min_size=n, max_size=n, unique=True))),
         alpha=draw(arrays(n, -3.2, 3.2)),
         a=draw(arrays(n, -1, 1)) + 1.5,
@@ -59,6 +61,7 @@ def robots(draw) -> Robot:
         centres_of_mass=None if masses is None else draw(arrays(3 * n, -1, 1)).reshape(n, 3),
         compliance=draw(st.none() | arrays(n, 0, 1e-2)),
         reductions=draw(st.none() | arrays(n, 1, 300)),
+        flange=flange if convention == "mdh" else np.eye(4),
     )
 
 
@@ -117,14 +120,17 @@ def test_lengths_in_metres(tmp_path):
         read(tmp_path, text.replace("d_mm: 80", "d_mm: 0.08"))
 
 
-@pytest.mark.parametrize("reference", ["arm.urdf", "arm.XACRO"])
-def test_urdf_is_not_read(reference):
-    with pytest.raises(BayescalError, match=r"not read yet; give a robot\.yaml"):
-        load_robot(reference)
-
-
 def test_names():
     with pytest.raises(BayescalError, match=f"mean `{NAME}`"):
         load_robot("fanuc-lrmate-200ic")
+    with pytest.raises(BayescalError, match="mean `universal-robots-ur10`"):
+        load_robot("UR10")
     with pytest.raises(BayescalError, match="no such file"):
         load_robot("nowhere.yaml")
+
+
+def test_standard_rows_end_at_the_flange(tmp_path):
+    text = VALID.replace("links:", "flange: {xyz_mm: [0, 0, 10]}\nlinks:")
+    assert read(tmp_path, text).flange[2, 3] == pytest.approx(0.01)
+    with pytest.raises(BayescalError, match="leave `flange` out"):
+        read(tmp_path, text.replace("convention: mdh", "convention: dh"))

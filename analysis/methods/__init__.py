@@ -1,0 +1,1 @@
+"""What each method of the survey is worth on the same simulated sessions."""

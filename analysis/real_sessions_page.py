@@ -1,0 +1,130 @@
+"""The page of the real sessions: our held-out errors beside those that the sessions' READMEs quote."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+MARKS = "<!-- real-sessions: begin -->", "<!-- real-sessions: end -->"
+QUOTED = Path(__file__).with_name("real_figures.csv")
+"""What others reached, typed in, with its source."""
+LEVELS = {
+    "nominal": "nominal",
+    "base+tool": "base and tool only",
+    "geometry": "geometric",
+    "compliance": "with stiffness",
+    "form": "with stiffness and the planes' form",
+    "named": "with what gap names",
+}
+Record = dict[str, Any]
+
+
+def quoted() -> dict[tuple[str, str, str], Record]:
+    """Figures of others by session, what was held out, and our level that they stand beside."""
+    with QUOTED.open(encoding="utf-8", newline="") as file:
+        return {(r["session"], r["held_out"], r["ours"]): r for r in csv.DictReader(file)}
+
+
+def table(sessions: Sequence[Record], places: Sequence[Record]) -> str:
+    """All tables, as Markdown."""
+    return "\n".join(
+        [*_held_out(sessions), *_unseen(sessions, places), *_distances(sessions), *_said(sessions)]
+    )
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _head(*headings: str) -> list[str]:
+    return [_row(headings), _row(["---"] * len(headings))]
+
+
+def _number(value: Any) -> str:
+    return "" if value in ("", None) else f"{float(value):.3f}"
+
+
+def _held_out(sessions: Sequence[Record]) -> list[str]:
+    out = ["### Rows kept back, mm", ""]
+    out += _head(
+        "session", "model", "mean", "rms", "max", "inside 95 %", "README: model", "mean", "rms", "max"
+    )
+    others = quoted()
+    for r in sessions:
+        for kind in ("planes", "points"):
+            steps = [step for step in r["ladder"] if kind in step]
+            for k, step in enumerate(steps):
+                size, other = step[kind], others.get((r["session"], kind, step["model"]), {})
+                inside = f"{100 * size['inside95']:.0f} %" if "inside95" in size else ""
+                out.append(_row([
+                    f"{r['session']}, {size['count']} {kind}" if k == 0 else "",
+                    _level(step["model"], r),
+                    *(_number(size[f"{what}_mm"]) for what in ("mean", "rms", "max")),
+                    inside,
+                    other.get("model", ""),
+                    *(_number(other.get(f"{what}_mm")) for what in ("mean", "rms", "max")),
+                ]))  # fmt: skip
+    return [*out, ""]
+
+
+def _level(model: str, r: Record) -> str:
+    return f"{LEVELS[model]}: {', '.join(r['names'])}" if model == "named" else LEVELS[model]
+
+
+def _unseen(sessions: Sequence[Record], places: Sequence[Record]) -> list[str]:
+    out = ["### Sockets at a place that no fit has seen, mm", ""]
+    out += _head(
+        "session", "model", "mean over places", "best", "worst place", "without it",
+        "distance between sockets", "README: mean over places", "without it",
+    )  # fmt: skip
+    others = quoted()
+    for r in sessions:
+        own = [p for p in places if p["session"] == r["session"]]
+        for k in range(len(own[0]["ladder"]) if own else 0):
+            model = own[0]["ladder"][k]["model"]
+            by = {p["place"]: p["ladder"][k] for p in own}
+            means = {place: step["mean_mm"] for place, step in by.items()}
+            worst = max(means, key=lambda place: means[place])
+            rest = [value for place, value in means.items() if place != worst]
+            other = others.get((r["session"], "unseen", model), {})
+            out.append(_row([
+                f"{r['session']}, {len(own)} places" if k == 0 else "",
+                _level(model, r),
+                _number(fmean(means.values())),
+                _number(min(means.values())),
+                f"{worst} {means[worst]:.3f}",
+                _number(fmean(rest)),
+                _number(fmean(step["distance_mm"] for step in by.values())),
+                _number(other.get("mean_mm")),
+                _number(others.get((r["session"], f"unseen, without {worst}", model), {}).get("mean_mm")),
+            ]))  # fmt: skip
+    return [*out, ""]
+
+
+def _distances(sessions: Sequence[Record]) -> list[str]:
+    out = ["### Distances: predicted and measured, um rms", ""]
+    out += _head("session", "model", "between", "predicted (95 %)", "measured", "share of the prior")
+    for r in sessions:
+        for k, step in enumerate(s for s in r["ladder"] if s.get("distances")):
+            for d in step["distances"]:
+                low, high = d["predicted_interval95_um"]
+                measured = d["measured_rms_um"]
+                out.append(_row([
+                    r["session"] if k == 0 and d is step["distances"][0] else "",
+                    LEVELS[step["model"]],
+                    d["over"],
+                    f"{d['predicted_rms_um']:.0f} ({low:.0f} to {high:.0f})",
+                    "" if measured is None else f"{measured:.0f}",
+                    "" if measured is not None else f"{100 * step['prior_share']:.0f} %",
+                ]))  # fmt: skip
+    return [*out, ""]
+
+
+def _said(sessions: Sequence[Record]) -> list[str]:
+    out = ["### What `bayescal fit` says of each", ""]
+    for r in sessions:
+        out += [f"- **{r['session']}** (gap: {r['verdict']})", *(f"  - {w}" for w in r["warnings"])]
+    return out

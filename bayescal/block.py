@@ -1,0 +1,191 @@
+"""Blocks and ties: the rows of one target, and what a certificate states, as residuals of arm and targets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayescal.arm.motion import Motion, Term
+from factors import certificate
+from factors.kind import Kind
+from factors.turns import left_jacobian, turned
+
+ARM = "arm"
+
+
+@dataclass(frozen=True)
+class Block:
+    """The rows of one target: their motion and kind, ready for residuals.
+
+    `sigma` (C,) m is the stated uncertainty of a residual; `contact` (P', C) drives the residual
+    directly by the parameters `contact_index` (P',). `group` names the noise scale that it shares.
+    Residuals of `Turned` blocks are in rad, all else alike.
+    """
+
+    target: str
+    group: str
+    rows: np.ndarray
+    motion: Motion
+    kind: Kind
+    sigma: np.ndarray
+    contact_index: np.ndarray
+    contact: np.ndarray
+
+    @property
+    def name(self) -> str:
+        """By which weights are kept; the target's own, but for what else is read of it."""
+        return self.target
+
+    @cached_property
+    def free(self) -> np.ndarray:
+        """Indices of the unknown components of the target's state, (size,)."""
+        return np.flatnonzero(self.kind.sd > 0)
+
+    @cached_property
+    def sd(self) -> np.ndarray:
+        """Prior standard deviations of the unknown components, (size,), m and rad."""
+        return self.kind.sd[self.free]
+
+    @property
+    def size(self) -> int:
+        """Length of the target's part of z."""
+        return len(self.free)
+
+    @property
+    def residuals(self) -> int:
+        """Number of residuals: rows of the kind times contacts."""
+        return self.kind.rows * len(self.rows)
+
+    def state(self, z: np.ndarray) -> np.ndarray:
+        """The target's state (..., kind size), m and rad, from its part of z (..., size)."""
+        if self.size == len(self.kind.sd):
+            return z * self.sd
+        out = np.zeros((*z.shape[:-1], len(self.kind.sd)))
+        out[..., self.free] = z * self.sd
+        return out
+
+    def by_z(self, by_state: np.ndarray) -> np.ndarray:
+        """Gradients (..., size) by the target's part of z, from those by its state (..., kind size)."""
+        return (by_state if self.size == by_state.shape[-1] else by_state[..., self.free]) * self.sd
+
+    def seen(self, values: np.ndarray) -> np.ndarray:
+        """What the kind judges, at arm deviations (..., P): ball centres (..., 3, C), m."""
+        return self.motion.points(values)
+
+    def columns(self, values: np.ndarray, seen: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Derivatives (P, C) of what is seen along u (3, C), at deviations (P,)."""
+        return self.motion.columns(values, seen, u)
+
+    def residual(self, values: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Residuals (..., rows, C), m, at arm deviations (..., P) and target z (..., size)."""
+        r = self.kind.residual(self.state(z), self.seen(values))
+        if len(self.contact_index):
+            r = r + (values[..., self.contact_index] @ self.contact)[..., None, :]
+        return r
+
+    def at_contact(self, values: np.ndarray) -> np.ndarray:
+        """What the model adds to residuals at the contact itself, (..., C), m, at deviations (..., P)."""
+        return values[..., self.contact_index] @ self.contact
+
+    def touched(self, values: np.ndarray) -> Kind:
+        """The kind with balls as large as the model says that they are at each contact, at (P,)."""
+        if not len(self.contact_index) or not hasattr(self.kind, "radius"):
+            return self.kind
+        return replace(self.kind, radius=self.kind.radius - self.at_contact(values))  # type: ignore[type-var]
+
+    def linearise(self, values: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residuals (R,), m, and gradients by the arm's deviations (R, P) and the target's z (R, size)."""
+        p = self.seen(values)
+        r, u, dx = self.kind.linearise(self.state(z), p)
+        # parameter after parameter, as the kernel gives and the solver takes them
+        arm = [self.columns(values, p, u[k]) for k in range(self.kind.rows)]
+        by_arm = arm[0] if len(arm) == 1 else np.concatenate(arm, axis=1)
+        if len(self.contact_index):
+            r = r + values[self.contact_index] @ self.contact
+            by_arm[self.contact_index] += np.tile(self.contact, self.kind.rows)
+        return r.ravel(), by_arm.T, self.by_z(dx).reshape(self.residuals, self.size)
+
+    def by_readings(self, values: np.ndarray, z: np.ndarray, coupling: np.ndarray) -> np.ndarray:
+        """Gradients (R, n) of residuals by joint readings, m/rad; coupling (n, n) is link from reading."""
+        n, size = self.motion.chain.n, self.motion.size
+        joints = [(size + j, Term(j + 1, "rz")) for j in range(n)]
+        terms = [*self.motion.terms, *joints]
+        turning = replace(
+            self, motion=Motion(self.motion.chain, self.motion.q, self.motion.tool, terms, size + n)
+        )
+        at = np.append(values, np.zeros(n))
+        p = turning.seen(at)
+        _, u, _ = self.kind.linearise(self.state(z), p)
+        return np.concatenate(
+            [turning.columns(at, p, u[k])[size:].T @ coupling for k in range(self.kind.rows)]
+        )
+
+
+@dataclass(frozen=True)
+class Turned(Block):
+    """The rows in which an instrument reads the tool's orientation too; shares the state of its points.
+
+    `frame` (C, 3, 3) is how each row's tool nominally stands on the flange; `turn` (P', 3, C) turns it by
+    the parameters `turn_index` (P',), by a rotation vector in its own frame. Residuals are in rad.
+    """
+
+    frame: np.ndarray
+    turn_index: np.ndarray
+    turn: np.ndarray
+
+    @property
+    def name(self) -> str:
+        """Apart from the points of the same target."""
+        return f"{self.target} (orientation)"
+
+    def _vector(self, values: np.ndarray) -> np.ndarray:
+        """Turn of each row's tool beside its nominal frame, (..., C, 3), rad."""
+        return np.einsum("...k,kac->...ca", values[..., self.turn_index], self.turn)
+
+    def seen(self, values: np.ndarray) -> np.ndarray:
+        """Orientations of the tool's frame in F0, (..., 3, 3, C), at arm deviations (..., P)."""
+        flange = np.moveaxis(self.motion.turns(values), -1, -3)
+        return np.moveaxis(flange @ self.frame @ turned(self._vector(values)), -3, -1)
+
+    def columns(self, values: np.ndarray, seen: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Turns (P, C) of the tool about u (3, C) by each parameter, at deviations (P,)."""
+        out = self.motion.turning_columns(values, u)
+        if len(self.turn_index):
+            v = self._vector(values)
+            # exp(v + dv) = exp(v) exp(J dv) with the left Jacobian of -v: a turn in the tool's frame
+            own = np.einsum("ic,ijc->cj", u, seen)[:, None, :] @ left_jacobian(-v)
+            out[self.turn_index] += np.einsum("cj,kjc->kc", own[:, 0], self.turn)
+        return out
+
+
+@dataclass(frozen=True)
+class Tie:
+    """A certificate between fitted targets: whitened residuals of their states.
+
+    `shift` (P', rows) is by how many of its stated uncertainties `u` (rows,) a unit of each of the
+    parameters `index` (P',) shifts what it states.
+    """
+
+    kind: str
+    targets: tuple[str, ...]
+    function: certificate.Certificate
+    u: np.ndarray
+    index: np.ndarray
+    shift: np.ndarray
+
+    @property
+    def rows(self) -> int:
+        """Number of residuals."""
+        return len(self.u)
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Names of the parts of z that it joins: the arm's too where a parameter shifts it."""
+        return (ARM, *self.targets) if len(self.index) else self.targets
+
+    def linearise(self, values: np.ndarray, *states: np.ndarray) -> certificate.Residual:
+        """Residuals (..., rows) at arm deviations (..., P) and states, and gradients by each state."""
+        r, slopes = self.function(*states)
+        return (r - values[..., self.index] @ self.shift if len(self.index) else r), slopes

@@ -1,0 +1,39 @@
+"""`bayescal compare`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from bayescal.cli import app
+from bayescal.cli.progress import progress
+
+
+@app.command()
+def compare(
+    dataset: Path = typer.Argument(..., help="Dataset folder: dataset.yaml, measurements.csv and the robot."),
+    model: str = typer.Option("geometry,compliance", help="Effects that every method fits, comma separated."),
+    seed: int = typer.Option(0, help="One seed, one result."),
+    out: Path | None = typer.Option(None, help="Run folder to write [default: runs/<dataset>-compare]."),
+) -> None:
+    """Calibrate by every method of the survey, and judge all by the same held-out rows."""
+    from bayescal.dataset import read_dataset
+    from bayescal.folders import check_free
+
+    effects = tuple(name.strip() for name in model.split(",") if name.strip())
+    session = read_dataset(dataset)
+    folder = out or Path("runs") / f"{dataset.resolve().name}-compare"
+    check_free(folder, "compare.json")
+
+    from rich.console import Console
+
+    from bayescal.methods import compare as run
+    from bayescal.report.comparison import comparison_summary, write_comparison
+
+    console = Console(highlight=False)
+    with progress("compare") as told:
+        result = run(session, effects, seed, progress=told)
+        write_comparison(result, folder)
+    console.print(comparison_summary(result))
+    console.print(f"[dim]written          [/dim]{folder}/compare.json", soft_wrap=True)

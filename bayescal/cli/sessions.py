@@ -1,0 +1,22 @@
+"""The sessions that a command is given, read and joined."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from bayescal.dataset import Dataset
+
+
+def read_sessions(
+    folders: Sequence[Path], remounted: bool = False, own_noise: bool = True
+) -> tuple[Dataset, str]:
+    """The session of one folder, or those of several joined, and what to call a run of them.
+
+    `remounted` and `own_noise` as of `dataset.join.joined`.
+    """
+    from bayescal.dataset import read_dataset
+    from bayescal.dataset.join import joined
+
+    session = joined([read_dataset(folder) for folder in folders], remounted, own_noise)
+    return session, "+".join(folder.resolve().name for folder in folders)

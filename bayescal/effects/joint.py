@@ -1,0 +1,25 @@
+"""Joint level: zeros and scales of the joints alone, with every length and twist as drawn.
+
+The first of the three levels of Mooring, Roth and Driels (Fundamentals of Manipulator Calibration, 1991):
+what a reading says of its joint. It is part of `geometry` and `encoder-scale` and has their priors, so it
+stands in a model without them, and is no cause that a diagnosis could name.
+"""
+
+from __future__ import annotations
+
+from bayescal.effects.encoder_scale import ENCODER_SCALE
+from bayescal.effects.geometry import GEOMETRY
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+
+
+def _parameters(c: Circumstances) -> list[Parameter]:
+    zeros = [p for p in GEOMETRY.parameters(c) if _reads(p)]
+    return [*zeros, *ENCODER_SCALE.parameters(c)]
+
+
+def _reads(p: Parameter) -> bool:
+    """Whether a parameter of the geometry is a joint's zero, or where the base stands."""
+    return p.site.startswith("base") or (p.site.startswith("joint") and p.unit == "rad")
+
+
+JOINT = Effect("joint", "zeros and scales of the joints, lengths and twists as drawn", _parameters)

@@ -1,0 +1,16 @@
+"""Logs of controllers and instruments, in whatever units, to a dataset folder.
+
+Functions
+---------
+convert
+    A log and what is said of it to a `Draft`: a `Dataset` in memory, what was noticed, what is wrong.
+write
+    A draft to a folder, whole or not at all.
+"""
+
+from __future__ import annotations
+
+from bayescal.importing.ask import Request
+from bayescal.importing.convert import Draft, convert, write
+
+__all__ = ["Draft", "Request", "convert", "write"]

@@ -1,0 +1,126 @@
+"""What is to be imported, and what is known beside the log: robot, tools, targets, noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bayescal.dataset import Dataset, Noise, Target, Tool
+from bayescal.dataset.read import SETTINGS, no_rows, read_settings
+from bayescal.errors import BayescalError
+from bayescal.importing.log import Columns, read_log
+from bayescal.importing.loose import Loose
+from bayescal.importing.pair import PAIRS
+from bayescal.importing.rows import names, points
+from bayescal.importing.units import quantity
+from bayescal.robots import load_robot
+
+UPRIGHT = np.array([0.0, 0.0, -9.81])
+"""m/s2, in F0."""
+
+CHOICES = {"format": ("csv", "robodk"), "pair": tuple(PAIRS), "readings": ("encoder", "command")}
+"""Options that know a few words only."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be imported, in the user's words; `bayescal import --help` says what each means."""
+
+    log: Path
+    map: str = ""
+    format: str = "csv"
+    robot: str = ""
+    points: Path | None = None
+    points_map: str = ""
+    pair: str = "row"
+    template: Path | None = None
+    tool: str = ""
+    noise: str = ""
+    readings: str = "encoder"
+    name: str = ""
+
+    def check(self) -> None:
+        """Refuse what was left out and what cannot be."""
+        for option, known in CHOICES.items():
+            if getattr(self, option) not in known:
+                what = f"'{getattr(self, option)}' is not known"
+                raise BayescalError(what, f"--{option}", f"must be {' or '.join(known)}")
+        if not self.robot and self.template is None:
+            raise BayescalError("which robot?", "--robot", "give its name or its file, or a --template")
+        if self.template is not None and self.tool:
+            raise BayescalError("the template says the tools", "--tool", "leave one of the two out")
+        if self.format == "csv" and not self.map:
+            columns = ", ".join(read_log(self.log).header) or "#1, #2, ... (without names)"
+            remedy = f'say it: --map "j*=A* deg, x=X mm, ..."; its columns are {columns}'
+            raise BayescalError("what do the columns hold, in which units?", self.log.name, remedy)
+        if self.points is not None and not self.points_map:
+            remedy = 'write `--points-map mm`, or `--points-map "id=#1, x=#2 mm, y=#3 mm, z=#4 mm"`'
+            raise BayescalError("in which unit are the points?", self.points.name, remedy)
+
+
+def base_of(request: Request) -> Dataset:
+    """A session of no rows: the template's (with another robot where one is named), or a bare one."""
+    if request.template is not None:
+        path = request.template
+        base, _, _ = read_settings(path / SETTINGS if path.is_dir() else path)
+        if request.robot:
+            base = replace(base, robot=load_robot(request.robot)[0], robot_reference=request.robot)
+    else:
+        robot, _ = load_robot(request.robot)
+        rows = no_rows(robot.n)
+        name, reference = request.log.stem, request.robot
+        base = Dataset(
+            name, request.log.parent, robot, reference, request.readings, UPRIGHT, (), Noise(), (), (), rows
+        )
+    noise = base.noise
+    if request.noise:
+        noise = replace(noise, point=quantity(request.noise, "length", 1, "--noise")[0])
+    told = [f"imported from {request.log.name}", *([base.source] if base.source else [])]
+    return replace(base, name=request.name or base.name, noise=noise, source="; ".join(told))
+
+
+def furnished(
+    base: Dataset, request: Request, columns: Columns, centres: Mapping[str, np.ndarray]
+) -> tuple[Dataset, Loose]:
+    """Tools and targets for the rows: the template's; else instruments, and tools said, read or to be found.
+
+    Parameters
+    ----------
+    base : Dataset
+        A session of no rows (`base_of`).
+    request : Request
+    columns : Columns
+        The rows.
+    centres : mapping of str to np.ndarray
+        Tool points (3,), m, that the log itself holds, by the names its rows use.
+
+    Returns
+    -------
+    tuple of Dataset and Loose
+        Still of no rows; and the names of what is to be found from them.
+    """
+    if request.template is not None:
+        return base, Loose()
+    if points(columns) is None:
+        what = "no points, and no template that says what was touched"
+        raise BayescalError(what, columns.name, "map x, y, z, give --points FILE or a --template")
+    if base.noise.point is None and "u" not in columns.numbers:
+        remedy = 'say its standard uncertainty a coordinate, `--noise "0.03 mm"`, or map `u`'
+        raise BayescalError("how well does the instrument measure?", "--noise", remedy)
+    used = names(columns, "tool") or ["tool"]
+    if request.tool:
+        if len(used) > 1:
+            what = f"one tool point, but the rows use {', '.join(used)}"
+            raise BayescalError(what, "--tool", "leave it out to have them found, or give a --template")
+        centres = {used[0]: np.array(quantity(request.tool, "length", 3, "--tool"))}
+    targets = names(columns, "target") or ["tracker"]
+    place: dict[str, np.ndarray | float] = {"xyz": np.zeros(3), "rpy": np.zeros(3)}
+    base = replace(
+        base,
+        tools=tuple(Tool(name, centres.get(name, np.zeros(3))) for name in used),
+        targets=tuple(Target(name, "instrument", place) for name in targets),
+    )
+    return base, Loose(tuple(targets), tuple(name for name in used if name not in centres))

@@ -1,0 +1,130 @@
+"""From a log, its map and what is known beside it to a dataset, in memory and on disk."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bayescal.dataset import Dataset, read_dataset, write_dataset
+from bayescal.dataset.read import SETTINGS, TABLE
+from bayescal.dataset.wrong_units import suspicion
+from bayescal.errors import BayescalError
+from bayescal.importing import formats
+from bayescal.importing.ask import Request, base_of, furnished
+from bayescal.importing.log import Columns, columns_of, read_log
+from bayescal.importing.mapping import Map, read_map
+from bayescal.importing.pair import PAIRS
+from bayescal.importing.rows import measurements, readings
+from bayescal.importing.units import is_unit
+from bayescal.importing.words import accusation, found_words
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A dataset before it is written: what was noticed, what is wrong (or ""), and whence its rows come."""
+
+    dataset: Dataset
+    notes: tuple[str, ...]
+    wrong: str
+    log: str
+    line: np.ndarray  # (N,) int, of each row in the log
+
+
+def convert(request: Request) -> Draft:
+    """Read a log into a dataset.
+
+    Parameters
+    ----------
+    request : Request
+        Files, what their columns hold, and the robot, or a template with tools and targets.
+
+    Returns
+    -------
+    Draft
+        Its `wrong` says in one line which numbers are plainly in another unit than was said.
+
+    Raises
+    ------
+    BayescalError
+        For a file or a map that cannot be read, or where something needed was not said.
+    """
+    request.check()
+    base = base_of(request)
+    columns, centres, notes = _columns(request, base.robot.n)
+    joints = readings(columns, base.robot.n)
+    base, loose = furnished(base, request, columns, centres)
+    rows = measurements(columns, joints, base.tools, base.targets)
+    dataset = replace(base, measurements=rows)
+    loose.check(dataset)
+    dataset = loose.settled(dataset)
+    found = suspicion(dataset, loose.settled)
+    wrong = "" if found is None else accusation(found, columns)
+    return Draft(dataset, (*notes, *found_words(dataset, loose)), wrong, columns.name, columns.line)
+
+
+def write(draft: Draft, folder: Path, force: bool = False) -> None:
+    """Write a draft as a dataset folder that reads back, whole or not at all.
+
+    Parameters
+    ----------
+    draft : Draft
+    folder : Path
+        A new or an empty one.
+    force : bool
+        Write also what is plainly in a wrong unit, or cannot have been measured.
+
+    Raises
+    ------
+    BayescalError
+        With the line of the log, for the first thing that breaks the contract or cannot be.
+    """
+    if draft.wrong and not force:
+        raise BayescalError(draft.wrong, draft.log, "correct the map, or write it as it is with --force")
+    with tempfile.TemporaryDirectory() as scratch:
+        trial = Path(scratch) / "trial"
+        write_dataset(draft.dataset, trial)
+        try:
+            read_dataset(trial, judge=not force)
+        except BayescalError as error:
+            raise BayescalError(error.what, _whence(draft, error.where), error.remedy) from None
+    write_dataset(draft.dataset, folder)
+
+
+def _whence(draft: Draft, where: str) -> str:
+    """The log's line for one of the measurements.csv that would be."""
+    file, _, line = where.rpartition(":")
+    if file == TABLE and 2 <= int(line) < len(draft.line) + 2:
+        return f"{draft.log}:{draft.line[int(line) - 2]}"
+    return f"{draft.log} as a dataset" if file in (SETTINGS, TABLE) else where
+
+
+def _columns(request: Request, n: int) -> tuple[Columns, dict[str, np.ndarray], tuple[str, ...]]:
+    """All rows by quantity, tool points that the log itself holds, and what was left out, in words."""
+    centres: dict[str, np.ndarray] = {}
+    notes: list[str] = []
+    if request.map:
+        columns = _mapped(request.log, read_map(request.map, n))
+    else:
+        log = read_log(request.log)
+        columns, centres = formats.robodk(log, n)
+        if left := len(log.rows) - columns.count:
+            notes.append(f"{left} row{'s' * (left > 1)} of {log.name} left out: not measured (0, 0, 0)")
+    if request.points is not None:
+        said = request.points_map.strip()
+        if is_unit(said):
+            log = read_log(request.points)
+            points = columns_of(log, formats.points_map(log, said))
+        else:
+            points = _mapped(request.points, read_map(said, n))
+        columns, left_out = PAIRS[request.pair](columns, points)
+        notes += [f"left out: {left_out}"] if left_out else []
+    return columns, centres, tuple(notes)
+
+
+def _mapped(path: Path, map_: Map) -> Columns:
+    """A file by its map; it has a header where any column is called by its name."""
+    numbered = all(column.number or column.constant for column in map_.values())
+    return columns_of(read_log(path, None if numbered else True), map_)

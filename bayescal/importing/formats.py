@@ -1,0 +1,86 @@
+"""Files whose columns are known without a map: RoboDK's calibration tables, and names with x, y, z.
+
+What is relied on is written down, with its source, in ``docs/importing.md``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayescal.errors import BayescalError
+from bayescal.importing.log import Columns, Log, columns_of
+from bayescal.importing.mapping import Column, Map
+from bayescal.importing.units import UNITS, is_number, unit_of
+
+UNSEEN = 1e-6
+"""m: RoboDK writes zeros for a point that was not measured; its own scripts ask for more than 1 um."""
+
+SAME_TOOL = 1e-6
+"""m: tool points this close are one."""
+
+
+def robodk(log: Log, n: int) -> tuple[Columns, dict[str, np.ndarray]]:
+    """Rows of a RoboDK table of an arm with `n` joints, and its tool points by name.
+
+    Degrees and millimetres: the joints; where measured, x, y, z (and three angles, which are not
+    taken); the tool point (and three angles). A row measured at 0, 0, 0 is left out.
+
+    Returns
+    -------
+    tuple of Columns and dict
+        Quantities j1 ... jn, x, y, z if measured, tool; tool points (3,) m in the flange frame.
+    """
+    layouts = {n + 3: (None, n), n + 6: (n, n + 3), n + 12: (n, n + 6)}
+    width = len(log.rows[0])
+    if width not in layouts:
+        what = f"{width} columns are no RoboDK table of {n} joints"
+        known = ", ".join(map(str, layouts))
+        raise BayescalError(what, log.name, f"it has {known} columns (joints, measured, tool); or give --map")
+    measured, tool = layouts[width]
+    map_ = {f"j{i + 1}": Column(f"#{i + 1}", UNITS["deg"]) for i in range(n)} | _xyz("tool_", tool)
+    if measured is not None:
+        map_ |= _xyz("", measured)
+    columns = columns_of(log, map_)
+    if measured is not None:
+        xyz = np.column_stack([columns.numbers[k] for k in "xyz"])
+        columns = columns.take(np.abs(xyz).sum(axis=1) >= UNSEEN)
+        if not columns.count:
+            raise BayescalError("no row was measured: all points are 0, 0, 0", log.name, "export it again")
+    centres = np.column_stack([columns.numbers.pop(f"tool_{k}") for k in "xyz"])
+    names, tools = _tools(centres)
+    return replace(columns, texts={"tool": names}), tools
+
+
+def _xyz(prefix: str, before: int) -> dict[str, Column]:
+    return {f"{prefix}{k}": Column(f"#{before + i + 1}", UNITS["mm"]) for i, k in enumerate("xyz")}
+
+
+def _tools(centres: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Names (N,) of tool points (N, 3), and the points: tcp1, tcp2, ... as they first come."""
+    tools: dict[str, np.ndarray] = {}
+    names = []
+    for centre in centres:
+        same = [name for name, c in tools.items() if np.linalg.norm(c - centre) < SAME_TOOL]
+        names.append(same[0] if same else f"tcp{len(tools) + 1}")
+        tools.setdefault(names[-1], centre)
+    return np.array(names), tools
+
+
+def points_map(log: Log, unit: str) -> Map:
+    """The map of a file whose rows are ``x y z``, or names and then ``x y z``.
+
+    Names of several parts (collection, group, target) are told by their last. A file in which the
+    numbers are not told from names, or from what follows z, is refused.
+    """
+    width = len(log.rows[0])
+    texts = [i for i in range(width) if not all(is_number(row[i]) for row in log.rows)]
+    start = width - 3
+    if start < 0 or any(i >= start for i in texts) or (start > 1 and start - 1 not in texts):
+        what = f"cannot tell which of the {width} columns are x, y, z"
+        remedy = "say it in --points-map: `id=#1, x=#2 mm, y=#3 mm, z=#4 mm`"
+        raise BayescalError(what, log.name, remedy)
+    length = unit_of(unit, "length", "--points-map")
+    map_ = {k: Column(f"#{start + i + 1}", length) for i, k in enumerate("xyz")}
+    return map_ | ({"id": Column(f"#{start}")} if start else {})

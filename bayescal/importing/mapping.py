@@ -1,0 +1,124 @@
+"""What a log's columns hold: ``j1 = A1 deg``, as text or as a YAML file, one entry a quantity."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from bayescal.errors import BayescalError
+from bayescal.files import read_document, unknown
+from bayescal.importing.units import Unit, is_unit, listed, unit_of
+
+DIMENSIONS = {
+    **dict.fromkeys(("x", "y", "z", "length", "u"), "length"),
+    **dict.fromkeys(("rx", "ry", "rz"), "angle"),
+    "time": "time",
+    "temperature": "temperature",
+    "payload": "mass",
+}
+"""What each quantity measures."""
+
+JOINT = {"": "angle", "_velocity": "rate", "_command": "angle", "_torque": "torque"}
+"""Of a joint: ``j1``, ``j1_velocity`` and so on."""
+
+TEXTS = ("id", "role", "target", "tool", "stop", "repeat")
+"""Quantities that are no numbers."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a quantity stands: a column by its name or its number (``#3``), or one text for all rows."""
+
+    name: str
+    unit: Unit | None = None
+    constant: bool = False
+
+    @property
+    def number(self) -> int | None:
+        """Place of the column, from 1, where it is called by that."""
+        return int(self.name[1:]) if re.fullmatch(r"#[1-9]\d*", self.name) and not self.constant else None
+
+
+Map = Mapping[str, Column]
+
+
+def read_map(text: str, n: int) -> Map:
+    """Read what the columns hold.
+
+    Parameters
+    ----------
+    text : str
+        ``j1=A1 deg, x=X mm, id=Point, target='cube.+x'``, or the path of a YAML file with such entries
+        (``j1: A1 deg``). ``j*=A* deg`` stands for all joints. A text in quotes holds for all rows.
+    n : int
+        Number of joints.
+
+    Raises
+    ------
+    BayescalError
+        For an unknown quantity, one given twice, or a number without a unit.
+    """
+    entries = _of_file(Path(text)) if text.lower().endswith((".yaml", ".yml")) else _of_text(text)
+    out: dict[str, Column] = {}
+    for key, value, where in entries:
+        for joint in range(1, n + 1) if key.startswith("j*") else (0,):
+            name, said = (t.replace("*", str(joint)) if joint else t for t in (key, value))
+            if name in out:
+                raise BayescalError(f"`{name}` is given twice", where, "keep one")
+            out[name] = _column(name, said, where, n)
+    return out
+
+
+def _of_file(path: Path) -> list[tuple[str, str, str]]:
+    document = read_document(path)
+    out = []
+    for key, value in document.data.items():
+        where = document.where((key,))
+        if not isinstance(value, str):
+            raise BayescalError(f"`{key}` is not a column and its unit", where, f"write `{key}: NAME unit`")
+        out.append((key, value, where))
+    return out
+
+
+def _of_text(text: str) -> list[tuple[str, str, str]]:
+    out = []
+    for part in filter(None, map(str.strip, next(csv.reader([text], quotechar="'"), []))):
+        key, equals, value = (p.strip() for p in part.partition("="))
+        if not equals or not value:
+            raise BayescalError(f"'{part}' is no entry of a map", "--map", "write `j1=A1 deg, x=X mm, ...`")
+        out.append((key, value, "--map"))
+    return out
+
+
+def _column(key: str, said: str, where: str, n: int) -> Column:
+    """One entry; texts have no unit, numbers must have one."""
+    if key in TEXTS:
+        quoted = re.fullmatch(r"""(['"])(.+)\1""", said)
+        return Column(quoted[2], constant=True) if quoted else Column(said)
+    dimension = dimension_of(key, n, where)
+    name, _, unit = said.rpartition(" ")
+    if not name or not (is_unit(unit) or re.fullmatch(r"[a-zA-Z/°µ]{1,7}", unit)):
+        what = f"column `{said}` of `{key}` has no unit"
+        example = listed(dimension).split(", ")[0]
+        raise BayescalError(what, where, f"write `{key}={said} {example}`, or one of {listed(dimension)}")
+    return Column(name.strip(), unit_of(unit, dimension, where))
+
+
+def dimension_of(key: str, n: int, where: str) -> str:
+    """What the quantity `key` measures; unknown ones and joints beyond the n-th are refused."""
+    joint = re.fullmatch(r"j(\d+)(\w*)", key)
+    if joint and joint[2] in JOINT:
+        if not 1 <= int(joint[1]) <= n:
+            raise BayescalError(f"`{key}`, but the robot has {n} joints", where, "check --robot")
+        return JOINT[joint[2]]
+    if key not in DIMENSIONS:
+        joints = [f"j{i + 1}{tail}" for tail in JOINT for i in range(n)]
+        raise BayescalError(*_swap(unknown("quantity", key, [*joints[:n], *DIMENSIONS, *TEXTS]), where))
+    return DIMENSIONS[key]
+
+
+def _swap(told: tuple[str, str], where: str) -> tuple[str, str, str]:
+    return told[0], where, told[1]

@@ -1,0 +1,125 @@
+"""All methods on one session: same rows to calibrate with, same held-out rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from bayescal.dataset import Dataset
+from bayescal.errors import BayescalError
+from bayescal.methods.inverse import INVERSE
+from bayescal.methods.judge import judged, predicted
+from bayescal.methods.linear import LINEAR
+from bayescal.methods.method import AS_DRAWN, Method, Solution
+from bayescal.methods.normals import NORMALS
+from bayescal.methods.open_loop import OPEN_LOOP
+from bayescal.methods.ours import OURS
+from bayescal.methods.planes import PLANES
+from bayescal.model import build, check_asked
+from bayescal.scene import Scene
+from bayescal.validate import Validation
+
+METHODS = (AS_DRAWN, NORMALS, PLANES, LINEAR, INVERSE, OPEN_LOOP, OURS)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a method made of the session: its solution and what held-out rows say of it, SI."""
+
+    solution: Solution
+    seconds: float  # of the solution alone, not of its judgement
+    held_out: Validation
+    predicted: Validation | None  # of a method that says how sure it is
+
+    @property
+    def planes(self) -> np.ndarray:
+        """Residuals of held-out contacts, (C,), m."""
+        return np.concatenate([np.zeros(0), *(p.residuals for p in self.held_out.planes)])
+
+    @property
+    def distances(self) -> np.ndarray:
+        """Errors of certified distances, (K,), m."""
+        return np.array([d.error for d in self.held_out.distances])
+
+    @property
+    def points(self) -> np.ndarray:
+        """Lengths of the residuals of held-out points, (C,), m."""
+        each = (np.linalg.norm(p.residuals, axis=0) for p in self.held_out.points)
+        return np.concatenate([np.zeros(0), *each])
+
+    @property
+    def distance_sd(self) -> float:
+        """Predicted standard deviation of a distance, rms over all, m; nan where nothing is predicted."""
+        if self.predicted is None or not self.predicted.distances:
+            return float("nan")
+        return float(np.sqrt(np.mean([np.var(d.predicted) for d in self.predicted.distances])))
+
+
+@dataclass(frozen=True)
+class Row:
+    """A method and its result, or why there is none."""
+
+    method: Method
+    result: Result | None
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All methods on one session."""
+
+    dataset: Dataset
+    effects: tuple[str, ...]
+    seed: int
+    rows: tuple[Row, ...]
+
+
+def compare(
+    dataset: Dataset,
+    effects: tuple[str, ...] = ("geometry", "compliance"),
+    seed: int = 0,
+    methods: Sequence[Method] = METHODS,
+    progress: Callable[[str, float], None] = lambda stage, fraction: None,
+) -> Comparison:
+    """Calibrate a session by every method that it allows.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    effects : tuple of str
+        The model of all methods: names of `effects.EFFECTS`.
+    seed : int
+        Of the draws behind a prediction.
+    methods : sequence of Method
+    progress : callable
+        Told the method and the fraction done.
+
+    Raises
+    ------
+    BayescalError
+        Where the session allows no model at all.
+    """
+    check_asked(effects, 1.0)
+    scene = Scene(dataset)
+    model = build(scene, effects)
+    judged(AS_DRAWN.solve(scene, effects))  # compiles what is compiled: no method pays for it
+    rows = []
+    for k, method in enumerate(methods):
+        progress(method.name, k / len(methods))
+        why = method.missing(model)
+        rows.append(Row(method, None, why) if why else _row(method, dataset, effects, seed))
+    progress("done", 1.0)
+    return Comparison(dataset, effects, seed, tuple(rows))
+
+
+def _row(method: Method, dataset: Dataset, effects: tuple[str, ...], seed: int) -> Row:
+    start = perf_counter()
+    try:
+        solution = method.solve(Scene(dataset), effects)
+    except BayescalError as error:
+        return Row(method, None, error.what)
+    seconds = perf_counter() - start
+    return Row(method, Result(solution, seconds, judged(solution), predicted(solution, seed)))

@@ -1,0 +1,50 @@
+"""One judge for all methods: the same held-out rows, targets found by the same rule.
+
+A method answers for the arm alone. Every target that has rows to calibrate with is found from those, with
+the method's arm held; then held-out planes, spheres and points are judged as `validate` judges a fit's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayescal.estimate import Estimate, linearise, unit_weights
+from bayescal.methods.method import Solution
+from bayescal.model import ARM, Model, with_parameters
+from bayescal.posterior import gaussian
+from bayescal.unexplained import unexplained
+from bayescal.validate import Validation, find, validate
+from bayescal.validate.find import robust_rows
+
+DRAWS = 2000
+
+
+def located(model: Model, values: np.ndarray) -> np.ndarray:
+    """The z of a model with its arm at deviations (P,), SI, and each target where its rows then say it is."""
+    z = np.zeros(model.size)
+    z[model.slices[ARM]] = (values - model.shift) / model.sd
+    for block in model.states:
+        kind, p = block.touched(values), block.motion.points(values)
+        sigma = np.tile(block.sigma, (block.kind.rows, 1))
+        keep = robust_rows(kind, p, sigma)
+        z[model.slices[block.target]] = find(kind, p[None], keep / sigma).x[0, block.free] / block.sd
+    return z
+
+
+def judged(solution: Solution) -> Validation:
+    """What held-out rows say of a method's arm; predictions in it are void."""
+    model = with_parameters(solution.model.scene, solution.model.effects, solution.model.parameters)
+    z = located(model, solution.values)
+    weights = unit_weights(model, z)
+    unsaid = np.full((model.size, model.size), np.nan)
+    at = Estimate(model, z, unsaid, weights, linearise(model, z, weights), 0, np.array([], int), {})
+    return validate(at, z[None], np.ones(1))
+
+
+def predicted(solution: Solution, seed: int) -> Validation | None:
+    """What a method that says how sure it is expects of held-out rows; None of the others."""
+    found = solution.estimate
+    if found is None:
+        return None
+    draws = gaussian(found, seed, DRAWS)
+    return validate(found, draws.flat, draws.kappa, unexplained(found).excess, seed)

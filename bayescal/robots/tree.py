@@ -1,0 +1,205 @@
+"""A URDF as a tree of joints and bodies, and which of its chains is the arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.errors import BayescalError
+
+TURNING = ("revolute", "continuous")
+KEPT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "robot": (("name", "version"), ("link", "joint")),
+    "link": (("name",), ("inertial",)),
+    "inertial": ((), ("origin", "mass")),
+    "mass": (("value",), ()),
+    "joint": (("name", "type"), ("origin", "parent", "child", "axis", "limit", "mimic")),
+    "origin": (("xyz", "rpy"), ()),
+    "parent": (("link",), ()),
+    "child": (("link",), ()),
+    "axis": (("xyz",), ()),
+    "limit": (("lower", "upper", "effort", "velocity"), ()),
+    "mimic": (("joint", "multiplier", "offset"), ()),
+}
+"""Attributes and children of each tag that matter here; pictures, collisions and controllers do not."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint: its frame in the parent link's, its axis in its own, limits (rad) where it states any."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    place: np.ndarray  # (4, 4), m
+    axis: np.ndarray  # (3,), a unit vector
+    limits: tuple[float, float] | None
+    mimic: bool
+
+
+@dataclass(frozen=True)
+class Body:
+    """Mass of a link, kg, and its centre in the link's frame (3,), m."""
+
+    mass: float
+    centre: np.ndarray
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Links (`bodies`) by name, and the `joint` above each but the root."""
+
+    name: str
+    file: str
+    root: str
+    bodies: dict[str, Body]
+    joints: dict[str, Joint]
+
+    def above(self, link: str) -> list[Joint]:
+        """Joints from the root down to a link."""
+        out = []
+        while link != self.root:
+            out.append(self.joints[link])
+            link = out[-1].parent
+        return out[::-1]
+
+
+def read_tree(root: ElementTree.Element, file: str) -> Tree:
+    """Joints and bodies of a URDF's root element, checked to be one tree of finite numbers.
+
+    Raises
+    ------
+    BayescalError
+        With the file and the item, of the first thing wrong.
+    """
+    from urdf_parser_py.urdf import URDF
+    from urdf_parser_py.xml_reflection.core import ParseError
+
+    if root.tag != "robot":
+        raise BayescalError(f"begins with <{root.tag}>, not with <robot>", file, "give a URDF")
+    text = ElementTree.tostring(_pruned(root, file))
+    try:
+        parsed = URDF.from_xml_string(text)
+    except (ParseError, ValueError, AssertionError, TypeError) as error:
+        raise BayescalError(f"not a URDF: {error}", file, "check it with `check_urdf`") from None
+    bodies = {link.name: _body(link, file) for link in parsed.links}
+    joints = {joint.child: _joint(joint, file) for joint in parsed.joints}
+    _check_names([link.name for link in parsed.links], "links", file)
+    _check_names([joint.name for joint in parsed.joints], "joints", file)
+    _check_names([joint.child for joint in parsed.joints], "joints above a link", file)
+    for joint in joints.values():
+        for link in (joint.parent, joint.child):
+            if link not in bodies:
+                raise BayescalError(
+                    f"joint {joint.name} names a link {link} that is not there", file, "add it"
+                )
+    roots = [link for link in bodies if link not in joints]
+    if len(roots) != 1:
+        told = f"links with no joint above: {', '.join(roots)}" if roots else "the joints form a ring"
+        raise BayescalError(told, file, "a URDF is one tree from one root")
+    tree = Tree(parsed.name, file, roots[0], bodies, joints)
+    _check_reached(tree)
+    return tree
+
+
+def tip_of(tree: Tree, asked: str) -> str:
+    """The link that carries the tool: as asked for, or at the end of the longest chain.
+
+    Longest is the chain with most joints that move, then with most links.
+
+    Raises
+    ------
+    BayescalError
+        If there is no such link, or chains of one length end at several.
+    """
+    tips = sorted(set(tree.bodies) - {joint.parent for joint in tree.joints.values()})
+    if asked:
+        if asked not in tree.bodies:
+            raise BayescalError(f"no link is called {asked}", tree.file, f"chains end at: {', '.join(tips)}")
+        return asked
+    length = {tip: _length(tree.above(tip)) for tip in tips}
+    best = [tip for tip in tips if length[tip] == max(length.values())]
+    if len(best) > 1:
+        remedy = f"write `robot: {tree.file}#{best[0]}`, or another link, to say where the tool is mounted"
+        raise BayescalError(
+            f"several chains are the longest; they end at {', '.join(best)}", tree.file, remedy
+        )
+    return best[0]
+
+
+def _length(chain: list[Joint]) -> tuple[int, int]:
+    return sum(joint.kind != "fixed" for joint in chain), len(chain)
+
+
+def _pruned(element: ElementTree.Element, file: str) -> ElementTree.Element:
+    """What matters of an element and all below; refuses what a link or joint states twice."""
+    attributes, children = KEPT[element.tag]
+    out = ElementTree.Element(element.tag, {k: v for k, v in element.attrib.items() if k in attributes})
+    out.extend([_pruned(child, file) for child in element if child.tag in children])
+    for child in out if element.tag != "robot" else ():
+        if len(out.findall(child.tag)) > 1:
+            told = f"{element.tag} {element.get('name', '')} has several <{child.tag}>"
+            raise BayescalError(told, file, "keep one")
+    return out
+
+
+def _numbers(values: Any, what: str, file: str) -> np.ndarray:
+    out = np.array(values, float)
+    if not np.all(np.isfinite(out)):
+        raise BayescalError(f"{what} is not finite", file, "write plain numbers")
+    return out
+
+
+def _frame(origin: Any, what: str, file: str) -> np.ndarray:
+    if origin is None:
+        return np.eye(4)
+    xyz, rpy = (_numbers(v, f"the origin of {what}", file) for v in (origin.xyz, origin.rpy))
+    return rigid(rpy_matrix(rpy), xyz)
+
+
+def _body(link: Any, file: str) -> Body:
+    if link.inertial is None:
+        return Body(0.0, np.zeros(3))
+    mass = float(_numbers(link.inertial.mass, f"the mass of {link.name}", file))
+    if mass < 0.0:
+        raise BayescalError(f"the mass of {link.name} is {mass:g} kg", file, "must be at least 0")
+    return Body(mass, _frame(link.inertial.origin, link.name, file)[:3, 3])
+
+
+def _joint(joint: Any, file: str) -> Joint:
+    axis = _numbers(joint.axis or (1.0, 0.0, 0.0), f"the axis of {joint.name}", file)
+    size = float(np.linalg.norm(axis))
+    if size == 0.0:
+        raise BayescalError(f"the axis of {joint.name} is zero", file, "write its direction")
+    limits = None
+    if joint.limit is not None:
+        limits = (float(joint.limit.lower), float(joint.limit.upper))
+        _numbers(limits, f"a limit of {joint.name}", file)
+    place = _frame(joint.origin, joint.name, file)
+    return Joint(
+        joint.name, joint.type, joint.parent, joint.child, place, axis / size, limits, joint.mimic is not None
+    )
+
+
+def _check_names(names: list[str], what: str, file: str) -> None:
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise BayescalError(f"several {what} are called {sorted(twice)[0]}", file, "rename or remove one")
+
+
+def _check_reached(tree: Tree) -> None:
+    """Refuse links that hang in a ring, away from the root."""
+    reached, front = {tree.root}, [tree.root]
+    while front:
+        link = front.pop()
+        below = [joint.child for joint in tree.joints.values() if joint.parent == link]
+        reached |= set(below)
+        front += below
+    apart = sorted(set(tree.bodies) - reached)
+    if apart:
+        raise BayescalError(f"the joints around {apart[0]} form a ring", tree.file, "a URDF is one tree")

@@ -1,0 +1,187 @@
+"""A URDF chain as modified DH rows, exactly.
+
+With all joints at zero, F0 is what stands before the first joint, Fi between joints i and i + 1, Fn from the
+last joint to the tip, each a constant transform. A joint turns about a unit vector, of which R is a rotation
+that takes z there, by R Rz(q) R'. So the chain is
+
+    F0 R1 Rz(q1) R1' F1 R2 Rz(q2) ... Rz(qn) Rn' Fn  =  K0 Rz(q1) K1 Rz(q2) ... Rz(qn) Kn,
+
+with Ki = Ri' Fi R(i+1) constant. Any rigid transform is Rz(t) Tz(u) [Rx(alpha) Tx(a) Ry(beta)] Rz(t') Tz(u')
+(`arm.rows.split`). The bracket of Ki is row i + 1; t and u add to the offset and d of joint i, t' and u' to
+those of joint i + 1, with whose turn and slide they commute. K0 is the base. Of Kn the slide along the last
+axis is its d, and what is left is the flange. Where K0 or Kn is no more than a turn and a slide, base or
+flange is the identity. Signs stay those of the URDF: a row's z is the joint's axis.
+
+A point c of the URDF's link i, the child of joint i, is at (Rz(t) Tz(u))^-1 Ri' c of the row's link frame.
+Masses of all that hangs on a link by fixed joints, or by joints beside the chain (at zero), are its own.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from bayescal.arm.robot import Robot
+from bayescal.arm.rows import split
+from bayescal.arm.transforms import rigid, rotation
+from bayescal.errors import BayescalError
+from bayescal.robots.markup import read_markup
+from bayescal.robots.tree import TURNING, Joint, Tree, read_tree, tip_of
+
+EXACT = 1e-13
+"""m and rad: what is taken for rounding where a base or flange is looked at."""
+
+REACH = (0.02, 50.0)
+"""m: a chain whose lengths add up to less or more was not written in metres."""
+
+WIDEST = 30.0
+"""rad: no joint turns that far; limits beyond were written in degrees."""
+
+
+def robot_from_urdf(path: Path, tip: str = "") -> tuple[Robot, bytes]:
+    """Read the arm of a URDF or xacro file.
+
+    Parameters
+    ----------
+    path : Path
+        Suffix ``.xacro``: expanded first, with its arguments' defaults.
+    tip : str
+        The link that tools are given in; the end of the longest chain where left out. F0 is the root link.
+
+    Returns
+    -------
+    tuple of Robot and bytes
+        The robot, in modified DH; the URDF's text, expanded (to hash).
+
+    Raises
+    ------
+    BayescalError
+        For a file that is not a URDF of this disk, a chain with joints that slide, float or follow others,
+        several longest chains, no limits, or lengths and angles that cannot be m and rad.
+    """
+    root, content = read_markup(path)
+    tree = read_tree(root, path.name)
+    return _robot(tree, tip_of(tree, tip)), content
+
+
+def _robot(tree: Tree, tip: str) -> Robot:
+    chain = tree.above(tip)
+    for joint in chain:
+        _check_kind(joint, tree.file)
+    moving = [joint for joint in chain if joint.kind in TURNING]
+    if not moving:
+        raise BayescalError(f"no joint turns between {tree.root} and {tip}", tree.file, "choose another tip")
+    n = len(moving)
+    between = _between(chain)
+    alpha, a, beta, offset, d = np.zeros((5, n))
+    behind = np.tile(np.eye(4), (n, 1, 1))  # from a joint's turn to its row's link frame
+    for k in range(1, n):
+        (alpha[k], a[k], beta[k]), (turn, slide), (next_turn, next_slide) = split(between[k])
+        behind[k - 1] = _screw(turn, slide)
+        offset[k - 1 : k + 1] += turn, next_turn
+        d[k - 1 : k + 1] += slide, next_slide
+    base, turn, slide = _end(between[0])
+    offset[0], d[0] = offset[0] + turn, d[0] + slide
+    flange, turn, slide = _end(between[n])
+    if not np.array_equal(flange, np.eye(4)):  # the slide along the last axis is still a length of the arm's
+        slide = float(between[n][2, 3])
+        flange = _screw(0.0, -slide) @ between[n]
+    offset[n - 1], d[n - 1] = offset[n - 1] + turn, d[n - 1] + slide
+    behind[n - 1] = _screw(turn, slide)
+    _check_lengths(np.abs(np.concatenate([a, d])).sum(), tree.file)
+    masses, centres = _lumped(tree, moving, behind)
+    return Robot(
+        name=tree.name,
+        convention="mdh",
+        joint_names=tuple(joint.name for joint in moving),
+        alpha=alpha,
+        a=a,
+        d=d,
+        offset=np.arctan2(np.sin(offset), np.cos(offset)),
+        beta=beta,
+        limits=np.array([_limits(joint, tree.file) for joint in moving]),
+        link_from_reading=np.eye(n),
+        base=base,
+        masses=masses if np.any(masses) else None,
+        centres_of_mass=centres if np.any(masses) else None,
+        flange=flange,
+    )
+
+
+def _between(chain: list[Joint]) -> list[np.ndarray]:
+    """K0 to Kn: constant transforms between the turns of a chain's joints."""
+    out = [np.eye(4)]
+    for joint in chain:
+        out[-1] = out[-1] @ joint.place
+        if joint.kind in TURNING:
+            onto = rigid(_onto(joint.axis))
+            out[-1] = out[-1] @ onto
+            out.append(onto.T)
+    return out
+
+
+def _onto(axis: np.ndarray) -> np.ndarray:
+    """The smallest rotation (3, 3) that takes z to a unit vector; opposite to z, half a turn about x."""
+    if axis[2] < 0.0:  # turn half over first: near -z the smallest turn is ill determined
+        return _onto(-axis) @ np.diag([1.0, -1.0, -1.0])
+    x, y, z = axis
+    cross = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
+    return np.eye(3) + cross + cross @ cross / (1.0 + z)
+
+
+def _screw(turn: float, slide: float) -> np.ndarray:
+    return rigid(rotation(2, turn), np.array([0.0, 0.0, slide]))
+
+
+def _end(m: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """A transform at a chain's end as a frame and a turn and slide: all in these two where that is all."""
+    turn, slide = float(np.arctan2(m[1, 0], m[0, 0])), float(m[2, 3])
+    if np.abs(m - _screw(turn, slide)).max() < EXACT:
+        return np.eye(4), turn, slide
+    return m, 0.0, 0.0
+
+
+def _lumped(tree: Tree, moving: list[Joint], behind: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Masses (n,), kg, and their centres (n, 3), m, in the rows' link frames."""
+    number = {joint.name: i for i, joint in enumerate(moving)}
+    masses, moments = np.zeros(len(moving)), np.zeros((len(moving), 3))
+    for link, body in tree.bodies.items():
+        chain = tree.above(link)
+        carriers = [k for k, joint in enumerate(chain) if joint.name in number]
+        if not carriers:
+            continue  # it stands with the base
+        place, last = np.eye(4), carriers[-1]
+        for joint in chain[last + 1 :]:
+            place = place @ joint.place
+        i = number[chain[last].name]
+        own = np.linalg.inv(behind[i]) @ rigid(_onto(chain[last].axis).T) @ place
+        masses[i] += body.mass
+        moments[i] += body.mass * (own[:3, :3] @ body.centre + own[:3, 3])
+    return masses, np.divide(
+        moments, masses[:, None], out=np.zeros_like(moments), where=masses[:, None] > 0.0
+    )
+
+
+def _check_kind(joint: Joint, file: str) -> None:
+    what = "follows another joint" if joint.mimic else f"is {joint.kind}"
+    if joint.mimic or joint.kind not in (*TURNING, "fixed"):
+        remedy = (
+            f"only joints that turn are known: choose a tip before it, as in `robot: {file}#{joint.parent}`"
+        )
+        raise BayescalError(f"joint {joint.name} {what}", file, remedy)
+
+
+def _limits(joint: Joint, file: str) -> tuple[float, float]:
+    if joint.kind == "continuous":
+        return -2.0 * np.pi, 2.0 * np.pi
+    if joint.limits is None or not joint.limits[0] < joint.limits[1]:
+        raise BayescalError(f"joint {joint.name} has no limits in order", file, "state lower and upper, rad")
+    if max(map(abs, joint.limits)) > WIDEST:
+        raise BayescalError(f"the limits of joint {joint.name} are too wide", file, "write them in rad")
+    return joint.limits
+
+
+def _check_lengths(reach: float, file: str) -> None:
+    if not REACH[0] <= reach <= REACH[1]:
+        raise BayescalError(f"the arm's lengths add up to {reach:g} m", file, "a URDF is in metres")

@@ -1,0 +1,96 @@
+"""Levels of calibration: joints alone, all of the geometry, stiffness; and what each buys."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayescal.arm.chain import chain_of, link_angles, points
+from bayescal.errors import BayescalError
+from bayescal.estimate import calibrated
+from bayescal.export.robot import calibrated_robot
+from bayescal.fit import fit
+from bayescal.gap.diagnose import diagnose
+from bayescal.model import ARM, check_asked
+from bayescal.scene import Scene
+
+FULL = ("geometry", "compliance")
+ZEROS = np.array([0.0, 2e-3, -1.5e-3, 1e-3, -2.5e-3, 0.0])
+SCALES = np.array([1e-4, -8e-5, 1.2e-4, 6e-5, -1e-4, 5e-5])
+
+
+@pytest.fixture(scope="module")
+def split(cube):
+    """Contacts of a wrong arm, a quarter of them kept back."""
+    dataset = cube(seed=11, count=160).dataset
+    role = np.where(np.arange(160) % 4 == 0, "validate", "calibrate")
+    return replace(dataset, measurements=replace(dataset.measurements, role=role))
+
+
+@pytest.fixture(scope="module")
+def misread(cube):
+    """An arm as drawn whose joints read wrong: zeros and scales, and the ball where it is."""
+    dataset = cube(seed=12, count=240, spread=0.0).dataset
+    rows, coupling = dataset.measurements, dataset.robot.link_from_reading
+    links = rows.readings @ coupling.T - ZEROS
+    readings = links @ np.linalg.inv(coupling).T / (1.0 + SCALES)
+    return replace(dataset, measurements=replace(rows, readings=readings))
+
+
+def test_the_ladder_shows_every_level(split):
+    """Nominal, joints, geometry, stiffness: held-out contacts get better with each."""
+    result = fit(split, FULL, samples=0)
+    assert [r.effects for r in result.ladder] == [("nominal",), ("joint",), ("geometry",), FULL]
+    rms = [
+        np.sqrt(np.mean(np.concatenate([p.residuals for p in r.validation.planes]) ** 2))
+        for r in result.ladder
+    ]
+    assert rms[0] > 1.5 * rms[1] > 3 * rms[2] > 3 * rms[3]
+    assert rms[3] < 10e-6
+
+
+def test_a_model_without_geometry_has_no_rung_of_joints(split):
+    """The rung stands only before the whole of which it is a part."""
+    assert [r.effects for r in fit(split, ("joint",), samples=0).ladder] == [("nominal",), ("joint",)]
+
+
+def test_zeros_and_scales_are_found(misread):
+    """Where nothing else is wrong, the first level finds it, and the robot file carries it."""
+    found = calibrated(Scene(misread), ("joint", "compliance"))
+    model = found.model
+    names = dict(zip(model.names, zip(model.physical(found.z), found.sd, strict=True), strict=True))
+    sd = {p.name: p.sd for p in model.parameters}
+    assert not {n for n in sd if n[0] in "ad" and n[1:].isdigit()}, "no length, no twist"
+    for i in range(2, 6):
+        value, z_sd = names[f"theta{i}"]
+        expected = model.scene.dataset.robot.offset[i - 1] + ZEROS[i - 1]
+        assert abs(value - expected) < 4 * z_sd * sd[f"theta{i}"]
+    for i, true in enumerate(SCALES, start=1):
+        value, z_sd = names[f"encoder-scale J{i}"]
+        assert abs(value - true) < 4 * z_sd * sd[f"encoder-scale J{i}"]
+    assert found.sd[model.names.index("encoder-scale J2")] < 0.7
+    stiff = replace(calibrated_robot(found), compliance=None)
+    values = model.deviations(found.z[model.slices[ARM]]).copy()
+    values[[p.effect in ("compliance", "tool") for p in model.parameters]] = 0.0
+    rows = np.arange(len(misread.measurements.ids))
+    q = link_angles(stiff, misread.measurements.readings)
+    p = points(chain_of(stiff), q, model.scene.tools)
+    np.testing.assert_allclose(p, model.motion(rows).points(values).T, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "effects", [("joint", "geometry"), ("geometry", "joint"), ("encoder-scale", "joint")]
+)
+def test_a_part_beside_its_whole_is_refused(effects):
+    """In one line that says what to leave out."""
+    with pytest.raises(BayescalError, match="joint is part of") as caught:
+        check_asked(effects, 1.0)
+    assert caught.value.remedy == "leave joint out"
+
+
+def test_gap_takes_the_first_level(split):
+    """What joints alone leave of a wrong arm is its geometry; the level itself is no cause to name."""
+    found = diagnose(split, ("joint", "compliance"))
+    assert found.baseline == ("joint", "compliance")
+    assert "joint" not in found.verdict.probability
+    assert [n.effect for n in found.verdict.named][:1] == ["geometry"]

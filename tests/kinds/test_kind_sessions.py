@@ -1,0 +1,228 @@
+"""Every kind and several at once: fit, validate and gap run on them and keep what they promise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kind_sessions import TURN, bar, cone, of_pieces, pin, sphere, tracker
+from scipy.stats import chi2
+
+from bayescal.arm.transforms import rpy_of
+from bayescal.dataset import Certificate, read_dataset, write_dataset
+from bayescal.effects.tool import LOOSE_ANGLE
+from bayescal.errors import BayescalError
+from bayescal.estimate import calibrated
+from bayescal.fit import fit
+from bayescal.gap.diagnose import diagnose
+from bayescal.latent import with_latent_readings
+from bayescal.orientations import USUAL
+from bayescal.posterior import Density, gaussian
+from bayescal.report.gap_words import warnings
+from bayescal.scene import Scene
+from bayescal.validate import inside95
+from factors.turns import rotation_vector
+
+FULL = ("geometry", "compliance")
+OFF = np.array([4e-3, -2e-3, 3e-3, 2e-3, -1e-3, 3e-3])
+NORTH = tracker("tracker", [2.0, 0.3, 0.5], [5, -3, 170], OFF, count=90, held=24)
+SOUTH = tracker("other", [-0.5, 1.8, 0.2], [0, 2, -60], -OFF, tools=(1, 2), count=60, held=16)
+BALLS = (
+    sphere("ball.A", [0.40, -0.15, 0.25], [1e-3, 0, -1e-3], count=24),
+    sphere("ball.B", [0.50, 0.15, 0.20], [0, 1e-3, 2e-3], count=24),
+)
+
+
+def apart(a, b) -> Certificate:
+    """The true distance between two centres, as a paper states it."""
+    length = float(np.linalg.norm(a.true.centre - b.true.centre))
+    return Certificate("distance", (a.target.name, b.target.name), length, 1e-6)
+
+
+def whitened(session, found) -> dict[str, float]:
+    """Errors of the arm's parameters and the tools' centres, in posterior standard deviations."""
+    known = dict(session.arm.values)
+    for name, (centre, _) in session.tools.items():
+        known |= {f"{name} {axis}": centre[k] for k, axis in enumerate("xyz")}
+    values, sd = found.model.physical(found.z), found.sd
+    out = {}
+    for k, p in enumerate(found.model.parameters):
+        if p.name in known:
+            out[p.name] = (values[k] - known[p.name]) / (sd[k] * p.sd)
+    return out
+
+
+def check_truth(session, found) -> None:
+    """The truth lies where the posterior says, parameter by parameter and all together."""
+    off = whitened(session, found)
+    assert len(off) > 20
+    assert max(map(abs, off.values())) < 4.5, off
+    values = found.model.physical(found.z)[: len(found.model.parameters)]
+    known = np.array([p.name in off for p in found.model.parameters])
+    error = np.array([off[p.name] for p in found.model.parameters if p.name in off])
+    index = np.flatnonzero(known)
+    sd = found.sd[index]
+    correlation = found.covariance[np.ix_(index, index)] / np.outer(sd, sd)
+    assert len(values) >= len(error)
+    assert chi2.sf(float(error @ np.linalg.solve(correlation, error)), len(error)) > 1e-4
+
+
+def check_held_out(result, share=0.87) -> None:
+    """Held-out rows of every kind lie in their predicted intervals as often as those say."""
+    v = result.final.validation
+    checks = [*v.planes, *v.points, *v.turns]
+    assert checks
+    for check in checks:
+        inside = inside95(check.residuals, check.predicted)
+        assert inside.mean() > share, check.target
+
+
+@pytest.fixture(scope="module")
+def several(cube):
+    """Three reflectors on one tracker, two of which another sees too."""
+    return of_pieces(cube(seed=5), (NORTH, SOUTH), planes=False)
+
+
+@pytest.fixture(scope="module")
+def posed(cube):
+    """Full poses of two six-degree probes, beside points of a plain reflector."""
+    probes = replace(NORTH, tools=(1, 2), poses=True)
+    plain = tracker("plain", [1.0, -1.9, 0.4], [0, 0, 80], -OFF, tools=(3,), count=30)
+    return of_pieces(cube(seed=6), (probes, plain), planes=False, seed=1)
+
+
+@pytest.fixture(scope="module")
+def mixed(cube):
+    """Faces of a cube, two balls and a tracker."""
+    return of_pieces(cube(seed=7), (*BALLS, NORTH), (apart(*BALLS),), seed=2)
+
+
+@pytest.fixture(scope="module")
+def every(cube):
+    """A target of every kind, with certificates across kinds."""
+    pieces = (
+        *BALLS,
+        cone("cone", [0.42, 0.05, 0.20], [1e-3, 1e-3, 0], count=12),
+        bar("bar", [0.45, 0.1, -0.05], [0, -1e-3, 1e-3], count=30),
+        pin("pin", [0.5, -0.05, 0.25], [0.0, 0.0, 1.0], [1e-3, -1e-3, 0], count=24),
+        replace(NORTH, count=60, held=12, poses=True),
+    )
+    papers = (
+        apart(*BALLS),
+        apart(BALLS[0], pieces[2]),
+        apart(pieces[2], pieces[3]),
+        apart(BALLS[1], pieces[3]),
+    )
+    return of_pieces(cube(seed=8), pieces, papers, seed=3)
+
+
+@pytest.mark.parametrize("name", ["several", "posed", "mixed", "every"])
+def test_fit_and_validate(name, request):
+    session = request.getfixturevalue(name)
+    result = fit(session.dataset, FULL, samples=0)
+    check_truth(session, result.final.estimate)
+    check_held_out(result)
+    assert all(0.7 < s < 1.4 for g, s in result.final.estimate.weights.scale.items() if g != "orientation")
+
+
+def test_orientations_are_told_from_points(posed):
+    """Their noise is a group of its own, found from an assumed one; they sharpen what points leave open."""
+    scene = Scene(posed.dataset, oriented=True)
+    with_turns, without = (calibrated(s, FULL) for s in (scene, Scene(posed.dataset)))
+    scale = with_turns.weights.scale
+    assert scale["orientation"] * USUAL == pytest.approx(TURN, rel=0.12)
+    assert without.weights.scale.keys() == {"point"}
+    index = [k for k, p in enumerate(with_turns.model.parameters) if p.effect in FULL]
+    known = dict(zip(without.model.names, without.sd, strict=True))
+    ratio = np.array([with_turns.sd[k] / known[with_turns.model.names[k]] for k in index])
+    assert ratio.max() < 1.05
+    assert ratio.min() < 0.8
+
+
+def test_how_a_probe_stands_is_found(posed):
+    """Its orientation on the flange, three parameters a tool, lies where the posterior says."""
+    scene = Scene(posed.dataset, oriented=True)
+    found = calibrated(scene, FULL)
+    model = found.model
+    tools = {p.name.split()[0] for p in model.parameters if p.name.endswith((" rx", " ry", " rz"))}
+    assert tools == {"north", "east"}
+    values, sd = model.physical(found.z), found.sd
+    for name in tools:
+        row = next(
+            k for k, t in enumerate(scene.dataset.measurements.tool) if scene.dataset.tools[t].name == name
+        )
+        at = [model.names.index(f"{name} {axis}") for axis in ("rx", "ry", "rz")]
+        stands = scene.tool_frames[row]
+        true = rotation_vector(stands.T @ posed.tools[name][1])
+        spread = sd[at] * LOOSE_ANGLE
+        assert np.all(np.abs(values[at] - true) < 4.5 * spread), (values[at], true)
+        assert spread.max() < 3e-3
+
+
+def test_a_stated_orientation(posed):
+    """A tool that says how it stands is believed as far as its u_rad, and noise as stated."""
+    tools = tuple(
+        replace(t, rpy=None if t.name == "ball" else rpy_of(posed.tools[t.name][1]), u_angle=1e-3)
+        for t in posed.dataset.tools
+    )
+    dataset = replace(posed.dataset, tools=tools, noise=replace(posed.dataset.noise, orientation=TURN))
+    found = calibrated(Scene(dataset, oriented=True), FULL)
+    check_truth(posed, found)
+    assert found.weights.scale["orientation"] == pytest.approx(1.0, abs=0.12)
+    assert {p.sd for p in found.model.parameters if p.name.endswith((" rx", " ry", " rz"))} == {1e-3}
+
+
+def test_one_wrong_orientation_is_an_outlier(posed):
+    """A row turned the wrong way leaves the fit, and moves nothing."""
+    rows = posed.dataset.measurements
+    first = int(np.flatnonzero(~np.isnan(rows.rpy[:, 0]) & (rows.role == "calibrate"))[0])
+    turned = rows.rpy.copy()
+    turned[first, 2] += 0.05
+    found = calibrated(
+        Scene(replace(posed.dataset, measurements=replace(rows, rpy=turned)), oriented=True), FULL
+    )
+    assert list(found.rejected) == [first]
+    check_truth(posed, found)
+
+
+def test_latent_readings_and_draws_of_poses(posed):
+    """A pose has one error of its readings, whatever is read of it; draws spread as the linear covariance."""
+    dataset = replace(posed.dataset, noise=replace(posed.dataset.noise, joint=5e-6))
+    found = calibrated(Scene(dataset, oriented=True), FULL)
+    latent = with_latent_readings(found)
+    assert np.max(np.abs(latent.z - found.z) / found.sd) < 0.2
+    np.testing.assert_allclose(latent.sd, found.sd, rtol=0.03)
+    drawn = gaussian(found, 0, 4000).flat
+    np.testing.assert_allclose(drawn.std(axis=0), found.sd, rtol=0.1)
+    density = Density(found)
+    contacts, rest = density.misfit(found.z[None])
+    whole = density.kappa**2 * np.sum(found.linear.residual**2)
+    assert contacts[0] == pytest.approx(whole, rel=1e-9)
+    assert rest[0] == pytest.approx(found.z @ found.z)
+
+
+@pytest.mark.parametrize("name", ["several", "posed", "every"])
+def test_gap_takes_every_kind(name, request):
+    """No false name on an arm that errs by nothing but geometry and compliance."""
+    session = request.getfixturevalue(name)
+    found = diagnose(session.dataset)
+    assert found.verdict.kind == "null", found.verdict
+    assert found.magnitude.heldout_rms < 25e-6
+    turns = any("orientation" in warning for warning in warnings(found))
+    assert turns == (session.dataset.measurements.rpy is not None)
+
+
+def test_poses_come_back_from_disk(posed, tmp_path):
+    """What a row reads of an orientation is what it was written as."""
+    write_dataset(posed.dataset, tmp_path / "poses")
+    again = read_dataset(tmp_path / "poses")
+    np.testing.assert_allclose(again.measurements.rpy, posed.dataset.measurements.rpy, atol=2e-9)
+
+
+@pytest.mark.parametrize("factor", [np.pi / 180, 180 / np.pi])
+def test_orientations_in_radians_are_refused(posed, tmp_path, factor):
+    """Turns from row to row are as large as the arm's, whatever the frames."""
+    rows = posed.dataset.measurements
+    wrong = replace(posed.dataset, measurements=replace(rows, rpy=rows.rpy * factor))
+    write_dataset(wrong, tmp_path / "poses")
+    with pytest.raises(BayescalError, match="orientation"):
+        read_dataset(tmp_path / "poses")

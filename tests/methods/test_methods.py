@@ -1,0 +1,224 @@
+"""Every method finds the true arm without noise, says what it lacks, and is judged like the others."""
+
+import io
+import json
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from analysis.methods import session
+from bayescal.dataset import Dataset
+from bayescal.methods import METHODS, Comparison, compare
+from bayescal.methods.inverse import in_joints, joint_change
+from bayescal.methods.judge import judged, predicted
+from bayescal.methods.normals import in_normals, triplets
+from bayescal.methods.ours import OURS
+from bayescal.methods.planes import PLANES, bound, is_plane
+from bayescal.methods.solving import told
+from bayescal.methods.system import System, contacts, part
+from bayescal.model import build
+from bayescal.report.comparison import COLUMNS, comparison_record, comparison_summary, write_comparison
+from bayescal.scene import Scene
+from bayescal.simulate import Options
+
+EFFECTS = ("geometry", "compliance")
+LAYOUT = Options(seed=2, contacts=160, later=12, repeats=0, placements=2, sphere_contacts=8)
+TOUCHING = ("normals", "known planes", "linear steps", "inverse", "bayescal")
+READ = ("inverse", "open loop", "bayescal")
+UM = 1e6
+
+
+@cache
+def touched() -> Dataset:
+    """Probed without noise."""
+    return session.touched(LAYOUT, 2)
+
+
+@cache
+def read_by_tracker() -> Dataset:
+    """Points read without noise."""
+    return session.tracked(LAYOUT)
+
+
+@cache
+def posed() -> Dataset:
+    """Points and orientations read without noise."""
+    return session.tracked(LAYOUT, poses=True)
+
+
+@cache
+def compared(which: str) -> Comparison:
+    made = {"touched": touched, "tracked": read_by_tracker, "posed": posed}
+    return compare(made[which](), EFFECTS)
+
+
+def results(comparison: Comparison):
+    return {row.method.name: row.result for row in comparison.rows if row.result is not None}
+
+
+@pytest.mark.parametrize("name", TOUCHING)
+def test_without_noise_distances_are_true(name):
+    found = results(compared("touched"))
+    assert UM * np.max(np.abs(found["as drawn"].distances)) > 300  # there is something to find
+    assert UM * np.max(np.abs(found[name].distances)) < 1
+    assert UM * np.max(np.abs(found[name].planes)) < 1
+
+
+@pytest.mark.parametrize("name", READ)
+@pytest.mark.parametrize("which", ["tracked", "posed"])
+def test_without_noise_points_are_true(name, which):
+    found = results(compared(which))
+    assert UM * np.mean(found["as drawn"].points) > 300
+    assert UM * np.max(found[name].points) < 1
+
+
+def test_what_a_session_lacks_is_said():
+    why = {
+        row.method.name: row.why for row in (*compared("touched").rows, *compared("tracked").rows) if row.why
+    }
+    assert set(why) == {"open loop", "normals", "known planes", "linear steps"}
+    assert "instrument" in why["open loop"]
+    assert "no plane" in why["normals"]
+    assert "no planes" in why["known planes"]
+    assert "nothing is touched" in why["linear steps"]
+
+
+def test_without_a_certified_length_the_peers_refuse():
+    """They would shrink the arm; ours has its tolerances."""
+    bare = replace(touched(), certificates=tuple(c for c in touched().certificates if c.kind == "distance"))
+    why = {row.method.name: row.why for row in compare(bare, EFFECTS).rows if row.result is None}
+    assert set(why) == {"normals", "known planes", "linear steps", "inverse", "open loop"}
+    assert "shrink" in why["linear steps"]
+    assert "do not tell lengths" in why["normals"]
+    assert "not stated" in why["known planes"]
+
+
+def test_stated_planes_need_no_certificate():
+    stated = tuple(replace(t, u=1e-5, u_angle=1e-5) if t.kind == "plane" else t for t in touched().targets)
+    bare = replace(touched(), certificates=(), targets=stated)
+    model = build(Scene(bare), EFFECTS)
+    assert next(m for m in METHODS if m.name == "known planes").missing(model) == ""
+
+
+def test_known_planes_believe_what_is_stated():
+    """A cube of another shape than stated spoils distances for those who hold it, as far as it is wrong."""
+    wrong = session.touched(LAYOUT, 2, shape_error=50e-6)
+    found = results(compare(wrong, EFFECTS, methods=(PLANES,)))
+    assert UM * np.max(np.abs(found["known planes"].distances)) > 10
+
+
+@pytest.mark.parametrize("rows", ["contacts", "normals", "joints"])
+def test_slopes_are_those_of_the_residuals(rows):
+    model = part(build(Scene(touched()), EFFECTS), is_plane)
+    made = {"contacts": lambda m: contacts, "normals": in_normals, "joints": in_joints}[rows](model)
+    system = System(model, made)
+    rng = np.random.default_rng(0)
+    x = np.concatenate([0.3 * model.sd, np.full(model.size - system.arm, 1e-3)]) * rng.normal(size=model.size)
+    _, jacobian = system(x)
+    for _ in range(5):
+        way = np.concatenate([model.sd, np.full(model.size - system.arm, 1e-3)]) * rng.normal(size=model.size)
+        step = 1e-4 * way
+        slope = (system(x + step)[0] - system(x - step)[0]) / 2
+        assert np.linalg.norm(jacobian @ step - slope) < 1e-6 * np.linalg.norm(slope)
+
+
+def test_joint_changes_are_the_least_that_close_a_row():
+    scene = Scene(read_by_tracker())
+    model = build(scene, EFFECTS)
+    block = model.blocks[0]
+    coupling = scene.dataset.robot.link_from_reading
+    factor = joint_change(block, coupling)
+    gradients = block.by_readings(np.zeros(len(model.parameters)), np.zeros(block.size), coupling)
+    own = gradients.reshape(3, len(block.rows), -1).swapaxes(0, 1)
+    size = np.linalg.svd(own, compute_uv=False)
+    regular = size[:, -1] > 0.05 * size[:, 0]
+    assert regular.sum() > 20
+    r = np.random.default_rng(1).normal(size=(len(own), 3))
+    least = np.einsum("cij,cj->ci", np.linalg.pinv(own), r)
+    assert np.einsum("cij,cj->ci", own, least)[regular] == pytest.approx(r[regular])
+    short = np.linalg.norm(np.einsum("cij,cj->ci", factor, r), axis=1)
+    assert short[regular] == pytest.approx(np.linalg.norm(least, axis=1)[regular])
+
+
+def test_redundant_parameters_are_held():
+    """Axes 2 and 3 are parallel: d2 and d3 move the ball alike, and one of them is left as drawn."""
+    model = build(Scene(touched()), EFFECTS)
+    system = System(model)
+    known = told(system, np.zeros(system.size))
+    held = {p.name for k, p in enumerate(model.parameters) if k not in known.kept}
+    assert len(held & {"d2", "d3"}) == 1
+    assert len(held) == 1
+    assert 1 < known.condition < 100
+
+
+def test_triplets_are_wide_and_use_every_contact():
+    place = np.random.default_rng(3).uniform(-0.1, 0.1, (30, 2))
+    dealt = triplets(place)
+    assert set(dealt.ravel()) == set(range(30))
+    assert all(len(set(t)) == 3 for t in dealt.tolist())
+    first, second = (place[dealt[:, k]] - place[dealt[:, 0]] for k in (1, 2))
+    area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+    shuffled = np.random.default_rng(4).permutation(30).reshape(-1, 3)
+    first, second = (place[shuffled[:, k]] - place[shuffled[:, 0]] for k in (1, 2))
+    assert np.median(area) > 1.2 * np.median(np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]))
+
+
+def test_names_are_bound_by_a_chain_of_pairs():
+    assert bound([("b", "c"), ("a", "b")], {"a", "b", "c"})
+    assert not bound([("a", "b")], {"a", "b", "c"})
+
+
+def distance_errors(dataset: Dataset, names: tuple[str, ...] = TOUCHING) -> dict[str, float]:
+    """Rms of all distance errors by method, um."""
+    out = {}
+    for method in METHODS:
+        if method.name in names:
+            errors = [d.error for d in judged(method.solve(Scene(dataset), EFFECTS)).distances]
+            out[method.name] = UM * float(np.sqrt(np.mean(np.square(errors))))
+    return out
+
+
+def test_with_noise_ours_is_not_worse_on_average():
+    found = [distance_errors(session.touched(LAYOUT, arm, noise=5e-6)) for arm in range(10, 14)]
+    rms = {name: np.sqrt(np.mean([f[name] ** 2 for f in found])) for name in TOUCHING}
+    assert all(rms["bayescal"] < 1.1 * value for value in rms.values()), rms
+
+
+def test_outliers_spoil_the_peers_not_ours():
+    found = distance_errors(session.touched(LAYOUT, 20, noise=5e-6, outliers=0.04))
+    assert all(found["bayescal"] < 0.7 * value for name, value in found.items() if name != "bayescal"), found
+
+
+def test_the_judge_agrees_with_a_fits_own_validation():
+    solution = OURS.solve(Scene(session.touched(LAYOUT, 36, noise=5e-6)), EFFECTS)
+    own, common = predicted(solution, 0), judged(solution)
+    assert own is not None
+    for mine, theirs in zip(own.distances, common.distances, strict=True):
+        assert UM * mine.error == pytest.approx(UM * theirs.error, abs=0.5)
+    for mine, theirs in zip(own.planes, common.planes, strict=True):
+        assert np.sqrt(np.mean((mine.residuals - theirs.residuals) ** 2)) < 2e-6
+
+
+def test_report_says_all(tmp_path):
+    comparison = compared("touched")
+    write_comparison(comparison, tmp_path / "run")
+    record = json.loads((tmp_path / "run" / "compare.json").read_text())
+    assert record == json.loads(json.dumps(comparison_record(comparison)))
+    assert [m["name"] for m in record["methods"]] == [m.name for m in METHODS]
+    ours = record["methods"][-1]
+    assert set(COLUMNS) <= set(ours["heldout"])
+    assert ours["heldout"]["predicted_distance_sd_um"] > 0
+    assert len(ours["distances"]) == ours["heldout"]["distances"]
+    assert next(m for m in record["methods"] if m["name"] == "open loop")["why"]
+    console = Console(width=140, record=True, file=io.StringIO())
+    console.print(comparison_summary(comparison))
+    text = console.export_text()
+    assert all(m.name in text for m in METHODS)
+    assert "no row to calibrate with is read by an instrument" in text

@@ -1,0 +1,295 @@
+"""Every built-in robot against a second source, typed in here: a DH table, or a URDF's joint origins.
+
+Poses of the flange at random readings, in formulas of their own; nothing is read from the built-in files.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayescal.arm.chain import chain_of, frames, link_angles
+from bayescal.arm.robot import Robot
+from bayescal.arm.statics import gravity_moments
+from bayescal.robots import builtin_robots, load_robot
+
+# alpha (deg), a, d (mm), offset (deg) of standard rows Rz Tz Tx Rx, and how far the source may be off (mm)
+STANDARD = {
+    # Fu, Gonzalez and Lee, Robotics (1987), table of the PUMA 560: its shoulder is 1 mm narrower
+    "unimation-puma560": (
+        [
+            (-90, 0, 0, 0),
+            (0, 431.8, 149.09, 0),
+            (90, -20.32, 0, 0),
+            (-90, 0, 433.07, 0),
+            (90, 0, 0, 0),
+            (0, 0, 56.25, 0),
+        ],
+        1.1,
+    ),
+    # SerialLink table 'STAUBLI TX90' in published MATLAB code
+    "staubli-tx90": (
+        [
+            (-90, 50, 478, 0),
+            (0, 425, 50, -90),
+            (90, 0, 0, 90),
+            (-90, 0, 425, 0),
+            (90, 0, 0, 0),
+            (0, 0, 100, 0),
+        ],
+        1e-9,
+    ),
+    # table 'IRB120 DH1 parameters' in published MATLAB code of a course on mechatronic systems
+    "abb-irb120": (
+        [
+            (-90, 0, 290, 0),
+            (0, 270, 0, -90),
+            (-90, 70, 0, 0),
+            (90, 0, 302, 0),
+            (-90, 0, 0, 0),
+            (0, 0, 72, 180),
+        ],
+        1e-9,
+    ),
+    # ros-industrial/universal_robot, ur_kinematics/src/ur_kin.cpp
+    "universal-robots-ur5": (
+        [
+            (90, 0, 89.159, 0),
+            (0, -425, 0, 0),
+            (0, -392.25, 0, 0),
+            (90, 0, 109.15, 0),
+            (-90, 0, 94.65, 0),
+            (0, 0, 82.3, 0),
+        ],
+        1e-9,
+    ),
+    # UR5e_PARAMS in a copy of ur_kin.cpp for the e-Series
+    "universal-robots-ur5e": (
+        [
+            (90, 0, 162.5, 0),
+            (0, -425, 0, 0),
+            (0, -392.2, 0, 0),
+            (90, 0, 133.3, 0),
+            (-90, 0, 99.7, 0),
+            (0, 0, 99.6, 0),
+        ],
+        1e-9,
+    ),
+    # robotics-toolbox-python, models/DH/UR10.py
+    "universal-robots-ur10": (
+        [
+            (90, 0, 127.3, 0),
+            (0, -612, 0, 0),
+            (0, -572.3, 0, 0),
+            (90, 0, 163.941, 0),
+            (-90, 0, 115.7, 0),
+            (0, 0, 92.2, 0),
+        ],
+        1e-9,
+    ),
+    # clopema_kinematics, ROBOT_DH_NOTATION of the MA1400
+    "yaskawa-ma1400": (
+        [
+            (-90, 150, 450, 0),
+            (180, 614, 0, 270),
+            (-90, 200, 0, 0),
+            (90, 0, -640, 0),
+            (90, 30, 0, 270),
+            (0, 0, 200, 0),
+        ],
+        1e-9,
+    ),
+}
+
+# origin xyz (mm), rpy (deg) and axis of each joint, then the flange's; where F0 stands in the root (mm)
+ORIGINS = {
+    # ros-industrial/fanuc, lrmate200id_macro.xacro; F0 is its link `base`
+    "fanuc-lrmate200id": (
+        [
+            ((0, 0, 330), (0, 0, 0), (0, 0, 1)),
+            ((50, 0, 0), (0, 0, 0), (0, 1, 0)),
+            ((0, 0, 330), (0, 0, 0), (0, -1, 0)),
+            ((0, 0, 35), (0, 0, 0), (-1, 0, 0)),
+            ((335, 0, 0), (0, 0, 0), (0, -1, 0)),
+            ((80, 0, 0), (0, 0, 0), (-1, 0, 0)),
+            ((0, 0, 0), (180, -90, 0), None),
+        ],
+        (0, 0, 330),
+    ),
+    # frankaemika/franka_description, robots/fer/kinematics.yaml
+    "franka-panda": (
+        [
+            ((0, 0, 333), (0, 0, 0), (0, 0, 1)),
+            ((0, 0, 0), (-90, 0, 0), (0, 0, 1)),
+            ((0, -316, 0), (90, 0, 0), (0, 0, 1)),
+            ((82.5, 0, 0), (90, 0, 0), (0, 0, 1)),
+            ((-82.5, 384, 0), (-90, 0, 0), (0, 0, 1)),
+            ((0, 0, 0), (90, 0, 0), (0, 0, 1)),
+            ((88, 0, 0), (90, 0, 0), (0, 0, 1)),
+            ((0, 0, 107), (0, 0, 0), None),
+        ],
+        (0, 0, 0),
+    ),
+    # IFL-CAMP/iiwa_stack, iiwa7.xacro
+    "kuka-iiwa7": (
+        [
+            ((0, 0, 150), (0, 0, 0), (0, 0, 1)),
+            ((0, 0, 190), (90, 0, 180), (0, 0, 1)),
+            ((0, 210, 0), (90, 0, 180), (0, 0, 1)),
+            ((0, 0, 190), (90, 0, 0), (0, 0, 1)),
+            ((0, 210, 0), (-90, 180, 0), (0, 0, 1)),
+            ((0, 60.7, 190), (90, 0, 0), (0, 0, 1)),
+            ((0, 81, 60.7), (-90, 180, 0), (0, 0, 1)),
+            ((0, 0, 45), (180, 180, 180), None),
+        ],
+        (0, 0, 0),
+    ),
+    # Vanderbilt meca500_ros2, meca500.xacro; the flange as ROS-Industrial's tool0
+    "mecademic-meca500": (
+        [
+            ((12.498, 0, 91), (0, 0, 0), (0, 0, 1)),
+            ((0, 0, 44), (0, 0, 0), (0, 1, 0)),
+            ((0, 0, 135), (0, 0, 0), (0, 1, 0)),
+            ((0, 0, 38), (0, 0, 0), (1, 0, 0)),
+            ((120, 0, 0), (0, 0, 0), (0, 1, 0)),
+            ((70, 0, 0), (0, 0, 0), (1, 0, 0)),
+            ((0, 0, 0), (0, 90, 0), None),
+        ],
+        (12.498, 0, 0),
+    ),
+}
+OWN_TEST = {"fanuc-lrmate200ic"}  # in tests/arm/test_pinocchio.py
+
+
+def about(axis, angle: float, xyz=(0.0, 0.0, 0.0)) -> np.ndarray:
+    """A turn about a unit axis by Rodrigues' formula, and a place (mm)."""
+    x, y, z = axis
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]], float)
+    out = np.eye(4)
+    out[:3, :3] += np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+    out[:3, 3] = np.array(xyz) * 1e-3
+    return out
+
+
+def by_rows(rows, q) -> np.ndarray:
+    pose = np.eye(4)
+    for (alpha, a, d, offset), angle in zip(rows, q, strict=True):
+        turn = about((0, 0, 1), angle + np.radians(offset), (0, 0, d))
+        pose = pose @ turn @ about((1, 0, 0), np.radians(alpha), (a, 0, 0))
+    return pose
+
+
+def by_origins(origins, q) -> np.ndarray:
+    pose = np.eye(4)
+    for (xyz, rpy, axis), angle in zip(origins, [*q, None], strict=True):
+        roll, pitch, yaw = np.radians(rpy)
+        pose = pose @ about((0, 0, 1), yaw, xyz) @ about((0, 1, 0), pitch) @ about((1, 0, 0), roll)
+        if axis is not None:
+            pose = pose @ about(axis, angle)
+    return pose
+
+
+def flange(robot: Robot, readings: np.ndarray) -> np.ndarray:
+    return frames(chain_of(robot), link_angles(robot, readings[None]))[0, -1]
+
+
+def test_each_has_a_second_source():
+    assert set(builtin_robots()) == {*STANDARD, *ORIGINS} | OWN_TEST
+    page = (Path(__file__).parents[2] / "docs/robots.md").read_text(encoding="utf-8")
+    assert all(f"| `{name}` |" in page for name in builtin_robots())
+
+
+@pytest.mark.parametrize("name", STANDARD)
+def test_rows(name):
+    robot, _ = load_robot(name)
+    rows, within = STANDARD[name]
+    for q in np.random.default_rng(1).uniform(-3, 3, (50, robot.n)):
+        ours, theirs = flange(robot, q), by_rows(rows, q)
+        np.testing.assert_allclose(ours[:3, :3], theirs[:3, :3], atol=1e-12)
+        assert np.linalg.norm(ours[:3, 3] - theirs[:3, 3]) <= within * 1e-3
+
+
+@pytest.mark.parametrize("name", ORIGINS)
+def test_origins(name):
+    robot, _ = load_robot(name)
+    origins, base = ORIGINS[name]
+    for q in np.random.default_rng(2).uniform(-3, 3, (50, robot.n)):
+        joints = q.copy()
+        if name.startswith("fanuc"):
+            joints[2] += q[1]  # the pendant's J3 is taken against the floor, the URDF's against link 2
+        theirs = by_origins(origins, joints)
+        theirs[:3, 3] -= np.array(base) * 1e-3
+        np.testing.assert_allclose(flange(robot, q), theirs, atol=1e-12)
+
+
+def test_other_tables_of_lengths():
+    """Tables with signs of their own: lengths alone, mm."""
+    fanuc, _ = load_robot("fanuc-lrmate200id")  # UnderAutomation's Fanuc SDK: d4, d6, a1, a2, a3
+    found = np.array([fanuc.d[3], fanuc.d[5], *fanuc.a[1:4]]) * 1e3
+    np.testing.assert_allclose(found, np.abs([-335, -80, 50, 330, 35]))
+    puma, _ = load_robot("unimation-puma560")  # Corke and Armstrong-Helouvry 1994: a2, d3, a3
+    found = np.array([puma.a[2], puma.d[1] + puma.d[2], -puma.a[3]]) * 1e3
+    np.testing.assert_allclose(found, [431.8, 150.05, 20.3], atol=0.06)
+    kuka, _ = load_robot("kuka-iiwa7")  # pybotics, KukaLBRiiwa7
+    np.testing.assert_allclose(kuka.d * 1e3, [340, 0, 400, 0, 400, 0, 126])
+
+
+# masses (kg) and centres (mm, in standard frames) of robotics-toolbox-python, models/DH
+TOOLBOX = {
+    "universal-robots-ur5e": (
+        [3.761, 8.058, 2.846, 1.37, 1.3, 0.365],
+        [
+            (0, -25.61, 1.93),
+            (212.5, 0, 113.36),
+            (150, 0, 26.5),
+            (0, -1.8, 16.34),
+            (0, 1.8, 16.34),
+            (0, 0, -1.159),
+        ],
+    ),
+    "universal-robots-ur10": (
+        [7.1, 12.7, 4.27, 2.0, 2.0, 0.365],
+        [(21, 0, 27), (380, 0, 158), (240, 0, 68), (0, 7, 18), (0, 7, 18), (0, 0, -26)],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TOOLBOX)
+def test_weights(name):
+    """Gravity torques of the same arm in standard rows."""
+    robot, _ = load_robot(name)
+    alpha, a, d, offset = np.array(STANDARD[name][0], float).T * [
+        [np.pi / 180],
+        [1e-3],
+        [1e-3],
+        [np.pi / 180],
+    ]
+    masses, centres = (np.array(v) for v in TOOLBOX[name])
+    none = np.zeros(6)
+    other = Robot(
+        name,
+        "dh",
+        robot.joint_names,
+        alpha,
+        a,
+        d,
+        offset,
+        none,
+        robot.limits,
+        np.eye(6),
+        masses=masses,
+        centres_of_mass=centres * 1e-3,
+    )
+    q, gravity = np.random.default_rng(3).uniform(-3, 3, (20, 6)), np.array([0.3, 0.2, -9.8])
+    torque = [
+        gravity_moments(r, chain_of(r), q, gravity, np.zeros(20), np.zeros((20, 3)))[:, 1:, 2]
+        for r in (robot, other)
+    ]
+    np.testing.assert_allclose(*torque, atol=0.01)
+
+
+def test_masses_of_the_panda():
+    """Those of robotics-toolbox-python, models/DH/Panda.py."""
+    robot, _ = load_robot("franka-panda")
+    theirs = [4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555, 0.735522]
+    np.testing.assert_allclose(robot.masses, theirs)

@@ -1,0 +1,245 @@
+"""URDF chains as DH rows, against Pinocchio on the same text; and what is refused."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from bayescal.arm.chain import chain_of, frames, link_angles
+from bayescal.arm.statics import gravity_moments
+from bayescal.errors import BayescalError
+from bayescal.robots import load_robot, robot_to_yaml
+
+GRAVITY = np.array([1.0, -2.0, -9.0])
+
+
+def words(values) -> str:
+    return " ".join(repr(float(v)) for v in values)
+
+
+def link(name, mass=None, centre=(0, 0, 0)) -> str:
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    inside = f'<inertial><origin xyz="{words(centre)}"/><mass value="{mass}"/>{inertia}</inertial>'
+    return f'<link name="{name}">{inside if mass is not None else ""}</link>'
+
+
+def joint(name, parent, child, kind="revolute", xyz=(0, 0, 0), rpy=(0, 0, 0), axis=(0, 0, 1), more="") -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><origin xyz="{words(xyz)}" rpy="{words(rpy)}"/>'
+        f'<parent link="{parent}"/><child link="{child}"/><axis xyz="{words(axis)}"/>'
+        f'<limit lower="-2" upper="3" effort="1" velocity="1"/>{more}</joint>'
+    )
+
+
+def robot(*parts: str) -> str:
+    return f'<?xml version="1.0"?><robot name="arm">{"".join(parts)}</robot>'
+
+
+def arm(seed: int, n: int, style: str) -> str:
+    """A chain of n turning joints with fixed ones between, branches, and a tip that stands askew."""
+    rng = np.random.default_rng(seed)
+    square = (0.0, np.pi / 2, -np.pi / 2, np.pi)
+    parts, before = [link("root")], "root"
+    for i in range(1, n + 1):
+        if rng.random() < 0.4:
+            parts += [link(f"rib{i}", 0.3, rng.uniform(-0.1, 0.1, 3))]
+            parts += [
+                joint(
+                    f"weld{i}", before, f"rib{i}", "fixed", rng.uniform(-0.2, 0.2, 3), rng.uniform(-1, 1, 3)
+                )
+            ]
+            before = f"rib{i}"
+        rpy = rng.uniform(-3, 3, 3) if style == "skew" else rng.choice(square, 3)
+        axis = rng.standard_normal(3) if style == "skew" else rng.choice([-1, 1]) * np.eye(3)[rng.integers(3)]
+        if style == "parallel":
+            rpy, axis = np.array([0, 0, rng.uniform(-3, 3)]), np.array([1e-3 * (i % 2), 0.0, (-1.0) ** i])
+        parts += [link(f"l{i}", rng.uniform(0, 5), rng.uniform(-0.2, 0.2, 3))]
+        parts += [joint(f"j{i}", before, f"l{i}", "revolute", rng.uniform(-0.5, 0.5, 3), rpy, axis)]
+        parts += [link(f"box{i}", 0.2, rng.uniform(-0.1, 0.1, 3))]
+        parts += [
+            joint(f"bolt{i}", f"l{i}", f"box{i}", "fixed", rng.uniform(-0.1, 0.1, 3), rng.uniform(-1, 1, 3))
+        ]
+        before = f"l{i}"
+    parts += [link("plate", 0.1), link("tip")]
+    parts += [joint("mount", before, "plate", "fixed", (0.1, 0.02, 0.3), (0.3, -0.2, 0.1))]
+    parts += [joint("end", "plate", "tip", "fixed", (0, 0, 0.05))]
+    return robot(*parts)
+
+
+def read(tmp_path, text, reference="arm.urdf"):
+    (tmp_path / reference.partition("#")[0]).write_text(text, encoding="utf-8")
+    return load_robot(reference, tmp_path)[0]
+
+
+def ours(found, readings):
+    return frames(chain_of(found), link_angles(found, readings))[:, -1]
+
+
+def moments(found, readings) -> np.ndarray:
+    none = np.zeros(len(readings))
+    q = link_angles(found, readings)
+    return gravity_moments(found, chain_of(found), q, GRAVITY, none, np.zeros((len(readings), 3)))[:, 1:, 2]
+
+
+@pytest.mark.parametrize("style", ["skew", "square", "parallel"])
+@pytest.mark.parametrize("n", [1, 2, 6, 7])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_moves_and_hangs_as_pinocchio_says(tmp_path, seed, n, style):
+    text = arm(seed, n, style)
+    found = read(tmp_path, text, "arm.urdf#tip")
+    model = pin.buildModelFromXML(text)
+    model.gravity.linear = GRAVITY
+    data = model.createData()
+    readings = np.random.default_rng(seed).uniform(-3, 3, (20, n))
+    poses, held = ours(found, readings), moments(found, readings)
+    for k, q in enumerate(readings):
+        pin.framesForwardKinematics(model, data, q)
+        np.testing.assert_allclose(poses[k], data.oMf[model.getFrameId("tip")].homogeneous, atol=1e-12)
+        np.testing.assert_allclose(held[k], -pin.computeGeneralizedGravity(model, data, q), atol=1e-11)
+    assert found.masses.sum() == pytest.approx(sum(i.mass for i in model.inertias[1:]))
+    np.testing.assert_array_equal(found.limits, np.tile([-2.0, 3.0], (n, 1)))
+    assert found.joint_names == tuple(f"j{i + 1}" for i in range(n))
+    again = read(tmp_path, robot_to_yaml(found), "again.yaml")
+    np.testing.assert_allclose(ours(again, readings), poses, atol=1e-11)
+
+
+PLAIN = robot(
+    link("base"),
+    link("arm", 2.0, (0.1, 0, 0)),
+    link("hand", 1.0),
+    link("tool0"),
+    joint("turn", "base", "arm", xyz=(0, 0, 0.4)),
+    joint("lift", "arm", "hand", "continuous", (0.1, 0, 0.2), axis=(0, 1, 0)),
+    joint("mount", "hand", "tool0", "fixed", (0.05, 0, 0)),
+)
+
+
+def test_simple_ends_are_no_frames(tmp_path):
+    """A base that only lifts goes into d; an arm without masses has none; a wheel turns all round."""
+    found = read(tmp_path, PLAIN)
+    np.testing.assert_array_equal(found.base, np.eye(4))
+    assert found.d[0] == pytest.approx(0.6)
+    np.testing.assert_allclose(found.limits[1], [-2 * np.pi, 2 * np.pi])
+    bare = PLAIN.replace("<mass", "<!--").replace("</inertial>", "--></inertial>")
+    assert read(tmp_path, bare.replace("--></inertial>", '--><mass value="0"/></inertial>')).masses is None
+
+
+def test_fingers_beside_the_chain_weigh(tmp_path):
+    finger = link("finger", 0.5, (0, 0, 0.1)) + joint("grip", "hand", "finger", "prismatic", (0, 0, 0.1))
+    text = PLAIN.replace("</robot>", finger + "</robot>")
+    assert read(tmp_path, text, "arm.urdf#tool0").masses.tolist() == [2.0, 1.5]
+
+
+XACRO = """<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro">
+<xacro:arg name="reach" default="0.3"/><xacro:include filename="part.xacro"/>
+<xacro:part length="$(arg reach)"/></robot>"""
+PART = """<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro name="part" params="length">
+<link name="base"/><link name="tool0"/>
+<joint name="turn" type="revolute"><parent link="base"/><child link="tool0"/>
+<origin xyz="0 0 ${2 * length}" rpy="0 0 ${pi / 2}"/><axis xyz="0 0 1"/>
+<limit lower="${radians(-90)}" upper="1" effort="0" velocity="0"/></joint></xacro:macro></robot>"""
+
+
+def test_xacro(tmp_path):
+    (tmp_path / "part.xacro").write_text(PART)
+    found = read(tmp_path, XACRO, "arm.xacro")
+    np.testing.assert_allclose(ours(found, np.zeros((1, 1)))[0, :3, 3], [0, 0, 0.6], atol=1e-15)
+    assert found.limits[0, 0] == pytest.approx(-np.pi / 2)
+    (tmp_path / "arm.xacro").write_text(XACRO)
+    first = load_robot("arm.xacro", tmp_path)[1]
+    (tmp_path / "part.xacro").write_text(PART.replace("2 *", "3 *"))
+    assert load_robot("arm.xacro", tmp_path)[1] != first  # what is hashed holds the included file
+
+
+BOMB = '<!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><robot name="&b;"/>'
+OUTSIDE = '<!DOCTYPE robot SYSTEM "http://127.0.0.1/evil.dtd"><robot name="x"/>'
+SECOND = (
+    link("left") + link("right") + joint("l", "hand", "left", "fixed") + joint("r", "hand", "right", "fixed")
+)
+SPOILT = [
+    (BOMB, "DOCTYPE or entities"),
+    (OUTSIDE, "DOCTYPE or entities"),
+    ("<robot name='x'>", "arm.urdf:1: not XML"),
+    ("<sdf/>", "begins with <sdf>"),
+    (
+        PLAIN.replace(
+            "</robot>", '<link name="m"><visual><mesh filename="https://h/a.stl"/></visual></link></robot>'
+        ),
+        "is on the network",
+    ),
+    (PLAIN.replace('"continuous"', '"prismatic"'), r"joint lift is prismatic; .* `robot: arm.urdf#arm`"),
+    (PLAIN.replace('"continuous"', '"floating"'), "joint lift is floating"),
+    (
+        PLAIN.replace("</joint></robot>", '<mimic joint="turn"/></joint></robot>').replace(
+            '"fixed"', '"revolute"'
+        ),
+        "joint mount follows another joint",
+    ),
+    (PLAIN.replace('"continuous"', '"hinge"'), "not a URDF"),
+    (
+        PLAIN.replace('<parent link="arm"/>', '<parent link="arm"/><axis xyz="1 0 0"/>'),
+        "lift has several <axis>",
+    ),
+    (PLAIN.replace(' effort="1"', "", 1), "joint.*turn.*effort"),
+    (PLAIN.replace('lower="-2"', 'lower="-170"', 1), "limits of joint turn are too wide; write them in rad"),
+    (PLAIN.replace('lower="-2"', 'lower="5"', 1), "joint turn has no limits in order"),
+    (PLAIN.replace("0.4", "400", 1), "add up to 40.* a URDF is in metres"),
+    (PLAIN.replace("0.4", "nan", 1), "origin of turn is not finite"),
+    (PLAIN.replace("0.0 0.0 1.0", "0 0 0", 1), "axis of turn is zero"),
+    (PLAIN.replace('value="2.0"', 'value="-2.0"'), "mass of arm is -2 kg"),
+    (PLAIN.replace('child link="tool0"', 'child link="elsewhere"'), "names a link elsewhere"),
+    (PLAIN.replace("</robot>", link("hand") + "</robot>"), "several links are called hand"),
+    (PLAIN.replace("</robot>", link("loose") + "</robot>"), "links with no joint above: base, loose"),
+    (
+        PLAIN.replace(
+            "</robot>", link("a") + link("b") + joint("x", "a", "b") + joint("y", "b", "a") + "</robot>"
+        ),
+        "joints around a form a ring",
+    ),
+    (
+        PLAIN.replace("</robot>", SECOND + "</robot>"),
+        r"they end at left, right, tool0; write `robot: arm.urdf#left`",
+    ),
+    (robot(link("base")), "no joint turns between base and base"),
+]
+
+
+@pytest.mark.parametrize(("text", "told"), SPOILT)
+def test_refusals(tmp_path, text, told):
+    with pytest.raises(BayescalError, match=told) as caught:
+        read(tmp_path, text)
+    assert caught.value.where.startswith("arm.urdf")
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (XACRO.replace("part.xacro", "http://127.0.0.1/part.xacro"), "on the network"),
+        (
+            XACRO.replace("part.xacro", "$(find somewhere)/part.xacro"),
+            "xacro cannot expand it: .*ROS is installed",
+        ),
+        (XACRO.replace("part.xacro", "nowhere.xacro"), "no such file"),
+        (XACRO.replace("part.xacro", "bomb.xacro"), "bomb.xacro: has a DOCTYPE"),
+        (XACRO.replace(' default="0.3"', ""), "missing attribute 'default'"),
+        (XACRO.replace("$(arg reach)", "${(lambda: ().__class__)()}"), "an expression holds `__`"),
+        (XACRO.replace("$(arg reach)", "${1 / 0}"), "division by zero"),
+    ],
+)
+def test_xacro_refusals(tmp_path, text, told):
+    (tmp_path / "part.xacro").write_text(PART)
+    (tmp_path / "bomb.xacro").write_text(BOMB)
+    with pytest.raises(BayescalError, match=told):
+        read(tmp_path, text, "arm.xacro")
+    import xacro
+
+    assert xacro.parse.__module__ == "xacro"  # as it was
+
+
+def test_references(tmp_path):
+    with pytest.raises(BayescalError, match="on the network"):
+        load_robot("https://host/arm.urdf")
+    with pytest.raises(BayescalError, match="no such file"):
+        load_robot("nowhere.urdf", tmp_path)
+    with pytest.raises(BayescalError, match="no link is called flange; chains end at: tool0"):
+        read(tmp_path, PLAIN, "arm.urdf#flange")
