@@ -157,7 +157,7 @@ plt.show()
 #
 # The same distances by the arm as drawn, with joint zeros and scales alone, by a kinematic calibration, and
 # with stiffness. (For the real arm Joubair and Bonev, 2015, give 1.321 mm as drawn and 0.274 mm calibrated
-# with stiffness: a real arm has more wrong with it than a simulated one that has geometry and compliance only.)
+# with stiffness: a real arm has more wrong with it than a simulated one of geometry and compliance only.)
 
 # %%
 RUNGS = ("nominal", "joint zeros and scales", "kinematic", "kinematic + stiffness")
