@@ -20,9 +20,12 @@ MOST_DIRECTIONS = 6
 def fit_summary(fit: Fit) -> RenderableType:
     """Headline, ladder of models, distances, parameters, sampler, warnings."""
     title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
-    parts: list[RenderableType] = [title, facts(_headline(fit)), "", _ladder(fit)]
-    if fit.final.validation.distances:
-        parts += ["", _distances(fit.final.validation, fit.ladder[0].validation)]
+    parts: list[RenderableType] = [title, facts(_headline(fit))]
+    v = fit.final.validation
+    if v.planes or v.distances or v.points or v.turns:
+        parts += ["", _ladder(fit)]
+    if v.distances:
+        parts += ["", _distances(v, fit.ladder[0].validation)]
     parts += ["", facts([*_knowledge(fit), ("posterior", _sampler(fit), "")])]
     if fit.warnings:
         parts += ["", facts(("warning", warning, "yellow") for warning in fit.warnings)]
