@@ -6,7 +6,7 @@ maps to physical values by `Parameter`, a target's part by the `sd` of its kind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,11 +19,13 @@ from bayescal.effects import PART_OF, UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.orientations import sigma
 from bayescal.parts import Part, kept
-from bayescal.scene import Scene, stated_u
+from bayescal.scene import Scene, u_of
 from factors import certificate
+from factors.cylinder import Cylinder
 from factors.distance import Distance
 from factors.instrument import Instrument
 from factors.kind import Kind
+from factors.sphere import Sphere
 
 ORIENTATION = "orientation"
 """Noise group of all orientations."""
@@ -270,22 +272,24 @@ def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Pa
 
 def _tie(model: Model, number: int, entry: CertificateEntry, kinds: Mapping[str, Kind]) -> Tie | None:
     """A certificate as a factor, or None where one of its targets is not fitted."""
-    if entry.kind not in TIES or any(name not in kinds for name in entry.targets):
+    if any(name not in kinds for name in entry.targets):
         return None
-    function = TIES[entry.kind](entry, *(kinds[name] for name in entry.targets))
-    u = stated_u(entry)
+    stated = model.scene.stated(entry)
+    if not stated:
+        return None
+    function = _function(model.scene, entry, [kinds[name] for name in entry.targets])
+    u = u_of(entry, stated)
     index, drivers = model.driven(CERTIFICATE, str(number), len(u))
     return Tie(entry.kind, entry.targets, function, u, index, drivers / u)
 
 
-def _centre(kind: Kind) -> np.ndarray:
-    return kind.centre  # type: ignore[attr-defined]
-
-
-TIES: dict[str, Callable[..., certificate.Certificate]] = {
-    "parallel": lambda e, a, b: certificate.parallel(a, b, e.distance, e.u_distance, e.u_angle),
-    "perpendicular": lambda e, a, b: certificate.perpendicular(a, b, e.u_angle),
-    "distance": lambda e, a, b: certificate.distance(_centre(a), _centre(b), e.distance, e.u_distance),
-    "diameter": lambda e, a: certificate.diameter(a, a.diameter, e.u_distance),
-}
-"""Of each kind of certificate its residuals, in the order of `scene.STATED`."""
+def _function(scene: Scene, entry: CertificateEntry, of: Sequence[Kind]) -> certificate.Certificate:
+    """Residuals of a certificate's targets, in the order of `Scene.stated`."""
+    if entry.kind == "diameter":
+        (one,) = of
+        assert isinstance(one, Sphere | Cylinder)
+        assert entry.u_distance is not None
+        return certificate.diameter(one, one.diameter, entry.u_distance)
+    a, b = of
+    forms = scene.forms(entry)
+    return certificate.join(entry.kind, forms, (a, b), entry.distance, entry.u_distance, entry.u_angle)

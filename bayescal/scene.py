@@ -14,8 +14,10 @@ from bayescal.arm.chain import Chain, chain_of, link_angles
 from bayescal.arm.statics import gravity_moments
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Target
+from bayescal.dataset.joins import forms_of
 from bayescal.effects import Circumstances, Face, Paper, Session
 from bayescal.errors import BayescalError
+from factors.certificate import RELATIONS, ordered
 from factors.cylinder import Cylinder
 from factors.distance import Distance
 from factors.fixed_point import FixedPoint
@@ -23,25 +25,32 @@ from factors.instrument import Instrument
 from factors.kind import Kind
 from factors.orientation import Orientation
 from factors.plane import Plane
+from factors.relation import Relation, aligned, apart, between_faces, off_plane, square
 from factors.sphere import Sphere
 
 LOOSE, LOOSE_ANGLE = 50e-3, 0.2  # m, rad: the contract's priors of a target that states none
 DIAMETER_SD = 1e-3  # m, of a diameter that no certificate states
 POINT_KINDS = ("instrument",)
-STATED = {
-    "parallel": (("parallel 1", "rad"), ("parallel 2", "rad"), ("distance", "m")),
-    "perpendicular": (("square", "rad"),),
-    "distance": (("distance", "m"),),
-    "diameter": (("diameter", "m"),),
+STATED: dict[str, dict[Relation, tuple[tuple[str, str], ...]]] = {
+    "parallel": {
+        aligned: (("parallel 1", "rad"), ("parallel 2", "rad")),
+        square: (("parallel", "rad"),),
+        between_faces: (("distance", "m"),),
+        off_plane: (("distance", "m"),),
+        apart: (("distance", "m"),),
+    },
+    "perpendicular": {
+        square: (("square", "rad"),),
+        aligned: (("square 1", "rad"), ("square 2", "rad")),
+    },
+    "distance": {off_plane: (("distance", "m"),), apart: (("distance", "m"),)},
 }
-"""What a certificate that ties targets states, a residual each, and in which unit, by its kind."""
+"""What a certificate that joins two targets states, a residual each, and in which unit, by its relations."""
 
 
-def stated_u(entry: Certificate) -> np.ndarray:
-    """Standard uncertainties, rad and m, of all that a certificate states, in the order of `STATED`."""
-    return np.array(
-        [entry.u_angle if unit == "rad" else entry.u_distance for _, unit in STATED[entry.kind]], float
-    )
+def u_of(entry: Certificate, stated: Sequence[tuple[str, str]]) -> np.ndarray:
+    """Standard uncertainties, rad and m, of all that a certificate states."""
+    return np.array([entry.u_angle if unit == "rad" else entry.u_distance for _, unit in stated], float)
 
 
 @dataclass(frozen=True)
@@ -216,14 +225,26 @@ class Scene:
             out.append(Face(name, touching.astype(float), place, stated.get(name)))
         return tuple(out)
 
+    def forms(self, entry: Certificate) -> tuple[str, str]:
+        """What both targets of a certificate are to it: of `factors.certificate.FORMS`."""
+        kinds = {t.name: t for t in self.dataset.targets}
+        return forms_of([kinds[name] for name in entry.targets])
+
+    def stated(self, entry: Certificate) -> tuple[tuple[str, str], ...]:
+        """What a certificate states of its targets, a residual each, and in which unit; () of a form."""
+        if entry.kind not in RELATIONS:
+            return (("diameter", "m"),) if entry.kind == "diameter" else ()
+        relations = RELATIONS[entry.kind][ordered(self.forms(entry))]
+        return tuple(words for r in relations for words in STATED[entry.kind][r])
+
     def _papers(self, fitted: set[str]) -> tuple[Paper, ...]:
         """All values stated of the targets of these names."""
         out: list[Paper] = []
         for number, entry in enumerate(self.dataset.certificates):
-            if entry.kind not in STATED or not fitted.issuperset(entry.targets):
+            if not fitted.issuperset(entry.targets):
                 continue
-            stated = zip(STATED[entry.kind], stated_u(entry), np.eye(len(STATED[entry.kind])), strict=True)
-            for (what, unit), u, rows in stated:
+            stated = self.stated(entry)
+            for (what, unit), u, rows in zip(stated, u_of(entry, stated), np.eye(len(stated)), strict=True):
                 out.append(Paper(f"{' '.join(entry.targets)} {what}", unit, float(u), number, rows))
         return tuple(out)
 

@@ -1,6 +1,6 @@
-"""What an artefact's paper ties together: whitened residuals between one or two targets.
+"""What an artefact's paper ties together: whitened residuals of one or two targets.
 
-Each function takes the kinds and states x (..., size) of its targets and returns residuals
+Each function returns one that takes the targets' states x (..., size) and returns residuals
 (..., rows), already divided by their standard uncertainties, and their gradients by every x,
 (..., rows, size).
 """
@@ -11,84 +11,107 @@ from collections.abc import Callable
 
 import numpy as np
 
-from factors.kind import tilted
-from factors.plane import Plane
+from factors.cylinder import Cylinder
+from factors.feature import Feature, feature
+from factors.kind import Kind
+from factors.relation import Relation, aligned, apart, between_faces, off_plane, square
 from factors.sphere import Sphere
 
 Residual = tuple[np.ndarray, tuple[np.ndarray, ...]]
 Certificate = Callable[..., Residual]
 
+FORMS = ("plane", "axis", "point")
+"""What a target may be to a certificate, in the order in which relations take two of them."""
 
-def parallel(a: Plane, b: Plane, distance: float, u_distance: float, u_angle: float) -> Certificate:
-    """Two faces parallel to `u_angle` (rad, a direction) and `distance` +- `u_distance` (m) apart.
+RELATIONS: dict[str, dict[tuple[str, str], tuple[Relation, ...]]] = {
+    "parallel": {
+        ("plane", "plane"): (aligned, between_faces),
+        ("plane", "axis"): (square, off_plane),  # the normal is square to the axis
+        ("axis", "axis"): (aligned, apart),
+    },
+    "perpendicular": {
+        ("plane", "plane"): (square,),
+        ("plane", "axis"): (aligned,),
+        ("axis", "axis"): (square,),
+    },
+    "distance": {
+        ("plane", "point"): (off_plane,),
+        ("axis", "axis"): (apart,),  # of parallel ones
+        ("axis", "point"): (apart,),
+        ("point", "point"): (apart,),
+    },
+}
+"""Of each kind of certificate the forms that it joins, and what it states of them: angles, then a length."""
 
-    The distance is measured where artefacts' papers measure it, at the faces' middle: the signed
-    distances of both faces from the point midway between the pivots.
+LENGTHS = (apart, off_plane, between_faces)
+
+
+def ordered(forms: tuple[str, str]) -> tuple[str, str]:
+    """Two forms in the order of `FORMS`, as keys of `RELATIONS`."""
+    first, second = sorted(forms, key=FORMS.index)
+    return first, second
+
+
+def join(
+    kind: str,
+    forms: tuple[str, str],
+    targets: tuple[Kind, Kind],
+    distance: float | None = None,
+    u_distance: float | None = None,
+    u_angle: float | None = None,
+) -> Certificate:
+    """Two targets, of these forms, as a certificate of this kind states them to stand to each other.
+
+    Parameters
+    ----------
+    kind : str
+        Of `RELATIONS`.
+    forms : (str, str)
+        Of `FORMS`, one a target.
+    targets : (Kind, Kind)
+    distance, u_distance : float, optional
+        m; where a length is stated. Papers state no sign: it is that of the nominal places.
+    u_angle : float, optional
+        rad, where a direction is stated.
     """
-    facing = np.sign(a.normal @ b.normal)  # -1 for the two sides of a block, 1 for a step
-    middle = 0.5 * (a.pivot + b.pivot)
-    nominal = a.normal @ (a.pivot - middle) - facing * (b.normal @ (b.pivot - middle))
-    basis = a.tangents
+    swap = -1 if ordered(forms) != forms else 1
+    relations = RELATIONS[kind][ordered(forms)]
+    a0, b0 = (feature(t, np.zeros(len(t.sd))) for t in targets[::swap])
+    stated = [_given(distance, u_distance) if r in LENGTHS else _given(0.0, u_angle) for r in relations]
+    functions = [r(a0, b0) for r in relations]
 
-    def residual(xa: np.ndarray, xb: np.ndarray) -> Residual:
-        na, da = tilted(a.normal, basis, xa[..., :2])
-        nb, db = tilted(b.normal, b.tangents, xb[..., :2])
-        gap = _gap(a, na, xa, middle) - facing * _gap(b, nb, xb, middle)
-        r = np.empty((*gap.shape, 3))
-        r[..., :2] = (na - facing * nb) @ basis.T / u_angle
-        r[..., 2] = (np.sign(nominal) * gap - distance) / u_distance
-        ja, jb = np.zeros((*gap.shape, 3, 3)), np.zeros((*gap.shape, 3, 3))
-        ja[..., :2, :2] = np.swapaxes(da @ basis.T, -1, -2) / u_angle
-        jb[..., :2, :2] = -facing * np.swapaxes(db @ basis.T, -1, -2) / u_angle
-        scale = np.sign(nominal) / u_distance
-        ja[..., 2, :2] = scale * (da @ (a.pivot - middle))
-        jb[..., 2, :2] = -facing * scale * (db @ (b.pivot - middle))
-        ja[..., 2, 2] = scale
-        jb[..., 2, 2] = -facing * scale
-        return r, (ja, jb)
+    def residual(*x: np.ndarray) -> Residual:
+        a, b = (feature(t, state) for t, state in zip(targets[::swap], x[::swap], strict=True))
+        rows, by_a, by_b = [], [], []
+        for function, (value, u) in zip(functions, stated, strict=True):
+            told, (pa, da, pb, db) = function(a, b)
+            rows.append((told - value) / u)
+            by_a.append(_by_state(a, pa, da) / u)
+            by_b.append(_by_state(b, pb, db) / u)
+        slopes = np.concatenate(by_a, axis=-2), np.concatenate(by_b, axis=-2)
+        return np.concatenate(rows, axis=-1), slopes[::swap]
 
     return residual
 
 
-def _gap(face: Plane, normal: np.ndarray, x: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    return normal @ (face.pivot - middle) + x[..., 2]
+def _given(value: float | None, u: float | None) -> tuple[float, float]:
+    if value is None or u is None:
+        raise ValueError("a certificate lacks a value or an uncertainty that its kind states")
+    return value, u
 
 
-def perpendicular(a: Plane, b: Plane, u_angle: float) -> Certificate:
-    """Two faces square to `u_angle` (rad)."""
-
-    def residual(xa: np.ndarray, xb: np.ndarray) -> Residual:
-        na, da = tilted(a.normal, a.tangents, xa[..., :2])
-        nb, db = tilted(b.normal, b.tangents, xb[..., :2])
-        ja, jb = np.zeros((*na.shape[:-1], 1, 3)), np.zeros((*na.shape[:-1], 1, 3))
-        ja[..., 0, :2] = (da @ nb[..., None])[..., 0] / u_angle
-        jb[..., 0, :2] = (db @ na[..., None])[..., 0] / u_angle
-        return np.sum(na * nb, axis=-1, keepdims=True) / u_angle, (ja, jb)
-
-    return residual
+def _by_state(f: Feature, by_place: np.ndarray | None, by_direction: np.ndarray | None) -> np.ndarray:
+    """Gradients (..., rows, size) by the state of a feature, from those by what makes it."""
+    pairs = ((by_place, f.by_place), (by_direction, f.by_direction))
+    return sum(g @ np.swapaxes(by, -1, -2) for g, by in pairs if g is not None and by is not None)
 
 
-def distance(centre_a: np.ndarray, centre_b: np.ndarray, distance: float, u_distance: float) -> Certificate:
-    """Two centres (their nominal places, m) `distance` +- `u_distance` (m) apart; x begin with the centre."""
-
-    def residual(xa: np.ndarray, xb: np.ndarray) -> Residual:
-        out = (centre_a + xa[..., :3]) - (centre_b + xb[..., :3])
-        length = np.linalg.norm(out, axis=-1, keepdims=True)
-        ja = np.zeros((*length.shape[:-1], 1, xa.shape[-1]))
-        jb = np.zeros((*length.shape[:-1], 1, xb.shape[-1]))
-        ja[..., 0, :3] = out / length / u_distance
-        jb[..., 0, :3] = -out / length / u_distance
-        return (length - distance) / u_distance, (ja, jb)
-
-    return residual
-
-
-def diameter(sphere: Sphere, diameter: float, u_diameter: float) -> Certificate:
-    """A sphere's certified diameter +- `u_diameter`, m."""
+def diameter(target: Sphere | Cylinder, diameter: float, u_diameter: float) -> Certificate:
+    """A sphere's or a pin's certified diameter +- `u_diameter`, m; it is the last of its state."""
 
     def residual(x: np.ndarray) -> Residual:
-        j = np.zeros((*x.shape[:-1], 1, 4))
-        j[..., 0, 3] = 1.0 / u_diameter
-        return (sphere.diameter + x[..., 3:4] - diameter) / u_diameter, (j,)
+        j = np.zeros((*x.shape[:-1], 1, x.shape[-1]))
+        j[..., 0, -1] = 1.0 / u_diameter
+        return (target.diameter + x[..., -1:] - diameter) / u_diameter, (j,)
 
     return residual

@@ -91,7 +91,7 @@ Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
 
 
 class Parallel(Keys):
-    """Two faces, at a distance."""
+    """Two faces or axes, at a distance."""
 
     kind: Literal["parallel"]
     faces: Pair
@@ -101,7 +101,7 @@ class Parallel(Keys):
 
 
 class Perpendicular(Keys):
-    """Two faces, square to each other."""
+    """Two faces or axes, square to each other."""
 
     kind: Literal["perpendicular"]
     faces: Pair
@@ -109,7 +109,7 @@ class Perpendicular(Keys):
 
 
 class Between(Keys):
-    """Two centres, at a distance."""
+    """A point and another, a plane or an axis, or two parallel axes, at a distance."""
 
     kind: Literal["distance"]
     between: Pair

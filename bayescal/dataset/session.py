@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayescal.dataset import joins
+from bayescal.dataset.joins import FORM
 from bayescal.dataset.types import Certificate, Noise, Target, Tool
 from bayescal.errors import BayescalError
 from bayescal.files import Document, si, stem_of, unknown
@@ -14,13 +16,13 @@ if TYPE_CHECKING:
     from bayescal.dataset import schema
 
 KINDS = {
-    "parallel": ("faces", ("plane",)),
-    "perpendicular": ("faces", ("plane",)),
-    "distance": ("between", ("sphere", "fixed-point", "distance")),
+    "parallel": ("faces", tuple(FORM)),
+    "perpendicular": ("faces", tuple(FORM)),
+    "distance": ("between", tuple(FORM)),
     "diameter": ("target", ("sphere", "cylinder")),
     "flat": ("target", ("plane",)),
 }
-"""Of each kind of certificate: the key that names its targets, and their kinds."""
+"""Of each kind of certificate: the key that names its targets, and their kinds; see `joins` for pairs."""
 
 FIELDS = {
     "distance_mm": "distance",
@@ -106,8 +108,9 @@ def certificates_of(
             other = document.where(("certificates", first)).rpartition(":")[2]
             what = f"a second `{entry.kind}` certificate of {', '.join(names)}"
             raise BayescalError(what, where, f"the first is in line {other}; keep one")
-        _check_angle(entry.kind, [by_name[n] for n in names], where)
         stated = {FIELDS[k]: getattr(entry, k) * si(k) for k in type(entry).model_fields if k in FIELDS}
+        if len(names) == 2:
+            joins.check(entry.kind, stated.get("distance"), [by_name[n] for n in names], where)
         certificates.append(Certificate(entry.kind, names, **stated))
     return tuple(certificates)
 
@@ -128,18 +131,6 @@ def _direction(document: Document, name: str, key: str, vector: np.ndarray) -> n
     unit = ", ".join(f"{c:.6g}" for c in vector / length) if length else "x, y, z"
     where = document.where(("targets", name, key))
     raise BayescalError(f"the {key} of `{name}` has length {length:.4g}, not 1", where, f"write [{unit}]")
-
-
-def _check_angle(kind: str, faces: list[Target], where: str) -> None:
-    """Two faces said to be parallel or square must nominally be so, to some 30 degrees."""
-    if kind not in ("parallel", "perpendicular"):
-        return
-    cosine = abs(float(np.dot(faces[0].values["normal"], faces[1].values["normal"])))
-    if (cosine < 0.85) if kind == "parallel" else (cosine > 0.5):
-        angle = np.degrees(np.arccos(min(1.0, cosine)))
-        names = f"`{faces[0].name}` and `{faces[1].name}`"
-        what = f"{names} are certified {kind}, but their normals are nominally {angle:.0f} deg apart"
-        raise BayescalError(what, where, "check the certificate's faces and the normals")
 
 
 def _scaled(value: float | None, factor: float) -> float | None:

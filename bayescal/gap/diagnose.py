@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.dataset import Dataset
-from bayescal.effects import EFFECTS, Circumstances
+from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.compliance import expected
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.gap.advise import advise
@@ -18,6 +18,7 @@ from bayescal.gap.cells import cells
 from bayescal.gap.gate import worse
 from bayescal.gap.heldout import HeldOut, held_out
 from bayescal.gap.ladder import ladder
+from bayescal.gap.lengths import lengths, main_group
 from bayescal.gap.magnitude import magnitude, noise_floor
 from bayescal.gap.margins import margins
 from bayescal.gap.masses import masses
@@ -31,12 +32,14 @@ from bayescal.gap.shrinkage import shrinkage
 from bayescal.gap.unknown import Pool
 from bayescal.gap.verdict import Decision, decide
 from bayescal.gap.where import places, places_named
-from bayescal.model import check_asked, with_parameters
+from bayescal.model import ORIENTATION, check_asked, with_parameters
 from bayescal.parts import Part, parts_of
 from bayescal.scene import Scene
 
 PROMOTED = 3.0
 """Nats that compliance must bring for a model without it to be judged with it."""
+ALIKE = 1.1
+"""Factor up to which two noise scales are one."""
 ADVISED = 3
 """Pairs that advice is given for."""
 UNSEEN = "no contact of this session would show it at any size worth trying"
@@ -81,9 +84,30 @@ def examine(
     fitted = calibrated(scene, effects, prior_width, robust, without)
     stands = fitted.model.scene
     c = with_compliance(stands.circumstances(stands.rows("calibrate")), fitted)
-    known, generic = candidates(c, effects, without), cells(c)
     nuisance = masses(c, stands.delta) if COMPLIANCE in effects else []
-    slopes = Slopes.of(fitted, [p for p in known.pool if of_paper(p)])
+    known = candidates(c, effects, without)
+    found = _weighed(fitted, fitted, c, known, nuisance, robust, further)
+    members = found.decision.members
+    if members and ORIENTATION in fitted.weights.scale:
+        final = refit(fitted, found.candidates.pool, members, robust)
+        if not _alike(fitted, final):
+            found = _weighed(fitted, final, c, known, nuisance, robust, further)
+    return found
+
+
+def _weighed(
+    fitted: Estimate, noise: Estimate, c: Circumstances, known: Candidates, nuisance: Sequence[Parameter],
+    robust: bool, further: bool,
+) -> Examined:  # fmt: skip
+    """Weigh all that a fit leaves out, with orientations as noisy beside lengths as in the fit `noise`."""
+    effects, generic = fitted.model.effects, cells(c)
+    scale = dict(fitted.weights.scale)
+    if ORIENTATION in scale:
+        main = main_group(fitted.model)
+        scale[ORIENTATION] = scale[main] * _looseness(noise)
+    slopes = Slopes.of(
+        replace(fitted, weights=replace(fitted.weights, scale=scale)), [p for p in known.pool if of_paper(p)]
+    )
     p = slopes.problem(fitted.z, known.pool, nuisance)
     if any(wide(effect, c) for effect in EFFECTS.values()):
         states = [fit_state(p, (), (), robust=r) for r in ((True, False) if robust else (False,))]
@@ -95,6 +119,16 @@ def examine(
     search = Search(p, known, robust, further)
     search.run()
     return Examined(fitted, c, known, p, pool, search, decide(search, pool))
+
+
+def _looseness(fitted: Estimate) -> float:
+    """Noise scale of the orientations over that of the lengths."""
+    return fitted.weights.scale[ORIENTATION] / fitted.weights.scale[main_group(fitted.model)]
+
+
+def _alike(a: Estimate, b: Estimate) -> bool:
+    """Whether orientations are as noisy by both: an error that they alone see passes for noise at first."""
+    return bool(abs(np.log(_looseness(a) / _looseness(b))) < np.log(ALIKE))
 
 
 @dataclass(frozen=True)
@@ -169,7 +203,7 @@ def diagnose(
     """
     check_asked(effects, prior_width)
     parts = parts_of(without, effects)
-    scene = Scene(dataset)
+    scene = Scene(dataset, oriented=True)
     found = explain(scene, effects, robust, prior_width, parts, progress)
     first, last, promoted, final = found.first, found.last, found.promoted, found.final
     before, after, members = found.before, found.after, last.decision.members
@@ -236,14 +270,14 @@ def _where(first: Examined, last: Examined, promoted: bool, noise: float) -> tup
 
 
 def _excess(null: State, chosen: State, noise: float) -> float:
-    """Excess variance of a contact under the model as it stands, m2.
+    """Excess variance of a contact's lengths under the model as it stands, m2.
 
     Over the noise, or, where that is known less well, over what the chosen hypothesis leaves.
     """
     p = null.problem
-    keep = chosen.weight[: p.count] > 0
-    square, left = (float(np.mean((s.residual[: p.count] * p.sigma)[keep] ** 2)) for s in (null, chosen))
-    own = noise**2 * (1.0 - null.taken / max(float(np.sum(keep)), 1.0))
+    keep = chosen.weight[: p.lengths] > 0
+    square, left = (float(np.mean((s.residual[: p.lengths] * p.sigma)[keep] ** 2)) for s in (null, chosen))
+    own = noise**2 * (1.0 - null.taken / max(float(np.sum(chosen.weight[: p.count] > 0)), 1.0))
     return max(square - min(own, left), 0.0)
 
 
@@ -321,9 +355,9 @@ def _rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:
 
 
 def _residuals(before: Estimate, after: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of the session, and residuals before and after at each, m."""
+    """Rows of the session, and lengths left before and after at each, m."""
     rows, old, new = [], [], []
-    for a, b in zip(before.model.blocks, after.model.blocks, strict=True):
+    for a, b in zip(lengths(before.model), lengths(after.model), strict=True):
         rows.append(np.tile(a.rows, a.kind.rows))
         old.append(before.residuals(a).ravel())
         new.append(after.residuals(b).ravel())

@@ -2,6 +2,7 @@
 
 Contacts of fitted targets are judged against the fit; where the session keeps none back, each fitted contact
 is left out in turn, in closed form. What no fit knows (a sphere, an instrument) is first found from its rows.
+Lengths alone are judged: an orientation that a row reads beside its point helps to fit, and is not held out.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from scipy.stats import t as student
 
 from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.gap.found import Distances, Found, against, distances, locate, root
+from bayescal.gap.lengths import lengths
 from bayescal.model import ARM, Block
 from bayescal.scene import Scene
 from factors.sphere import Sphere
@@ -167,17 +169,18 @@ def left_out(estimate: Estimate) -> list[_Part]:
 
     Exact where the model is linear. A rejected contact was not fitted; its residual stays as it is. `noise`
     holds what the other contacts leave uncertain too, which hardly runs together from contact to contact.
+    The orientation that a row reads beside its point stays in the fit.
     """
     model = estimate.model
     full = {name: np.ones_like(row) for name, row in estimate.weights.row.items()}
     linear = linearise(model, estimate.z, replace(estimate.weights, row=full))
     factor, out = root(estimate.covariance), []
-    for b in model.blocks:
+    for b in lengths(model):
         mine, k, c = linear.of_block[b.target], b.kind.rows, len(b.rows)
         noise = 1.0 / replace(estimate.weights, row=full).whitening(b)
         by = (linear.jacobian[mine] @ factor).reshape(k, c, -1)
         leverage = np.einsum("icf,jcf->cij", by, by)  # of whitened residuals
-        weight = estimate.weights.row[b.target][:, None, None]
+        weight = estimate.weights.row[b.name][:, None, None]
         free = np.linalg.inv(np.eye(k) - np.minimum(weight, 1 - 1e-9) * leverage)
         r = np.einsum("cij,jc->ic", free, linear.residual[mine].reshape(k, c))
         spread = np.where(weight > 0, free, np.eye(k) + leverage)

@@ -39,7 +39,7 @@ class Noise:
 
 def stated_noise(fitted: Estimate, group: str) -> float:
     """Root mean square of the stated noise of a group's residuals, m."""
-    sigma = [fitted.weights.sigma[b.target] for b in fitted.model.blocks if b.group == group]
+    sigma = [fitted.weights.sigma[b.name] for b in fitted.model.blocks if b.group == group]
     return float(np.sqrt(np.mean(np.concatenate(sigma) ** 2)))
 
 

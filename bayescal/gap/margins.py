@@ -12,6 +12,7 @@ from scipy.stats import t as student
 from bayescal.estimate import Estimate, linearise
 from bayescal.gap.found import root
 from bayescal.gap.heldout import KEPT_BACK, HeldOut
+from bayescal.gap.lengths import lengths
 from bayescal.gap.result import Margin
 from bayescal.scene import Scene
 
@@ -102,16 +103,16 @@ def holm(p: np.ndarray) -> np.ndarray:
 def residuals(
     estimate: Estimate, held: HeldOut, noise: float | None = None, noise_dof: float | None = None
 ) -> Residuals:
-    """All residuals of fitted rows, and of held-out ones where any were kept back; as for `margins`."""
-    model = estimate.model
+    """All lengths of fitted rows, and of held-out ones where any were kept back; as for `margins`."""
+    model, blocks = estimate.model, lengths(estimate.model)
     weights = replace(estimate.weights, row={k: np.ones_like(w) for k, w in estimate.weights.row.items()})
     linear, factor = linearise(model, estimate.z, weights), root(estimate.covariance)
-    count = max(s.stop for s in linear.of_block.values())
+    count = sum(b.residuals for b in blocks)
     spread = linear.jacobian[:count] @ factor
-    rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in model.blocks])
-    kept = np.concatenate([np.tile(estimate.weights.row[b.target], b.kind.rows) for b in model.blocks]) > 0
-    sd = np.concatenate([1.0 / weights.whitening(b) for b in model.blocks])
-    group = np.concatenate([np.full(b.residuals, b.group) for b in model.blocks])
+    rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in blocks])
+    kept = np.concatenate([np.tile(estimate.weights.row[b.name], b.kind.rows) for b in blocks]) > 0
+    sd = np.concatenate([1.0 / weights.whitening(b) for b in blocks])
+    group = np.concatenate([np.full(b.residuals, b.group) for b in blocks])
     white = linear.residual[:count]
     left = np.sqrt(np.maximum(1.0 - np.where(kept, np.sum(spread**2, axis=1), 0.0), 0.05))
     parts = [(white * sd / left, white, spread, kept, ~kept, rows, group)]

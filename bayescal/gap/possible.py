@@ -1,4 +1,7 @@
-"""Possible contacts, linearised: what a rival explanation would predict of them, and how wrongly."""
+"""Possible contacts, linearised: what a rival explanation would predict of them, and how wrongly.
+
+Of a point that is read with its orientation, the point alone is counted.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from bayescal.estimate import Estimate
 from bayescal.gap.blind import located
 from bayescal.gap.candidates import Candidates, at_setting, in_proportion
 from bayescal.gap.evidence import project
+from bayescal.gap.lengths import lengths, main_group
 from bayescal.gap.levers import Lever, widened
 from bayescal.gap.search import Hypothesis, Member
 from bayescal.model import ARM, Block, Model
@@ -108,7 +112,7 @@ def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]
     """All levers, linearised at the estimate; the first is `levers.AGAIN`."""
     model = fitted.model
     dataset, levers = widened(model.scene, _poses(fitted))
-    scene = Scene(dataset, _stands(model.scene, levers))
+    scene = Scene(dataset, _stands(model.scene, levers), model.scene.oriented)
     c = scene.circumstances(scene.rows("calibrate"))
     own = _again(model.parameters, parameters_of(model.effects, c))
     fresh: dict[int, Parameter] = {}
@@ -120,8 +124,7 @@ def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]
     used = np.array(sorted(fresh))
     wide = Model(scene, model.effects, (*own, *(fresh[k] for k in sorted(fresh))), (), ())
     values = np.append(model.deviations(fitted.z[model.slices[ARM]]), np.zeros(len(used)))
-    scale = fitted.weights.scale
-    main = max(scale, key=lambda g: sum(b.residuals for b in model.blocks if b.group == g))
+    main = main_group(model)
     return [
         *(_linear(fitted, wide, values, lever, used, main) for lever in levers),
         *_spheres(fitted, wide, values, used, main),
@@ -133,14 +136,14 @@ def _linear(
 ) -> Possible:
     model, target = fitted.model, wide.scene.dataset.measurements.target
     count, contact, designs, pools = len(model.parameters), [], [], []
-    for fit in model.blocks:
+    for fit in lengths(model):
         at = np.flatnonzero(np.isin(lever.source, fit.rows))
         if not len(at):
             continue
         rows = lever.rows[at]
         block = wide.block(int(target[rows[0]]), rows)
         _, by_arm, by_own = block.linearise(values, fitted.z[model.slices[fit.target]])
-        sigma = fitted.weights.sigma[fit.target].reshape(fit.kind.rows, -1)
+        sigma = fitted.weights.sigma[fit.name].reshape(fit.kind.rows, -1)
         sigma = sigma[:, np.searchsorted(fit.rows, lever.source[at])].reshape(-1, 1)
         sigma = sigma * fitted.weights.scale[fit.group] / fitted.weights.scale[main]
         by_arm = by_arm * wide.sd / sigma

@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from bayescal.arm.motion import CERTIFICATE, CONTACT, Term
+from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
 from bayescal.arm.transforms import AXES
 from bayescal.effects import Parameter
 from bayescal.estimate import STATED_WORTH, TAIL, Estimate, linearise
+from bayescal.gap.lengths import lengths, main_group
 from bayescal.model import ARM, with_parameters
 
 OUTLIERS = 0.02
@@ -26,6 +27,7 @@ GROSS_WIDTH = 200.0
 GROSS = float(np.log(OUTLIERS / (1 - OUTLIERS)) + 0.5 * np.log(2 * np.pi) - np.log(GROSS_WIDTH))
 """Log density of a gross contact, over that of a good one at its centre and noise scale 1."""
 ROUNDS = 30
+TURNS = ("rx", "ry", "rz")
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,9 @@ class Problem:
 
     Contacts are whitened by their stated noise, columns scaled by their prior standard deviations. `z` (D,)
     is where the problem was linearised: the prior pulls it to 0. `contact` (C,) numbers the contact of each
-    of the first C rows; a contact of three rows is kept or left out as one.
+    of the first C rows; a contact of three rows is kept or left out as one. The first L of these rows are
+    lengths, the others orientations, each a contact of its own: columns and evidence take both alike, and
+    what is told in metres is of the first alone.
     """
 
     residual: np.ndarray
@@ -43,12 +47,17 @@ class Problem:
     z: np.ndarray
     contact: np.ndarray
     rows: np.ndarray  # (contacts,) row of the session of each contact
-    sigma: np.ndarray  # (C,) m, stated noise of each of the first C rows
+    sigma: np.ndarray  # (L,) m, stated noise of each of the first L rows
 
     @property
     def count(self) -> int:
         """Number C of residuals of contacts."""
         return len(self.contact)
+
+    @property
+    def lengths(self) -> int:
+        """Number L of residuals that are lengths."""
+        return len(self.sigma)
 
 
 def problem(fitted: Estimate, extra: Sequence[Parameter], nuisance: Sequence[Parameter] = ()) -> Problem:
@@ -69,35 +78,35 @@ class Slopes:
 
     residual: np.ndarray  # (R,)
     jacobian: np.ndarray  # (R, D) of the model's own parameters
-    axes: np.ndarray  # (C, 6 (n + 2))
+    axes: np.ndarray  # (C, 6 (n + 2) + 3): of every frame, then of the tool turned about its own point
     papers: Mapping[str, np.ndarray]  # columns (R,) of parameters of certificates, by name
     contact: np.ndarray  # (C,)
     rows: np.ndarray  # (contacts,)
-    sigma: np.ndarray  # (C,) m
+    sigma: np.ndarray  # (L,) m
 
     @classmethod
     def of(cls, fitted: Estimate, papers: Sequence[Parameter] = ()) -> Slopes:
         """Linearise at an estimate, every contact fully."""
         model = fitted.model
         frames = model.scene.chain.n + 2
-        units = [Parameter("", "1", (Term(f, axis),), 1.0) for f in range(frames) for axis in AXES]
+        sites = [*((f, axis) for f in range(frames) for axis in AXES), *((TURN, axis) for axis in TURNS)]
+        units = [Parameter("", "1", (Term(*site),), 1.0) for site in sites]
         wide = with_parameters(model.scene, model.effects, (*model.parameters, *units, *papers))
         own, last = len(model.parameters), len(wide.parameters)
         shift = wide.shift[own:] / wide.sd[own:]
         z = np.concatenate([fitted.z[model.slices[ARM]], -shift, fitted.z[own:]])
         scale = fitted.weights.scale
-        main = max(scale, key=lambda g: sum(b.residuals for b in model.blocks if b.group == g))
+        main = scale[main_group(model)]
         weights = replace(
             fitted.weights,
-            row={b.target: np.ones(len(b.rows)) for b in model.blocks},
-            scale={g: s / scale[main] for g, s in scale.items()},
+            row={b.name: np.ones(len(b.rows)) for b in model.blocks},
+            scale={g: s / main for g, s in scale.items()},
         )
         linear = linearise(wide, z, weights)
-        contact, rows, sigma, first = [], [], [], 0
+        contact, rows, first = [], [], 0
         for b in model.blocks:
             contact.append(np.tile(first + np.arange(len(b.rows)), b.kind.rows))
             rows.append(b.rows)
-            sigma.append(weights.sigma[b.target] * weights.scale[b.group])
             first += len(b.rows)
         count = sum(map(len, contact))
         return cls(
@@ -107,7 +116,7 @@ class Slopes:
             {p.name: linear.jacobian[:, own + len(units) + k] for k, p in enumerate(papers)},
             np.concatenate(contact),
             np.concatenate(rows),
-            np.concatenate(sigma),
+            np.concatenate([weights.sigma[b.name] * weights.scale[b.group] for b in lengths(model)]),
         )
 
     def problem(self, z: np.ndarray, extra: Sequence[Parameter], nuisance: Sequence[Parameter]) -> Problem:
@@ -125,7 +134,7 @@ class Slopes:
     def columns(self, parameters: Sequence[Parameter]) -> np.ndarray:
         """Columns (R, K) of parameters, each times its prior standard deviation."""
         out = np.zeros((len(self.residual), len(parameters)), order="F")
-        count, at = len(self.contact), self.rows[self.contact]
+        count, of_lengths, at = len(self.contact), len(self.sigma), self.rows[self.contact]
         for k, p in enumerate(parameters):
             column = out[:count, k]
             for term in p.terms:
@@ -135,7 +144,9 @@ class Slopes:
                     break
                 driver = driver if driver.ndim == 0 else driver[at]
                 if term.frame == CONTACT:
-                    column += driver / self.sigma
+                    column[:of_lengths] += (driver if driver.ndim == 0 else driver[:of_lengths]) / self.sigma
+                elif term.frame == TURN:
+                    column += self.axes[:, TURNS.index(term.axis) - len(TURNS)] * driver
                 else:
                     column += self.axes[:, 6 * term.frame + AXES.index(term.axis)] * driver
             out[:, k] *= p.sd

@@ -11,7 +11,7 @@ from bayescal.gap.cells import Cell
 from bayescal.gap.evidence import log_sum
 from bayescal.gap.search import UNKNOWN, Hypothesis, Member, Search
 from bayescal.gap.unknown import Found, Pool, course, unknown, with_set
-from bayescal.gap.where import visible
+from bayescal.gap.where import unabsorbed, visible
 
 LEADERS = 4
 """Hypotheses beside which 'something else' is tried."""
@@ -202,23 +202,28 @@ def _survives(search: Search, best: Weighed, pool: Pool, effect: str) -> bool:
 def _without_footnotes(
     search: Search, members: tuple[Member, ...]
 ) -> tuple[tuple[Member, ...], tuple[str, ...]]:
-    """Members that remove enough of the variance, the largest first, and the others in words."""
+    """Members that remove enough of the variance, the largest first, and the others in words.
+
+    Enough of that of lengths, or of orientations: what turns the tool may hardly move its point.
+    """
     if len(members) < 2:
         return members, ()
     null = search.hypotheses[frozenset()].state
     state = search.hypothesis(members).state
     amplitudes = dict(zip(state.columns.tolist(), state.amplitudes, strict=True))
-    size = []
+    size, turns = [], []
     for m in members:
         own = m.variant.columns
         moved = search.problem.pool[:, own] @ np.array([amplitudes[k] for k in own.tolist()])
         size.append(float(np.mean(visible(null, moved) ** 2)))
-    total = max(sum(size), 1e-300)
+        turns.append(float(np.sum(unabsorbed(null, moved)[search.problem.lengths :] ** 2)))
+    total, turned = max(sum(size), 1e-300), max(sum(turns), 1e-300)
+    share = [max(s / total, t / turned) for s, t in zip(size, turns, strict=True)]
     order = np.argsort(size)[::-1]
-    kept = tuple(members[k] for k in order if size[k] >= FOOTNOTE * total)
+    kept = tuple(members[k] for k in order if share[k] >= FOOTNOTE)
     small = [
-        f"{m.effect}: {1e6 * np.sqrt(s):.1f} um, {100 * s / total:.0f} % of what was found"
-        for m, s in zip(members, size, strict=True)
-        if s < FOOTNOTE * total
+        f"{m.effect}: {1e6 * np.sqrt(s):.1f} um, {100 * part:.0f} % of what was found"
+        for m, s, part in zip(members, size, share, strict=True)
+        if part < FOOTNOTE
     ]
     return kept, tuple(small)

@@ -81,14 +81,19 @@ def f_test(state: State, columns: np.ndarray) -> float:
 
 
 def visible(state: State, contribution: np.ndarray) -> np.ndarray:
-    """What of a whitened contribution (R,) the state cannot absorb, at the contacts (C,), m."""
+    """What of a whitened contribution (R,) the state cannot absorb, of lengths (L,), m."""
+    return unabsorbed(state, contribution)[: state.problem.lengths] * state.problem.sigma
+
+
+def unabsorbed(state: State, contribution: np.ndarray) -> np.ndarray:
+    """What of a whitened contribution (R,) the state cannot absorb, of lengths and orientations (C,)."""
     count = state.problem.count
     whiten = np.sqrt(state.weight)
     whiten[:count] /= state.kappa
     design = state.design * whiten[:, None]
     weighted = contribution * whiten
     left = contribution - state.design @ (state.covariance @ (design.T @ weighted))
-    return left[:count] * state.problem.sigma
+    return left[:count]
 
 
 def _place(
@@ -100,7 +105,7 @@ def _place(
     contribution = columns @ amplitude
     bare = fit_state(without_nuisance(p, size), (), (), without.weight, robust=False)
     left = visible(bare, contribution)
-    kept = without.weight[: p.count] > 0
+    kept = without.weight[: p.lengths] > 0
     rms = float(np.sqrt(np.mean(left[kept] ** 2))) if np.any(kept) else 0.0
     p_value = f_test(without, columns)
     share = float(np.clip(rms**2 / excess, 0.0, 1.0)) if excess > 0 else 0.0
@@ -164,10 +169,10 @@ def _curve(
 ) -> Curve:  # fmt: skip
     p = state.problem
     name, values = coordinate(driver, site, c)
-    rows = p.rows[p.contact]
-    fitted = contribution[: p.count] * p.sigma
-    residual = state.residual[: p.count] * p.sigma + fitted
-    keep = state.weight[: p.count] > 0
+    rows = p.rows[p.contact[: p.lengths]]
+    fitted = contribution[: p.lengths] * p.sigma
+    residual = state.residual[: p.lengths] * p.sigma + fitted
+    keep = state.weight[: p.lengths] > 0
     lever, unit = None, ""
     frames = {(t.frame, t.axis) for q in parameters for t in q.terms}
     one = len(frames) == 1 or all(axis == "rz" for _, axis in frames)
@@ -176,7 +181,7 @@ def _curve(
         best = np.argmax(np.abs(drivers), axis=1)
         at = np.arange(len(rows))
         size = drivers[at, best]
-        scaled = columns[: p.count][at, best] * p.sigma / np.array([q.sd for q in parameters])[best]
+        scaled = columns[: p.lengths][at, best] * p.sigma / np.array([q.sd for q in parameters])[best]
         lever = np.where(size != 0, scaled / np.where(size != 0, size, 1.0), 0.0)[keep]
         unit = "rad" if next(iter(frames))[1][0] == "r" else "m"
     return Curve(name, values[rows][keep], residual[keep], fitted[keep], rows[keep], lever, unit)

@@ -117,4 +117,5 @@ def warnings(gap: Gap) -> tuple[str, ...]:
     turns = int(np.sum(posed(gap.dataset)))
     if not turns:
         return gap.warnings
-    return (*gap.warnings, f"{turns} rows also read an orientation: here their points alone are judged")
+    told = "it is weighed beside their points, but figures in um are of these alone"
+    return (*gap.warnings, f"{turns} rows also read an orientation: {told}")

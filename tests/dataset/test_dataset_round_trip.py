@@ -138,7 +138,7 @@ def datasets(draw) -> Dataset:
         noise=Noise(1e-5, draw(st.none() | st.just(2e-6)), 1e-5, draw(st.none() | st.just(3e-4))),
         targets=(
             Target(names[0], "fixed-point", {"centre": centre}, u_angle=u),
-            Target(names[1], "distance", {"centre": centre, "length": np.nan}),
+            Target(names[1], "distance", {"centre": centre - [0, 0, 0.3], "length": np.nan}),
             Target(names[2], "plane", {"normal": np.array([0.6, 0.0, 0.8]), "offset": 0.1}),
         ),
         certificates=(

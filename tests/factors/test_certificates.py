@@ -6,10 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from factors.certificate import Certificate, diameter, distance, parallel, perpendicular
+from factors.certificate import Certificate, diameter, join
+from factors.cylinder import Cylinder
+from factors.distance import Distance
+from factors.fixed_point import FixedPoint
+from factors.instrument import Instrument
 from factors.kind import tangents
 from factors.plane import Plane
 from factors.sphere import Sphere
+from factors.turns import turned as rotation
 
 U_ANGLE, U_DISTANCE, SIDE = 1.2e-5, 3e-6, 0.2286
 RADIUS = np.zeros(0)
@@ -27,6 +32,14 @@ HIGH = face([0, 0, 1], [0.40, -0.05, 0.15])
 FRONT = face([-1, 0, 0], [0.3357, 0.0, 0.15])
 A = Sphere(np.array([0.43, -0.06, 0.09]), 50.8e-3, RADIUS, np.full(4, 0.05))
 B = Sphere(np.array([0.53, 0.05, 0.11]), 50.8e-3, RADIUS, np.full(4, 0.05))
+PIN = Cylinder(np.array([0.5, -0.1, 0.1]), np.array([0.0, 0.0, 1.0]), 0.02, RADIUS, np.full(5, 0.05))
+ROD = Cylinder(np.array([0.4, 0.1, 0.2]), np.array([0.0, 0.0, -1.0]), 0.03, RADIUS, np.full(5, 0.05))
+BEAM = Cylinder(np.array([0.45, 0.0, 0.3]), np.array([1.0, 0.0, 0.0]), 0.02, RADIUS, np.full(5, 0.05))
+CONE = FixedPoint(np.array([0.42, 0.05, 0.2]), np.full(3, 0.05))
+PIVOT = Distance(np.array([0.5, 0.1, -0.4]), RADIUS, np.full(3, 0.05))
+FRAME = np.block([[rotation(np.array([0.3, -0.2, 1.0])), np.array([[0.9], [0.2], [0.3]])], [np.eye(4)[3:]]])
+TRACKER = Instrument(FRAME, np.array([0.45, 0.0, 0.3]), np.zeros((0, 3)), np.full(6, 0.05))
+FORM = {Plane: "plane", Cylinder: "axis"}
 APART = float(np.linalg.norm(A.centre - B.centre))
 
 
@@ -50,8 +63,47 @@ def shifted(a: Sphere, b: Sphere) -> tuple[np.ndarray, ...]:
     return np.array([1e-3, -2e-3, 3e-3, 4e-4]), np.array([1e-3, -2e-3, 3e-3, -1e-4])
 
 
+def forms(a, b) -> tuple[str, str]:
+    return FORM.get(type(a), "point"), FORM.get(type(b), "point")
+
+
+def parallel(a, b, length, u_distance, u_angle):
+    return join("parallel", forms(a, b), (a, b), length, u_distance, u_angle)
+
+
+def perpendicular(a, b, u_angle):
+    return join("perpendicular", forms(a, b), (a, b), u_angle=u_angle)
+
+
 def between(a, b, length, u):
-    return distance(a.centre, b.centre, length, u)
+    return join("distance", forms(a, b), (a, b), length, u)
+
+
+def placed(kind, turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """The state of a target that turned and moved with all others, as a rigid body."""
+    to = lambda p: turn @ p + shift  # noqa: E731
+    if isinstance(kind, Plane):
+        return leaning(kind, turn @ kind.normal, turn @ kind.normal @ to(kind.pivot))
+    if isinstance(kind, Cylinder):
+        axis, basis = turn @ kind.axis, kind.tangents
+        on = to(kind.point) - axis * (kind.axis @ (to(kind.point) - kind.point)) / (kind.axis @ axis)
+        return np.concatenate([basis @ axis / (kind.axis @ axis), basis @ (on - kind.point), [1e-4]])
+    if isinstance(kind, Instrument):
+        return np.concatenate([TURN, to(kind.pivot) - kind.pivot])
+    return np.append(to(kind.centre) - kind.centre, np.full(len(kind.sd) - 3, 1e-4))
+
+
+TURN, SHIFT = np.array([4e-3, -6e-3, 5e-3]), np.array([1e-3, -2e-3, 3e-3])
+
+
+def moved(a, b) -> tuple[np.ndarray, ...]:
+    """States of two targets moved as one."""
+    return tuple(placed(kind, rotation(TURN), SHIFT) for kind in (a, b))
+
+
+def off(a: np.ndarray, axis: np.ndarray, b: np.ndarray) -> float:
+    """Distance of two places across an axis, m."""
+    return float(np.linalg.norm(np.cross(axis, a - b)))
 
 
 @dataclass(frozen=True)
@@ -73,6 +125,27 @@ CASES = {
     "step, named the other way": Case(parallel(HIGH, LOW, 0.05, U_DISTANCE, U_ANGLE), turned(HIGH, LOW), 3),
     "square": Case(perpendicular(RIGHT, FRONT, U_ANGLE), turned(RIGHT, FRONT), 1),
     "centres": Case(between(A, B, APART, U_DISTANCE), shifted(A, B), 1),
+    "pin and face": Case(parallel(PIN, FRONT, 0.1643, U_DISTANCE, U_ANGLE), moved(PIN, FRONT), 2),
+    "pins": Case(
+        parallel(PIN, ROD, off(PIN.point, PIN.axis, ROD.point), U_DISTANCE, U_ANGLE), moved(PIN, ROD), 3
+    ),
+    "pin upright": Case(perpendicular(PIN, LOW, U_ANGLE), moved(PIN, LOW), 2),
+    "pins square": Case(perpendicular(PIN, BEAM, U_ANGLE), moved(PIN, BEAM), 1),
+    "pins apart": Case(
+        between(ROD, PIN, off(PIN.point, PIN.axis, ROD.point), U_DISTANCE), moved(ROD, PIN), 1
+    ),
+    "ball over face": Case(between(LOW, CONE, 0.1, U_DISTANCE), moved(LOW, CONE), 1),
+    "ball under face": Case(between(A, HIGH, 0.06, U_DISTANCE), moved(A, HIGH), 1),
+    "seat and pin": Case(
+        between(CONE, PIN, off(CONE.centre, PIN.axis, PIN.point), U_DISTANCE), moved(CONE, PIN), 1
+    ),
+    "pivot and tracker": Case(
+        between(PIVOT, TRACKER, float(np.linalg.norm(PIVOT.centre - FRAME[:3, 3])), U_DISTANCE),
+        moved(PIVOT, TRACKER),
+        1,
+    ),
+    "tracker and face": Case(between(TRACKER, FRONT, 0.5643, U_DISTANCE), moved(TRACKER, FRONT), 1),
+    "diameter of a pin": Case(diameter(PIN, 20.01e-3, U_DISTANCE), (np.array([1e-3, 0, 0, 0, 1e-5]),), 1),
     "diameter": Case(diameter(A, 50.81e-3, U_DISTANCE), (np.array([1e-3, 0, 0, 1e-5]),), 1),
 }
 
@@ -82,7 +155,7 @@ def case(request) -> Case:
     return request.param
 
 
-def off(case: Case, *lead: int) -> tuple[np.ndarray, ...]:
+def strayed(case: Case, *lead: int) -> tuple[np.ndarray, ...]:
     rng = np.random.default_rng(4)
     return tuple(x + 1e-3 * rng.standard_normal((*lead, len(x))) for x in case.holds)
 
@@ -94,7 +167,7 @@ def test_zero_where_it_holds(case):
 
 
 def test_slopes(case):
-    x, h = off(case), 1e-7
+    x, h = strayed(case), 1e-7
     r, slopes = case.function(*x)
     assert len(slopes) == len(x)
     assert np.max(np.abs(r)) > 1
@@ -111,7 +184,7 @@ def test_slopes(case):
 
 @pytest.mark.parametrize("lead", [(4,), (2, 3)])
 def test_draws(case, lead):
-    x = off(case, *lead)
+    x = strayed(case, *lead)
     r, slopes = case.function(*x)
     for at in np.ndindex(*lead):
         one, own = case.function(*(part[at] for part in x))
@@ -152,6 +225,33 @@ def turn_by(part: int, plane: Plane, tangent: int) -> Callable:
     return move
 
 
+def unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)
+
+
+def lean_along(pin: Cylinder, part: int, other, tangent: int | None = None) -> Callable:
+    """A pin turned by U_ANGLE towards another direction, or towards a tangent of its own."""
+    towards = getattr(other, "normal", getattr(other, "axis", None))
+    towards = towards if tangent is None else pin.tangents[tangent]
+
+    def move(holds: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+        step = np.append(U_ANGLE * pin.tangents @ towards, np.zeros(3))
+        return tuple(x + step if k == part else x for k, x in enumerate(holds))
+
+    return move
+
+
+def away(pin: Cylinder, part: int, other) -> Callable:
+    """A pin moved by U_DISTANCE away from a point, or from another pin's axis."""
+    out = pin.tangents @ (pin.point - getattr(other, "centre", getattr(other, "point", None)))
+
+    def move(holds: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+        step = np.concatenate([[0, 0], U_DISTANCE * unit(out), [0]])
+        return tuple(x + step if k == part else x for k, x in enumerate(holds))
+
+    return move
+
+
 MOVES = {
     "block": [turn_by(0, RIGHT, 0), turn_by(0, RIGHT, 1), push(0, 2, U_DISTANCE)],
     "block, named the other way": [turn_by(0, LEFT, 0), turn_by(0, LEFT, 1), push(1, 2, U_DISTANCE)],
@@ -161,6 +261,19 @@ MOVES = {
     "centres": [
         lambda holds: (holds[0] + np.append(U_DISTANCE * (A.centre - B.centre) / APART, 0), holds[1])
     ],
+    "pin and face": [lean_along(PIN, 0, FRONT), push(1, 2, U_DISTANCE)],
+    "pins": [lean_along(PIN, 0, PIN, 0), lean_along(PIN, 0, PIN, 1), away(PIN, 0, ROD)],
+    "pin upright": [lean_along(PIN, 0, PIN, 0), lean_along(PIN, 0, PIN, 1)],
+    "pins square": [lean_along(PIN, 0, BEAM)],
+    "pins apart": [away(ROD, 0, PIN)],
+    "ball over face": [push(0, 2, -U_DISTANCE)],
+    "ball under face": [push(1, 2, U_DISTANCE)],
+    "seat and pin": [away(PIN, 1, CONE)],
+    "pivot and tracker": [
+        lambda holds: (holds[0] + U_DISTANCE * unit(PIVOT.centre - FRAME[:3, 3]), holds[1])
+    ],
+    "tracker and face": [push(1, 2, U_DISTANCE)],
+    "diameter of a pin": [push(0, 4, U_DISTANCE)],
     "diameter": [push(0, 3, U_DISTANCE)],
 }
 

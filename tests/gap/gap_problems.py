@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.dataset import Dataset, Noise, Target
 from bayescal.effects import Circumstances
 from bayescal.estimate import Estimate, linearise, unit_weights
@@ -18,6 +19,7 @@ from bayescal.gap.unknown import Pool
 from bayescal.gap.verdict import Decision, decide
 from bayescal.model import build
 from bayescal.scene import Scene
+from factors.turns import turned
 
 BASELINE = ("geometry", "compliance")
 
@@ -26,11 +28,22 @@ def unsolved(
     dataset: Dataset, effects: tuple[str, ...] = BASELINE, off: float = 0.1, seed: int = 0
 ) -> Estimate:
     """A model `off` prior standard deviations from its drawing, as if that were its estimate."""
-    model = build(Scene(dataset), effects)
+    model = build(Scene(dataset, oriented=True), effects)
     z = off * np.random.default_rng(seed).standard_normal(model.size)
     weights = unit_weights(model, z)
     rejected, dof = np.zeros(0, int), dict.fromkeys(weights.scale, 10.0)
     return Estimate(model, z, np.eye(model.size), weights, linearise(model, z, weights), 0, rejected, dof)
+
+
+def with_orientations(dataset: Dataset, seed: int = 0) -> Dataset:
+    """A session of one instrument, every second of whose rows reads the drawn flange's orientation too."""
+    scene, m = Scene(dataset), dataset.measurements
+    home = rpy_matrix(np.asarray(dataset.targets[0].values["rpy"]))
+    off = turned(1e-3 * np.random.default_rng(seed).standard_normal((len(m.ids), 3)))
+    read = home.T @ scene.flange @ off
+    rpy = np.array([rpy_of(r) for r in read])
+    rpy[1::2] = np.nan
+    return replace(dataset, measurements=replace(m, rpy=rpy))
 
 
 def of_every_kind(dataset: Dataset) -> Dataset:

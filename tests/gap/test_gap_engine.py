@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_problems import BASELINE, Bench, of_every_kind, unsolved
+from gap_problems import BASELINE, Bench, of_every_kind, unsolved, with_orientations
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
@@ -18,7 +18,7 @@ from bayescal.gap.candidates import at_setting, candidates
 from bayescal.gap.evidence import SCALES, log_bayes, project
 from bayescal.gap.problem import Problem, Slopes, fit_state, of_paper, problem, without_nuisance
 from bayescal.gap.screen import screened
-from bayescal.model import ARM, with_parameters
+from bayescal.model import ARM, ORIENTATION, Turned, with_parameters
 from bayescal.scene import Scene
 
 
@@ -44,16 +44,18 @@ def every_candidate(c, baseline):
     return out
 
 
-@pytest.mark.parametrize("kinds", ["planes", "every kind", "points"])
+@pytest.mark.parametrize("kinds", ["planes", "every kind", "points", "poses"])
 def test_columns_are_those_of_a_model_that_has_the_parameters(kinds, session, mixed, tracker):
-    dataset = {"planes": session, "every kind": mixed, "points": tracker(seed=3).dataset}[kinds]
+    read = tracker(seed=3).dataset
+    poses = with_orientations(read)
+    dataset = {"planes": session, "every kind": mixed, "points": read, "poses": poses}[kinds]
     fitted = unsolved(dataset)
     scales = {g: 1.0 + 0.5 * k for k, g in enumerate(fitted.weights.scale)}
     fitted = replace(fitted, weights=replace(fitted.weights, scale=scales))
     model, scene = fitted.model, fitted.model.scene
     extra = every_candidate(scene.circumstances(scene.rows("calibrate")), BASELINE)
     assert {p.effect for p in extra} >= (
-        {"step", "bending"} if kinds == "points" else set(EFFECTS) - set(BASELINE)
+        {"step", "bending"} if kinds in ("points", "poses") else set(EFFECTS) - set(BASELINE)
     )
     found = Slopes.of(fitted, [p for p in extra if of_paper(p)])
 
@@ -62,6 +64,7 @@ def test_columns_are_those_of_a_model_that_has_the_parameters(kinds, session, mi
     at_rest = -wide.shift[own:] / wide.sd[own:]
     z = np.concatenate([fitted.z[model.slices[ARM]], at_rest, fitted.z[own:]])
     count = {g: sum(b.residuals for b in model.blocks if b.group == g) for g in scales}
+    assert (count.pop(ORIENTATION, 0) > 0) == (kinds == "poses")
     main = max(count, key=count.get)
     weights = replace(fitted.weights, scale={g: s / scales[main] for g, s in scales.items()})
     linear = linearise(wide, z, weights)
@@ -72,6 +75,34 @@ def test_columns_are_those_of_a_model_that_has_the_parameters(kinds, session, mi
     np.testing.assert_allclose(found.residual, linear.residual, rtol=1e-9, atol=1e-9)
     kept = np.r_[0:own, last : wide.size]
     np.testing.assert_allclose(found.jacobian, linear.jacobian[:, kept], rtol=1e-9, atol=1e-9)
+
+
+def test_columns_of_orientations_are_differences(tracker):
+    """Of the orientations of a model that has the parameters, the tool's own turn among them."""
+    fitted = unsolved(with_orientations(tracker(seed=3).dataset))
+    model, scene = fitted.model, fitted.model.scene
+    c = scene.circumstances(scene.rows("calibrate"))
+    tool = [replace(p, name=f"{p.name} again") for p in model.parameters if p.name.endswith((" rx", " rz"))]
+    extra = [*tool, *every_candidate(c, BASELINE)]
+    assert len(tool) >= 2
+    found = Slopes.of(fitted)
+    columns = found.columns(extra)[len(found.sigma) :]
+    wide = with_parameters(scene, model.effects, (*model.parameters, *extra))
+    (block,) = (b for b in wide.blocks if isinstance(b, Turned))
+    assert len(columns) == block.residuals
+    own = len(model.parameters)
+    values = np.append(model.deviations(fitted.z[:own]), np.zeros(len(extra)))
+    z, noise = fitted.z[model.slices[block.target]], fitted.weights.sigma[block.name]
+    seen = 0
+    for k, p in enumerate(extra):
+        step = np.zeros(len(values))
+        step[own + k] = 1e-4 / max(1.0, max(np.max(np.abs(t.driver)) for t in p.terms))
+        apart = block.residual(values + step, z) - block.residual(values - step, z)
+        expected = p.sd * apart.ravel() / (2 * step[own + k]) / noise
+        size = np.max(np.abs(expected))
+        np.testing.assert_allclose(columns[:, k], expected, rtol=0, atol=1e-5 * size + 1e-9, err_msg=p.name)
+        seen += size > 1e-6
+    assert seen > len(extra) / 2
 
 
 def test_rows_of_a_contact_stay_together(mixed):

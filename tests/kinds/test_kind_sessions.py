@@ -2,9 +2,10 @@
 
 from dataclasses import replace
 
+import kind_sessions
 import numpy as np
 import pytest
-from kind_sessions import TURN, bar, cone, of_pieces, pin, sphere, tracker
+from kind_sessions import POINT, TURN, bar, cone, of_pieces, pin, sphere, tracker
 from scipy.stats import chi2
 
 from bayescal.arm.transforms import rpy_of
@@ -124,6 +125,36 @@ def test_fit_and_validate(name, request):
     assert all(0.7 < s < 1.4 for g, s in result.final.estimate.weights.scale.items() if g != "orientation")
 
 
+def test_certificates_between_kinds(cube, tmp_path):
+    """A ball off a face and a seat off a pin, with no other paper, say how long the arm is, and truly."""
+    base = cube(seed=9)
+    seat = cone("cone", [0.42, 0.05, 0.30], [1e-3, 1e-3, 0], count=12)
+    rod = pin("pin", [0.5, -0.05, 0.30], [0.0, 0.0, 1.0], [1e-3, -1e-3, 0], count=24)
+    normal, offset = base.planes["cube.+y"]
+    height = float(normal @ BALLS[0].true.centre - offset)
+    reach = float(np.linalg.norm((seat.true.centre - rod.true.point)[:2]))
+    papers = (
+        Certificate("distance", ("ball.A", "cube.+y"), round(abs(height), 9), 1e-6),
+        Certificate("distance", ("cone", "pin"), round(reach, 9), 1e-6),
+    )
+    session = of_pieces(base, (BALLS[0], seat, rod), papers, seed=4)
+    told = replace(session.dataset, certificates=papers)
+    write_dataset(told, tmp_path / "kinds")
+    assert read_dataset(tmp_path / "kinds").certificates == papers
+    found = calibrated(Scene(told), FULL)
+    assert found.model.knows_length
+    assert len(found.model.ties) == 2
+    check_truth(session, found)
+    bare = calibrated(Scene(replace(told, certificates=())), FULL)
+    for tie in found.model.ties:
+        left, free = (
+            tie.linearise(np.zeros(0), *(m.block_of[n].state(z[m.slices[n]]) for n in tie.targets))[0]
+            for m, z in ((found.model, found.z), (bare.model, bare.z))
+        )
+        assert abs(left[0]) < 3
+        assert abs(free[0]) > 2 * abs(left[0])
+
+
 def test_orientations_are_told_from_points(posed):
     """Their noise is a group of its own, found from an assumed one; they sharpen what points leave open."""
     scene = Scene(posed.dataset, oriented=True)
@@ -209,6 +240,29 @@ def test_gap_takes_every_kind(name, request):
     assert found.magnitude.heldout_rms < 25e-6
     turns = any("orientation" in warning for warning in warnings(found))
     assert turns == (session.dataset.measurements.rpy is not None)
+
+
+def test_what_only_turns_the_tool_is_named_by_orientations(cube, monkeypatch):
+    """An eccentric joint 6 moves reflectors near its axis by far less than their noise."""
+    near = {"north": [0.0, 0.0, 0.10], "east": [0.0, 0.0, 0.12], "south": [0.0, 0.0, 0.08]}
+    monkeypatch.setattr(kind_sessions, "REFLECTORS", near)
+    pieces = (replace(NORTH, tools=(1, 2), poses=True, count=120),)
+    dataset = of_pieces(cube(seed=5), pieces, planes=False).dataset
+    m = dataset.measurements
+    readings = m.readings.copy()
+    readings[:, 5] -= 1e-3 * np.sin(readings[:, 5] + 0.7)
+    off = replace(dataset, measurements=replace(m, readings=readings))
+    found = diagnose(off)
+    assert found.verdict.kind == "named"
+    assert [(n.effect, n.site) for n in found.verdict.named] == [("eccentricity", "joint 6")]
+    # what is told in metres is of the points, and these hardly tell
+    assert max(p.rms for p in found.where) < 5e-6
+    assert found.magnitude.heldout_rms < 2 * POINT
+    assert all(t.rms < 2 * POINT for margin in found.margins.values() for t in margin)
+    assert {len(r) for r in found.residuals} == {3 * int(np.sum(m.role == "calibrate"))}
+    bare = replace(off, measurements=replace(off.measurements, rpy=None))
+    assert diagnose(bare).verdict.kind == "null"
+    assert diagnose(dataset).verdict.kind == "null"
 
 
 def test_poses_come_back_from_disk(posed, tmp_path):
