@@ -12,18 +12,15 @@ for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR")
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 import argparse
-import json
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from analysis.knock_out_page import right, table, update
+from analysis.records import Record, completed, stored
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.gap.diagnose import Explained, diagnose, explain
@@ -36,7 +33,6 @@ from bayescal.scene import Scene
 
 RUNS = Path(__file__).parents[1] / "runs" / "knock-out"
 UM, MM = 1e6, 1e3
-Record = dict[str, Any]
 
 
 class Task(NamedTuple):
@@ -212,24 +208,6 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def on_workers(
-    work: Callable[[Any], Record], tasks: Sequence[Any], workers: int, what: str
-) -> Iterator[Record]:
-    """Records in the order of the tasks, with a count on the way."""
-
-    def counted(records: Iterator[Record]) -> Iterator[Record]:
-        for k, found in enumerate(records, start=1):
-            print(f"\r{what}: {k} of {len(tasks)}", end="", file=sys.stderr, flush=True)
-            yield found
-        print(file=sys.stderr)
-
-    if workers == 1 or len(tasks) < 2:
-        yield from counted(map(work, tasks))
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from counted(pool.map(work, tasks))
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the records that are missing, and the page of all."""
     parser = argparse.ArgumentParser(prog="python -m analysis.knock_out", description=__doc__)
@@ -239,15 +217,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, help="page to write, or whose tables to bring up to date")
     parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
     given = parser.parse_args(arguments)
-    given.runs.mkdir(parents=True, exist_ok=True)
     path = given.runs / "records.json"
-    records: dict[str, Record] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    records = stored(path)
 
     def run(tasks: list[Task], what: str) -> None:
-        missing = [t for t in tasks if t.key not in records]
-        for task, found in zip(missing, on_workers(made, missing, given.workers, what), strict=True):
-            records[task.key] = found
-            path.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
+        completed(records, path, {t.key: t for t in tasks}, made, given.workers, what)
 
     folders = sorted(p.parent for p in given.real.glob("*/dataset.yaml"))
     only = {int(j) for j in given.joints.split(",") if j.strip()}

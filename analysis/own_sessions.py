@@ -12,16 +12,14 @@ for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR")
 
 import argparse
 import json
-import sys
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from analysis.records import on_workers
 from bayescal.blind.card import between, table
 from bayescal.blind.judge import FLAGGED
 from bayescal.blind.rates import proportion
@@ -101,22 +99,6 @@ def markdown(found: dict[str, Any]) -> str:
     )
 
 
-def on_workers(seeds: Sequence[int], workers: int) -> Iterator[list[dict[str, Any]]]:
-    """Results in the order of the seeds, whatever the number of workers, with a count on the way."""
-
-    def counted(results: Iterator[list[dict[str, Any]]]) -> Iterator[list[dict[str, Any]]]:
-        for k, result in enumerate(results, start=1):
-            print(f"\rseeds: {k} of {len(seeds)}", end="", file=sys.stderr, flush=True)
-            yield result
-        print(file=sys.stderr)
-
-    if workers == 1:
-        yield from counted(map(diagnosed, seeds))
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from counted(pool.map(diagnosed, seeds))
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Simulate, diagnose, print the table, and renew it in a page."""
     parser = argparse.ArgumentParser(prog="python -m analysis.own_sessions", description=__doc__)
@@ -127,7 +109,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--runs", type=Path, default=RUNS, help="folder for the records")
     given = parser.parse_args(arguments)
     seeds = [SEEDS * given.seed + k for k in range(given.seeds)]
-    records = [r for found in on_workers(seeds, given.workers) for r in found]
+    records = [r for found in on_workers(diagnosed, seeds, given.workers, "seeds") for r in found]
     given.runs.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"seed": given.seed, "sessions": records}, indent=1)
     (given.runs / "records.json").write_text(text + "\n", encoding="utf-8")

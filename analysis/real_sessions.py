@@ -12,18 +12,18 @@ for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR")
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 import argparse
-import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from analysis.knock_out import on_workers, usual
+from analysis.knock_out import usual
 from analysis.knock_out_page import update
 from analysis.real_sessions_page import MARKS, table
+from analysis.records import Record, completed, stored
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.effects import parameters_of
 from bayescal.estimate import Estimate, calibrated, estimate
@@ -43,7 +43,6 @@ MM, UM = 1e3, 1e6
 NOMINAL, BASE_TOOL, WITH_FORM, NAMED = "nominal", "base+tool", "form", "named"
 BOUND_TO_ITS_SESSION = ("step",)
 """Effects that say when something happened: they tell nothing of contacts apart."""
-Record = dict[str, Any]
 
 
 class Task(NamedTuple):
@@ -212,16 +211,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, help="page to write, or whose tables to bring up to date")
     parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
     given = parser.parse_args(arguments)
-    given.runs.mkdir(parents=True, exist_ok=True)
     path = given.runs / "records.json"
-    records: dict[str, Record] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    records = stored(path)
 
     def run(tasks: list[Task], what: str) -> list[Record]:
-        missing = [t for t in tasks if t.key not in records]
-        for task, found in zip(missing, on_workers(made, missing, given.workers, what), strict=True):
-            records[task.key] = found
-            path.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
-        return [records[t.key] for t in tasks]
+        return completed(records, path, {t.key: t for t in tasks}, made, given.workers, what)
 
     folders = sorted(p.parent for p in given.real.glob("*/dataset.yaml"))
     sessions = run([Task(f) for f in folders], "sessions")

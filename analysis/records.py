@@ -1,0 +1,47 @@
+"""Records of long studies: made on several processes, kept as they come, so that an interrupted one goes on."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+Record = dict[str, Any]
+
+
+def on_workers(work: Callable[[Any], Any], tasks: Sequence[Any], workers: int, what: str) -> Iterator[Any]:
+    """Results in the order of the tasks, with a count on the way."""
+
+    def counted(results: Iterator[Any]) -> Iterator[Any]:
+        for k, found in enumerate(results, start=1):
+            print(f"\r{what}: {k} of {len(tasks)}", end="", file=sys.stderr, flush=True)
+            yield found
+        print(file=sys.stderr)
+
+    if workers == 1 or len(tasks) < 2:
+        yield from counted(map(work, tasks))
+        return
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        yield from counted(pool.map(work, tasks))
+
+
+def stored(path: Path) -> dict[str, Record]:
+    """The records of a file by their keys; none where there is no file yet."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+
+def completed(
+    records: dict[str, Record], path: Path, tasks: Mapping[str, Any], work: Callable[[Any], Record],
+    workers: int, what: str,
+) -> list[Record]:  # fmt: skip
+    """The records of tasks, by key; those that are missing are made, added and written one by one."""
+    missing = {key: task for key, task in tasks.items() if key not in records}
+    for key, found in zip(missing, on_workers(work, list(missing.values()), workers, what), strict=True):
+        records[key] = found
+        path.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
+    return [records[key] for key in tasks]
