@@ -8,8 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from bayescal.gap.diagnose import diagnose
-from bayescal.report.gap_arm import draw_where
-from bayescal.simulate import Options, simulate
+from bayescal.reporting.gap.arm import draw_where
+from bayescal.simulation import Options, simulate
 
 ROOT = Path(__file__).resolve().parents[1]
 HIDDEN = Options(effects=("geometry", "compliance", "backlash"), seed=4)

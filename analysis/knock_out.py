@@ -24,12 +24,12 @@ from analysis.records import Record, completed, stored
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.gap.diagnose import Explained, diagnose, explain
-from bayescal.gap.heldout import HeldOut, held_out, kept
-from bayescal.gap.refit import model_name, refit
-from bayescal.gap.shrinkage import expects
+from bayescal.gap.outcome.shrinkage import expects
+from bayescal.gap.search.refit import model_name, refit
 from bayescal.model import with_parameters
-from bayescal.parts import Part
-from bayescal.scene import Scene
+from bayescal.model.parts import Part
+from bayescal.model.scene import Scene
+from bayescal.predict.crossvalidation import HeldOut, held_out, kept
 
 RUNS = Path(__file__).parents[1] / "runs" / "knock-out"
 UM, MM = 1e6, 1e3

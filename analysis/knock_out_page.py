@@ -7,7 +7,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from bayescal.gap.search import MOST
+from bayescal.gap.search.beam import MOST
 
 BEGIN, END = "<!-- knock-out: begin -->", "<!-- knock-out: end -->"
 SEEN = 30.0

@@ -27,7 +27,7 @@ from bayescal.blind.rows import of
 from bayescal.dataset import Dataset
 from bayescal.errors import BayescalError
 from bayescal.gap.diagnose import diagnose
-from bayescal.simulate import Options, simulate
+from bayescal.simulation import Options, simulate
 
 RUNS = Path(__file__).parents[1] / "runs" / "own-sessions"
 MARKS = "<!-- own-sessions: begin -->", "<!-- own-sessions: end -->"

@@ -13,8 +13,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from bayescal.calibration import Fit, fit
 from bayescal.dataset import read_dataset
-from bayescal.fit import Fit, fit
 
 ROOT = Path(__file__).resolve().parents[1]
 LABELS = ("as drawn", "joint zeros\nand scales", "kinematic", "kinematic\n+ stiffness")

@@ -24,18 +24,18 @@ from analysis.knock_out import usual
 from analysis.knock_out_page import update
 from analysis.real_sessions_page import MARKS, table
 from analysis.records import Record, completed, stored
+from bayescal.calibration import VALIDATION_DRAWS, fit
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.effects import parameters_of
 from bayescal.estimate import Estimate, calibrated, estimate
-from bayescal.fit import VALIDATION_DRAWS, fit
-from bayescal.flatness import FORM
+from bayescal.estimate.flatness import FORM
+from bayescal.estimate.unexplained import unexplained
 from bayescal.gap.diagnose import explain
-from bayescal.gap.refit import model_name
+from bayescal.gap.search.refit import model_name
 from bayescal.model import with_parameters
+from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
-from bayescal.scene import Scene
-from bayescal.unexplained import unexplained
-from bayescal.validate import Distances, Validation, forecast, inside95, validate
+from bayescal.predict import Distances, Validation, forecast, inside95, validate
 from factors.fixed_point import FixedPoint
 
 RUNS = Path(__file__).parents[1] / "runs" / "real-sessions"

@@ -1,4 +1,4 @@
-"""Records of long studies: made on several processes, kept as they come, so that an interrupted one goes on."""
+"""Records of long studies: made on several processes and kept as they come; an interrupted study resumes."""
 
 from __future__ import annotations
 

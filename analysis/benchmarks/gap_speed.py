@@ -7,7 +7,7 @@ from pathlib import Path
 from analysis.benchmarks.clock import seconds
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.gap.diagnose import diagnose
-from bayescal.simulate import Options, simulate
+from bayescal.simulation import Options, simulate
 
 MANY = 5000
 ROUNDS = 3

@@ -17,7 +17,7 @@ from rich.table import Table
 from bayescal.dataset import Dataset, Measurements, Target, read_dataset
 from bayescal.estimate import calibrated, linearise, solve, unit_weights
 from bayescal.model import ARM, Model, build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 TOP = Path(__file__).parents[2]
 EFFECTS = ("geometry", "compliance")

@@ -13,7 +13,7 @@ from bayescal.arm.motion import Motion
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.estimate import Estimate, Weights, estimate, unit_weights
 from bayescal.model import Block, Model, build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 from factors.plane import Plane
 
 EFFECTS = ("geometry", "compliance")

@@ -13,8 +13,8 @@ from analysis.methods import page, session
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.errors import BayescalError
 from bayescal.methods import compare
-from bayescal.report.comparison import comparison_record
-from bayescal.simulate import Options
+from bayescal.reporting.comparison import comparison_record
+from bayescal.simulation import Options
 
 TOP = Path(__file__).parents[2]
 RAW = "methods.json"

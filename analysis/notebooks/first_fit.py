@@ -30,9 +30,9 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from bayescal.calibration import fit
 from bayescal.dataset import read_dataset
-from bayescal.fit import fit
-from bayescal.report.posterior import fit_inference_data
+from bayescal.reporting.fit.posterior import fit_inference_data
 
 HERE = Path.cwd()
 DATA = next(p / "data" / "lrmate200ic-cube" for p in (HERE, *HERE.parents) if (p / "data").is_dir())

@@ -28,8 +28,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from bayescal.gap.diagnose import diagnose
-from bayescal.report.gap_words import headline
-from bayescal.simulate import Options, simulate
+from bayescal.reporting.gap.phrases import headline
+from bayescal.simulation import Options, simulate
 
 HIDDEN = "backlash"
 session = simulate(Options(effects=("geometry", "compliance", HIDDEN), seed=4, contacts=300, placements=3))

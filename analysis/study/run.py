@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.study import figures, page, pictures, session
-from bayescal.simulate import Options
+from bayescal.simulation import Options
 
 TOP = Path(__file__).parents[2]
 RAW = "sessions.json"

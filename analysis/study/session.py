@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.calibration import VALIDATION_DRAWS, Fit, fit
 from bayescal.errors import BayescalError
-from bayescal.fit import VALIDATION_DRAWS, Fit, fit
 from bayescal.posterior import sample
-from bayescal.simulate import Options, Simulation, simulate
-from bayescal.validate import Validation, validate
+from bayescal.predict import Validation, validate
+from bayescal.simulation import Options, Simulation, simulate
 
 MODEL = ("geometry", "compliance")
 RUNGS = ("nominal", "joint zeros and scales", "kinematic", "kinematic + stiffness")

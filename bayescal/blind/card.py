@@ -14,7 +14,7 @@ from rich.text import Text
 
 from bayescal.blind.rows import bands, by_lambda, number, rows
 from bayescal.errors import BayescalError
-from bayescal.report.text import facts, plain_table
+from bayescal.reporting.shared.text import facts, plain_table
 
 BEGIN, END = "<!-- blind: begin -->", "<!-- blind: end -->"
 KINDS = {"null": "hide nothing", "single": "one effect", "pair": "two", "outside": "something without a name"}

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from bayescal.blind.judge import CRASHED, FLAGGED, Record, false_names, leader, missing
-from bayescal.gap.verdict import MATES
+from bayescal.gap.search.verdict import MATES
 
 WEAK = 30.0
 """Lambda below which an effect is called weak: about half of these can be named at all."""

@@ -125,7 +125,7 @@ def answered(task: Task) -> dict[str, Any]:
     # here, for the process that hands out the work needs none of it
     from bayescal.dataset import read_dataset
     from bayescal.gap.diagnose import diagnose
-    from bayescal.report.gap_record import gap_record
+    from bayescal.reporting.gap.record import gap_record
 
     start, about = time.process_time(), _about(task)
     with tempfile.TemporaryDirectory(prefix="bayescal-blind-") as folder:
@@ -154,8 +154,8 @@ def _about(task: Task) -> dict[str, Any]:
 
 def _sealed(truth: str, answers: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """The contents of answers.json; the time that answers took is not part of it."""
-    from bayescal.report.gap_record import LIBRARIES
-    from bayescal.report.origin import software
+    from bayescal.reporting.gap.record import LIBRARIES
+    from bayescal.reporting.shared.origin import software
 
     return {
         "schema": seal.ANSWERED,

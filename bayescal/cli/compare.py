@@ -29,7 +29,7 @@ def compare(
     from rich.console import Console
 
     from bayescal.methods import compare as run
-    from bayescal.report.comparison import comparison_summary, write_comparison
+    from bayescal.reporting.comparison import comparison_summary, write_comparison
 
     console = Console(highlight=False)
     with progress("compare") as told:

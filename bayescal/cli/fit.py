@@ -47,11 +47,11 @@ def fit(
 
     from rich.console import Console, Group
 
-    from bayescal.agreement import agreement
-    from bayescal.fit import fit as run
-    from bayescal.report.agreement import agreement_summary
-    from bayescal.report.files import write_fit
-    from bayescal.report.summary import fit_summary
+    from bayescal.assess.agreement import agreement
+    from bayescal.calibration import fit as run
+    from bayescal.reporting.fit.agreement import agreement_summary
+    from bayescal.reporting.fit.files import write_fit
+    from bayescal.reporting.fit.summary import fit_summary
 
     console = Console(highlight=False)
     with progress() as told:

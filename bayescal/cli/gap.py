@@ -51,14 +51,14 @@ def gap(
 
     from rich.console import Console, Group
 
-    from bayescal.agreement import agreement
+    from bayescal.assess.agreement import agreement
     from bayescal.estimate import calibrated
     from bayescal.gap.diagnose import diagnose
-    from bayescal.report.agreement import verdicts
-    from bayescal.report.gap_files import write_gap
-    from bayescal.report.gap_summary import gap_summary
-    from bayescal.report.text import facts
-    from bayescal.scene import Scene
+    from bayescal.model.scene import Scene
+    from bayescal.reporting.fit.agreement import verdicts
+    from bayescal.reporting.gap.files import write_gap
+    from bayescal.reporting.gap.summary import gap_summary
+    from bayescal.reporting.shared.text import facts
 
     console = Console(highlight=False)
     with progress() as told:

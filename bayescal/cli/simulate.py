@@ -38,9 +38,9 @@ def simulate(
     import math
 
     from bayescal.folders import check_free
-    from bayescal.simulate import Options
-    from bayescal.simulate import simulate as run
-    from bayescal.simulate.folder import TRUTH, summary, write
+    from bayescal.simulation import Options
+    from bayescal.simulation import simulate as run
+    from bayescal.simulation.folder import TRUTH, summary, write
 
     check_free(out, TRUTH)
     options = Options(

@@ -15,7 +15,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from bayescal.dataset.alike import check_alike
+from bayescal.dataset.checks.same_robot import check_alike
 from bayescal.dataset.join_rows import called, column, measurements, temperature_of
 from bayescal.dataset.types import Certificate, Dataset, Noise, Target, Tool
 from bayescal.errors import BayescalError

@@ -11,30 +11,30 @@ from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.compliance import expected
 from bayescal.estimate import Estimate, calibrated, estimate
-from bayescal.gap.advise import advise
-from bayescal.gap.blind import blind_spots, unseen
-from bayescal.gap.candidates import Candidates, candidates, wide
-from bayescal.gap.cells import cells
-from bayescal.gap.gate import worse
-from bayescal.gap.heldout import HeldOut, held_out
-from bayescal.gap.ladder import ladder
-from bayescal.gap.lengths import lengths, main_group
-from bayescal.gap.magnitude import magnitude, noise_floor
-from bayescal.gap.margins import margins
-from bayescal.gap.masses import masses
-from bayescal.gap.notes import cautions, play_or_late, warnings
-from bayescal.gap.problem import Problem, Slopes, State, again, fit_state, of_paper, without_nuisance
-from bayescal.gap.refit import model_name, refit
+from bayescal.gap.design.advise import advise
+from bayescal.gap.design.blind_spots import blind_spots, unseen
+from bayescal.gap.linear.masses import masses
+from bayescal.gap.linear.problem import Problem, Slopes, State, again, fit_state, of_paper, without_nuisance
+from bayescal.gap.outcome.levels import ladder
+from bayescal.gap.outcome.magnitude import magnitude, noise_floor
+from bayescal.gap.outcome.margins import margins
+from bayescal.gap.outcome.notes import cautions, play_or_late, warnings
+from bayescal.gap.outcome.shrinkage import shrinkage
+from bayescal.gap.outcome.where import places, places_named
 from bayescal.gap.result import Gap, Hypothetical, Named, Place, Verdict
-from bayescal.gap.screen import screened
-from bayescal.gap.search import COMPLIANCE, Hypothesis, Member, Search
-from bayescal.gap.shrinkage import shrinkage
-from bayescal.gap.unknown import Pool
-from bayescal.gap.verdict import Decision, decide
-from bayescal.gap.where import places, places_named
+from bayescal.gap.search.beam import COMPLIANCE, Hypothesis, Member, Search
+from bayescal.gap.search.candidates import Candidates, candidates, wide
+from bayescal.gap.search.cells import cells
+from bayescal.gap.search.gate import worse
+from bayescal.gap.search.refit import model_name, refit
+from bayescal.gap.search.screen import screened
+from bayescal.gap.search.unknown import Pool
+from bayescal.gap.search.verdict import Decision, decide
 from bayescal.model import ORIENTATION, check_asked, with_parameters
-from bayescal.parts import Part, parts_of
-from bayescal.scene import Scene
+from bayescal.model.length_blocks import lengths, main_group
+from bayescal.model.parts import Part, parts_of
+from bayescal.model.scene import Scene
+from bayescal.predict.crossvalidation import HeldOut, held_out
 
 PROMOTED = 3.0
 """Nats that compliance must bring for a model without it to be judged with it."""

@@ -12,10 +12,10 @@ from bayescal.dataset import Dataset, Noise, Target, Tool
 from bayescal.dataset.read import SETTINGS, no_rows, read_settings
 from bayescal.errors import BayescalError
 from bayescal.importing.log import Columns, read_log
-from bayescal.importing.loose import Loose
 from bayescal.importing.pair import PAIRS
 from bayescal.importing.rows import names, points
 from bayescal.importing.units import quantity
+from bayescal.importing.unplaced import Loose
 from bayescal.robots import load_robot
 
 UPRIGHT = np.array([0.0, 0.0, -9.81])

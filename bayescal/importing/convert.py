@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.dataset import Dataset, read_dataset, write_dataset
+from bayescal.dataset.checks.units import suspicion
 from bayescal.dataset.read import SETTINGS, TABLE
-from bayescal.dataset.wrong_units import suspicion
 from bayescal.errors import BayescalError
 from bayescal.importing import formats
 from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.log import Columns, columns_of, read_log
 from bayescal.importing.mapping import Map, read_map
+from bayescal.importing.messages import accusation, found_words
 from bayescal.importing.pair import PAIRS
 from bayescal.importing.rows import measurements, readings
 from bayescal.importing.units import is_unit
-from bayescal.importing.words import accusation, found_words
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from bayescal.methods.open_loop import OPEN_LOOP
 from bayescal.methods.ours import OURS
 from bayescal.methods.planes import PLANES
 from bayescal.model import build, check_asked
-from bayescal.scene import Scene
-from bayescal.validate import Validation
+from bayescal.model.scene import Scene
+from bayescal.predict import Validation
 
 METHODS = (AS_DRAWN, NORMALS, PLANES, LINEAR, INVERSE, OPEN_LOOP, OURS)
 

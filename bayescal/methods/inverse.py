@@ -18,7 +18,7 @@ from bayescal.methods.method import Method, Solution, where_it_stands
 from bayescal.methods.solving import levenberg
 from bayescal.methods.system import Rows, System
 from bayescal.model import Block, Model, build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 SINGULAR = 0.03
 """Least share of the largest singular value of a row's J that a direction counts with near singular poses."""

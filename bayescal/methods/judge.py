@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.estimate import Estimate, linearise, unit_weights
+from bayescal.estimate.unexplained import unexplained
 from bayescal.methods.method import Solution
 from bayescal.model import ARM, Model, with_parameters
 from bayescal.posterior import gaussian
-from bayescal.unexplained import unexplained
-from bayescal.validate import Validation, find, validate
-from bayescal.validate.find import robust_rows
+from bayescal.predict import Validation, find, validate
+from bayescal.predict.locate import robust_rows
 
 DRAWS = 2000
 

@@ -12,7 +12,7 @@ from bayescal.methods.method import Method, Solution, where_it_stands
 from bayescal.methods.solving import linear_steps
 from bayescal.methods.system import System, part
 from bayescal.model import Block, Model, build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 NO_LENGTH = "no length is certified: without priors the arm would shrink to fit"
 

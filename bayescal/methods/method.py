@@ -9,7 +9,7 @@ import numpy as np
 
 from bayescal.estimate import Estimate, standing
 from bayescal.model import Model, build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 
 @dataclass(frozen=True)

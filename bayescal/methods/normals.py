@@ -18,7 +18,7 @@ from bayescal.methods.planes import is_plane
 from bayescal.methods.solving import levenberg
 from bayescal.methods.system import Rows, System, part
 from bayescal.model import Block, Model, build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 from factors.plane import Plane
 
 DEALS = 4

@@ -7,7 +7,7 @@ from bayescal.methods.method import Method, Solution, where_it_stands
 from bayescal.methods.solving import levenberg
 from bayescal.methods.system import System, part
 from bayescal.model import Block, Model, build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 
 def is_read(block: Block) -> bool:

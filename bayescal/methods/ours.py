@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from bayescal.estimate import calibrated
-from bayescal.flatness import FORM, check_faces, with_form
+from bayescal.estimate.flatness import FORM, check_faces, with_form
 from bayescal.methods.method import Method, Solution
 from bayescal.model import ARM
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 
 def solve(scene: Scene, effects: tuple[str, ...]) -> Solution:

@@ -16,7 +16,7 @@ from bayescal.methods.method import Method, Solution, where_it_stands
 from bayescal.methods.solving import levenberg
 from bayescal.methods.system import System, part
 from bayescal.model import KNOWN_PLACE, Block, Model, build, with_parameters
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 from factors.plane import Plane
 
 FEWEST = 3

@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis import knock_out, knock_out_page
 from bayescal.dataset import read_dataset, write_dataset
-from bayescal.simulate import Options, simulate
+from bayescal.simulation import Options, simulate
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "real"
 README = """# A session

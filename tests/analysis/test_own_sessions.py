@@ -8,7 +8,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis import own_sessions as own
-from bayescal.simulate import Options, simulate
+from bayescal.simulation import Options, simulate
 
 CASE = "masses +-15 %, 2 kg on half the contacts"
 

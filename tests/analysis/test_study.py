@@ -11,7 +11,7 @@ pytest.importorskip("matplotlib")
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis.study import figures, page, pictures, run, session
-from bayescal.simulate import Options
+from bayescal.simulation import Options
 
 SEEDS = range(20, 26)
 

@@ -9,7 +9,7 @@ from analysis.benchmarks.mixed import EFFECTS, KINDS, mixed, over_parts, part
 from bayescal.dataset import read_dataset
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model import ARM, build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 FOLDER = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 

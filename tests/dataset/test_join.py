@@ -9,7 +9,7 @@ import pytest
 from bayescal.dataset import Certificate, Tool
 from bayescal.dataset.join import joined
 from bayescal.errors import BayescalError
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 
 @pytest.fixture(scope="module")

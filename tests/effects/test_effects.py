@@ -13,7 +13,7 @@ from bayescal.dataset import Noise, Tool
 from bayescal.effects import EFFECTS, UNITS, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.model import ARM, build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 MODELS = {"tool": ()} | {name: (name,) for name in EFFECTS} | {"all": tuple(EFFECTS)}
 

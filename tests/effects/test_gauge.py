@@ -10,7 +10,7 @@ from bayescal.arm.robot import Robot
 from bayescal.effects import EFFECTS, Circumstances, parameters_of
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model import build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 LOOSE = {
     *(f"a{i}" for i in range(1, 6)), *(f"alpha{i}" for i in range(1, 6)), *(f"theta{i}" for i in range(2, 6)),

@@ -13,7 +13,7 @@ from bayescal.effects import EFFECTS
 from bayescal.effects.compliance import typical
 from bayescal.effects.joints import usual
 from bayescal.model import build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 
 def circumstances(dataset):

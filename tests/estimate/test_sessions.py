@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from bayescal.agreement import agreement, difference_covariance, known_directions, pair
+from bayescal.assess.agreement import agreement, difference_covariance, known_directions, pair
 from bayescal.dataset.join import joined
 from bayescal.effects import EFFECTS, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate, unit_weights
+from bayescal.estimate.unexplained import unexplained
 from bayescal.model import ARM, build
-from bayescal.scene import Scene
-from bayescal.simulate import Options, simulate
-from bayescal.unexplained import unexplained
+from bayescal.model.scene import Scene
+from bayescal.simulation import Options, simulate
 
 BOTH = ("geometry", "compliance")
 CUBE = {"contacts": 120, "later": 8, "repeats": 3, "spheres": 0, "placements": 0}

@@ -7,8 +7,8 @@ import pytest
 
 from bayescal.estimate import estimate, settled, standing
 from bayescal.model import ARM, build
-from bayescal.scene import Scene
-from bayescal.simulate import Options, simulate
+from bayescal.model.scene import Scene
+from bayescal.simulation import Options, simulate
 
 BOTH = ("geometry", "compliance")
 

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate, linearise, solve, unit_weights
 from bayescal.model import build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 BOTH = ("geometry", "compliance")
 

@@ -14,7 +14,7 @@ from bayescal.arm.motion import Motion, Term
 from bayescal.dataset import Noise, Target, read_dataset
 from bayescal.estimate import STATED_WORTH, estimate, solve, unit_weights
 from bayescal.model import build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 BOTH = ("geometry", "compliance")
 SHARED = Path(__file__).parents[2].parent / "shared"

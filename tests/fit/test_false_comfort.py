@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from bayescal.assess.directions import BARELY, directions
+from bayescal.assess.false_comfort import false_comfort
+from bayescal.calibration import fit
 from bayescal.dataset import read_dataset
-from bayescal.directions import BARELY, directions
-from bayescal.fit import fit
 from bayescal.model import build
-from bayescal.report.record import fit_record
-from bayescal.report.summary import fit_summary
-from bayescal.scene import Scene
-from bayescal.validate import false_comfort
+from bayescal.model.scene import Scene
+from bayescal.reporting.fit.record import fit_record
+from bayescal.reporting.fit.summary import fit_summary
 
 FULL = ("geometry", "compliance")
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"

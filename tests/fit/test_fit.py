@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayescal.assess.identifiability import identifiability
+from bayescal.calibration import fit
 from bayescal.dataset import Certificate, read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import check_converged, estimate, linearise
-from bayescal.fit import fit
-from bayescal.flatness import check_faces, with_form
-from bayescal.identify import identifiability
-from bayescal.latent import with_latent_readings
+from bayescal.estimate.flatness import check_faces, with_form
+from bayescal.estimate.latent import with_latent_readings
+from bayescal.estimate.unexplained import unexplained
 from bayescal.model import build
+from bayescal.model.scene import Scene
 from bayescal.posterior.inference import load
-from bayescal.scene import Scene
-from bayescal.unexplained import unexplained
 
 ROOT = Path(__file__).resolve().parents[2]
 CUBE = ROOT / "data" / "lrmate200ic-cube"

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from bayescal.cli import app, fit, gap  # noqa: F401  (they register their commands)
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.errors import BayescalError
-from bayescal.simulate import Options, simulate
-from bayescal.simulate.folder import write
+from bayescal.simulation import Options, simulate
+from bayescal.simulation.folder import write
 
 LITTLE = {"contacts": 100, "later": 8, "repeats": 3, "placements": 1, "spheres": 2, "sphere_contacts": 8}
 

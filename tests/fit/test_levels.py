@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from bayescal.arm.chain import chain_of, link_angles, points
+from bayescal.calibration import fit
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
-from bayescal.export.robot import calibrated_robot
-from bayescal.fit import fit
+from bayescal.exporting.robot import calibrated_robot
 from bayescal.gap.diagnose import diagnose
 from bayescal.model import ARM, check_asked
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 FULL = ("geometry", "compliance")
 ZEROS = np.array([0.0, 2e-3, -1.5e-3, 1e-3, -2.5e-3, 0.0])

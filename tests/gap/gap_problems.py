@@ -9,16 +9,16 @@ from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.dataset import Dataset, Noise, Target
 from bayescal.effects import Circumstances
 from bayescal.estimate import Estimate, linearise, unit_weights
-from bayescal.gap.candidates import Candidates, candidates
-from bayescal.gap.cells import cells
-from bayescal.gap.evidence import project
-from bayescal.gap.masses import masses
-from bayescal.gap.problem import Problem, Slopes, State, fit_state, of_paper
-from bayescal.gap.search import Search
-from bayescal.gap.unknown import Pool
-from bayescal.gap.verdict import Decision, decide
+from bayescal.gap.linear.evidence import project
+from bayescal.gap.linear.masses import masses
+from bayescal.gap.linear.problem import Problem, Slopes, State, fit_state, of_paper
+from bayescal.gap.search.beam import Search
+from bayescal.gap.search.candidates import Candidates, candidates
+from bayescal.gap.search.cells import cells
+from bayescal.gap.search.unknown import Pool
+from bayescal.gap.search.verdict import Decision, decide
 from bayescal.model import build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 from factors.turns import turned
 
 BASELINE = ("geometry", "compliance")

@@ -8,16 +8,16 @@ import pytest
 
 from bayescal.estimate import Estimate, estimate, solve
 from bayescal.gap import advise as advising
-from bayescal.gap.blind import NAMED, blind_spots, distances, located, sites, unseen
-from bayescal.gap.candidates import candidates
-from bayescal.gap.evidence import project
-from bayescal.gap.levers import AGAIN, turns, widened
-from bayescal.gap.possible import SPHERES, possibilities
-from bayescal.gap.problem import fit_state, problem
-from bayescal.gap.search import Member, Search
+from bayescal.gap.design.blind_spots import NAMED, blind_spots, distances, located, sites, unseen
+from bayescal.gap.design.candidate_contacts import SPHERES, possibilities
+from bayescal.gap.design.interventions import AGAIN, turns, widened
+from bayescal.gap.linear.evidence import project
+from bayescal.gap.linear.problem import fit_state, problem
+from bayescal.gap.search.beam import Member, Search
+from bayescal.gap.search.candidates import candidates
 from bayescal.model import ARM, Model, build
-from bayescal.scene import Scene
-from bayescal.simulate import Options, simulate
+from bayescal.model.scene import Scene
+from bayescal.simulation import Options, simulate
 
 BASE = ("geometry", "compliance")
 NONE = np.empty(0, int), np.empty(0)

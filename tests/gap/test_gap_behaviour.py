@@ -8,10 +8,10 @@ from gap_problems import Bench
 
 from bayescal.arm.motion import Term
 from bayescal.effects import Parameter
-from bayescal.gap.cells import cells
-from bayescal.gap.search import AFTER_COMPLIANCE, Search
-from bayescal.gap.verdict import decide
-from bayescal.gap.where import places
+from bayescal.gap.outcome.where import places
+from bayescal.gap.search.beam import AFTER_COMPLIANCE, Search
+from bayescal.gap.search.cells import cells
+from bayescal.gap.search.verdict import decide
 
 STRONG = 150.0
 """Visible strength, lambda, at which an effect should be named."""

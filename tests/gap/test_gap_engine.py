@@ -14,12 +14,12 @@ from bayescal.effects.compliance import expected
 from bayescal.estimate import STATED_WORTH, linearise
 from bayescal.gap import evidence
 from bayescal.gap import masses as mass_errors
-from bayescal.gap.candidates import at_setting, candidates
-from bayescal.gap.evidence import SCALES, log_bayes, project
-from bayescal.gap.problem import Problem, Slopes, fit_state, of_paper, problem, without_nuisance
-from bayescal.gap.screen import screened
+from bayescal.gap.linear.evidence import SCALES, log_bayes, project
+from bayescal.gap.linear.problem import Problem, Slopes, fit_state, of_paper, problem, without_nuisance
+from bayescal.gap.search.candidates import at_setting, candidates
+from bayescal.gap.search.screen import screened
 from bayescal.model import ARM, ORIENTATION, Turned, with_parameters
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 
 
 @pytest.fixture(scope="module")

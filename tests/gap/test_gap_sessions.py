@@ -14,10 +14,10 @@ from bayescal.estimate import estimate, settled
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import VERDICTS
 from bayescal.model import build
-from bayescal.report.gap_record import gap_record
-from bayescal.report.gap_summary import gap_summary
-from bayescal.scene import Scene
-from bayescal.simulate import Options, simulate
+from bayescal.model.scene import Scene
+from bayescal.reporting.gap.record import gap_record
+from bayescal.reporting.gap.summary import gap_summary
+from bayescal.simulation import Options, simulate
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 LITTLE = {"contacts": 160, "later": 40, "repeats": 6, "spheres": 2, "placements": 2}

@@ -7,12 +7,12 @@ import pytest
 
 from bayescal.dataset import Certificate, Target
 from bayescal.estimate import estimate, solve
-from bayescal.gap.heldout import KEPT_BACK, LEFT_OUT, blocks, held_out, kept
-from bayescal.gap.magnitude import magnitude, noise_floor
+from bayescal.gap.outcome.magnitude import magnitude, noise_floor
 from bayescal.model import build
+from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
-from bayescal.scene import Scene
-from bayescal.validate import validate
+from bayescal.predict import validate
+from bayescal.predict.crossvalidation import KEPT_BACK, LEFT_OUT, blocks, held_out, kept
 
 FULL = ("geometry", "compliance")
 BALLS = {"ball.A@1": (0.45, -0.2, 0.2), "ball.B@1": (0.35, 0.2, 0.25)}

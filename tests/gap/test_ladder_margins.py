@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bayescal.estimate import estimate
-from bayescal.gap.heldout import held_out
-from bayescal.gap.ladder import difference, ladder, log_predictive
-from bayescal.gap.margins import holm, margins
+from bayescal.gap.outcome.levels import difference, ladder, log_predictive
+from bayescal.gap.outcome.margins import holm, margins
 from bayescal.model import build, with_parameters
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
+from bayescal.predict.crossvalidation import held_out
 
 FULL = ("geometry", "compliance")
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayescal.gap.found import Distances
-from bayescal.gap.heldout import KEPT_BACK, HeldOut, interval, resampled
-from bayescal.gap.shrinkage import compare, expects, shrinkage
+from bayescal.gap.outcome.shrinkage import compare, expects, shrinkage
+from bayescal.predict.crossvalidation import KEPT_BACK, HeldOut, interval, resampled
+from bayescal.predict.located_targets import Distances
 
 NOISE = 5e-6
 INFINITE = float("inf")

@@ -8,13 +8,13 @@ import pytest
 from bayescal.cli import main
 from bayescal.dataset import write_dataset
 from bayescal.errors import BayescalError
-from bayescal.gap.candidates import candidates
 from bayescal.gap.diagnose import diagnose
+from bayescal.gap.search.candidates import candidates
 from bayescal.model import build
-from bayescal.parts import Part, kept, parts_of
-from bayescal.report.gap_record import gap_record
-from bayescal.scene import Scene
-from bayescal.simulate import Options, simulate
+from bayescal.model.parts import Part, kept, parts_of
+from bayescal.model.scene import Scene
+from bayescal.reporting.gap.record import gap_record
+from bayescal.simulation import Options, simulate
 
 BASE = ("geometry", "compliance")
 LITTLE = {"contacts": 120, "later": 40, "repeats": 0, "spheres": 2, "placements": 2}

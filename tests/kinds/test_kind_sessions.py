@@ -9,18 +9,18 @@ from kind_sessions import POINT, TURN, bar, cone, of_pieces, pin, sphere, tracke
 from scipy.stats import chi2
 
 from bayescal.arm.transforms import rpy_of
+from bayescal.calibration import fit
 from bayescal.dataset import Certificate, read_dataset, write_dataset
 from bayescal.effects.tool import LOOSE_ANGLE
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
-from bayescal.fit import fit
+from bayescal.estimate.latent import with_latent_readings
 from bayescal.gap.diagnose import diagnose
-from bayescal.latent import with_latent_readings
-from bayescal.orientations import USUAL
+from bayescal.model.orientations import USUAL
+from bayescal.model.scene import Scene
 from bayescal.posterior import Density, gaussian
-from bayescal.report.gap_words import warnings
-from bayescal.scene import Scene
-from bayescal.validate import inside95
+from bayescal.predict import inside95
+from bayescal.reporting.gap.phrases import warnings
 from factors.turns import rotation_vector
 
 FULL = ("geometry", "compliance")

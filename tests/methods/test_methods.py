@@ -24,9 +24,9 @@ from bayescal.methods.planes import PLANES, bound, is_plane
 from bayescal.methods.solving import told
 from bayescal.methods.system import System, contacts, part
 from bayescal.model import build
-from bayescal.report.comparison import COLUMNS, comparison_record, comparison_summary, write_comparison
-from bayescal.scene import Scene
-from bayescal.simulate import Options
+from bayescal.model.scene import Scene
+from bayescal.reporting.comparison import COLUMNS, comparison_record, comparison_summary, write_comparison
+from bayescal.simulation import Options
 
 EFFECTS = ("geometry", "compliance")
 LAYOUT = Options(seed=2, contacts=160, later=12, repeats=0, placements=2, sphere_contacts=8)

@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis.methods import page, session
 from bayescal.dataset import write_dataset
-from bayescal.simulate import Options
+from bayescal.simulation import Options
 
 ROOT = Path(__file__).parents[2]
 

@@ -9,10 +9,10 @@ import pytest
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
 from bayescal.model import build
+from bayescal.model.scene import Scene
 from bayescal.posterior import Density, gaussian, sample
 from bayescal.posterior.density import Linearised
 from bayescal.posterior.sample import Evolution, Independence, autocorrelation_times, split_rhat
-from bayescal.scene import Scene
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ import bayescal.world
 from bayescal.dataset import read_dataset
 from bayescal.estimate import estimate, settled
 from bayescal.model import build
-from bayescal.scene import Scene
+from bayescal.model.scene import Scene
 from bayescal.world import build as world
 from bayescal.world.mix import MIX, recipe
 from bayescal.world.write import plain

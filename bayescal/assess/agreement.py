@@ -1,0 +1,148 @@
+"""Agreement: what each of several sessions says of the arm by itself, and how far that is apart.
+
+Two estimates of one truth under one prior are not independent: both are drawn towards the prior's mean. In
+units of prior standard deviations, with covariances C and what the data contribute A = 1 - C, the difference
+of the estimates has the covariance A + B - AB - BA, over data and truth (Gaussian, linear): C_A + C_B where
+the data decide, nothing where the prior does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.stats import chi2
+
+from bayescal.dataset import Dataset
+from bayescal.effects import EFFECTS
+from bayescal.errors import BayescalError
+from bayescal.estimate import Estimate, calibrated
+from bayescal.model.scene import Scene
+
+KNOWN = 1.0
+"""Information beyond the prior's that two sessions must share in a direction for it to be compared."""
+DISAGREE = 1e-3
+"""Probability of so great a difference by chance below which two sessions disagree."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two sessions beside each other."""
+
+    sessions: tuple[str, str]
+    apart: np.ndarray  # (P,) differences (second minus first) in their standard deviations
+    chi2: float
+    directions: int  # in which both sessions say more than the prior: degrees of freedom of chi2
+    p_value: float  # that estimates of one arm differ so much
+
+    @property
+    def disagree(self) -> bool:
+        """Whether this is no chance."""
+        return self.p_value < DISAGREE
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """The arm's shared parameters as every session alone finds them, and as all do together; SI."""
+
+    names: tuple[str, ...]  # (P,)
+    units: tuple[str, ...]
+    together: tuple[np.ndarray, np.ndarray]  # (P,) values and standard deviations
+    alone: Mapping[str, tuple[np.ndarray, np.ndarray]]  # the same by session
+    pairs: tuple[Pair, ...]
+    refused: Mapping[str, str]  # why a session cannot be fitted alone
+
+    @property
+    def furthest(self) -> np.ndarray:
+        """Largest difference of any two sessions, (P,), in its standard deviations."""
+        return np.max([np.abs(p.apart) for p in self.pairs], axis=0, initial=0.0) * np.ones(len(self.names))
+
+
+def agreement(
+    together: Estimate, effects: tuple[str, ...], prior_width: float = 1.0, robust: bool = True
+) -> Agreement:
+    """Fit each session of a joint estimate alone, and compare what they say of the arm.
+
+    Parameters
+    ----------
+    together : Estimate
+        Of sessions joined (`dataset.join`).
+    effects : tuple of str
+        The model; a session is fitted without those for which it lacks what they need.
+    prior_width, robust
+        As of the joint estimate.
+    """
+    fits: dict[str, Estimate] = {}
+    refused: dict[str, str] = {}
+    for session in together.model.scene.dataset.sessions:
+        try:
+            fits[session.name] = calibrated(Scene(session), _possible(session, effects), prior_width, robust)
+        except BayescalError as error:
+            refused[session.name] = error.what
+    every = [together, *fits.values()]
+    shared = [p for p in together.model.parameters if all(p.name in _arm(found) for found in every)]
+    names = tuple(p.name for p in shared)
+    return Agreement(
+        names,
+        tuple(p.unit for p in shared),
+        _said(together, names),
+        {name: _said(found, names) for name, found in fits.items()},
+        tuple(pair(pick, (fits[pick[0]], fits[pick[1]]), names) for pick in combinations(fits, 2)),
+        refused,
+    )
+
+
+def pair(sessions: tuple[str, str], fits: tuple[Estimate, Estimate], names: tuple[str, ...]) -> Pair:
+    """Compare two estimates of the same parameters."""
+    picks = [_index(found, names) for found in fits]
+    z = [found.z[k] for found, k in zip(fits, picks, strict=True)]
+    c = [found.covariance[np.ix_(k, k)] for found, k in zip(fits, picks, strict=True)]
+    difference, spread = z[1] - z[0], difference_covariance(*c)
+    # where a session says next to nothing, a difference is one of rounding
+    directions = known_directions(*c)
+    along = directions.T @ difference
+    square = float(along @ np.linalg.solve(directions.T @ spread @ directions, along)) if len(along) else 0.0
+    size = np.sqrt(np.maximum(np.diag(spread), np.finfo(float).eps))
+    p = float(chi2.sf(square, len(along))) if len(along) else 1.0
+    return Pair(sessions, difference / size, square, len(along), p)
+
+
+def difference_covariance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Covariance (P, P) of the difference of two estimates with covariances (P, P), whitened by the prior."""
+    a, b = np.eye(len(one)) - one, np.eye(len(other)) - other
+    return a + b - a @ b - b @ a
+
+
+def known_directions(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Orthonormal directions (P, K) of which both of two estimates know more than the prior does.
+
+    Eigenvectors of the information that they share, that of the worse of the two: I_A (I_A + I_B)^-1 I_B.
+    """
+    a, b = (np.linalg.inv(c) - np.eye(len(c)) for c in (one, other))
+    common = a @ np.linalg.pinv(a + b, hermitian=True) @ b
+    values, vectors = np.linalg.eigh(0.5 * (common + common.T))
+    return vectors[:, values > KNOWN]
+
+
+def _possible(session: Dataset, effects: tuple[str, ...]) -> tuple[str, ...]:
+    """The effects for which a session has what they need."""
+    scene = Scene(session)
+    circumstances = scene.circumstances(scene.rows("calibrate"))
+    return tuple(e for e in effects if not EFFECTS[e.partition("@")[0]].missing(circumstances))
+
+
+def _arm(found: Estimate) -> frozenset[str]:
+    return frozenset(p.name for p in found.model.parameters)
+
+
+def _index(found: Estimate, names: tuple[str, ...]) -> np.ndarray:
+    at = {p.name: k for k, p in enumerate(found.model.parameters)}
+    return np.array([at[name] for name in names], int)
+
+
+def _said(found: Estimate, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Values and standard deviations (P,) of parameters, SI."""
+    index = _index(found, names)
+    return found.model.physical(found.z)[index], found.sd[index] * found.model.sd[index]

@@ -1,0 +1,136 @@
+"""Can it be? Readings against the joint limits, contacts against the nominal geometry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayescal.arm.robot import Robot
+from bayescal.dataset.checks.misfit import OFF, contacts, nominal, seen
+from bayescal.dataset.checks.units import suspicion
+from bayescal.dataset.contacts import Contacts, priors, residual, settled
+from bayescal.dataset.table import Table
+from bayescal.dataset.types import Dataset, Target
+from bayescal.errors import BayescalError
+from bayescal.files import Document
+
+BEYOND = np.deg2rad(10)
+"""How far beyond its limit a joint is believed."""
+
+LEVER = 0.3
+"""m: arm of an angle's uncertainty when a target's place is judged."""
+
+LOOKS_LIKE = (
+    (180 / np.pi, "radians"),
+    (np.pi / 180, "degrees converted twice"),
+    (1e-3 * 180 / np.pi, "milliradians"),
+    (1e3, "m"),
+    (1e-3, "um"),
+    (10.0, "cm"),
+    (25.4, "inches"),
+)
+"""Of values in deg or mm that fit once multiplied by the first: what they look like."""
+
+
+def check(dataset: Dataset, table: Table, document: Document) -> None:
+    """Refuse what cannot have been measured, with its line.
+
+    Targets are only as well known as their priors say, and an instrument's frame not at all.
+    """
+    rows = dataset.measurements
+    _check_limits(dataset.robot, rows.readings, table)
+    _check_units(dataset, table)
+    p = nominal(dataset, rows.readings)
+    limit = np.array([max(OFF, 5 * (t.u or 0.0)) for t in dataset.tools])[rows.tool]
+    for index, target in enumerate(dataset.targets):
+        at = np.flatnonzero(rows.target == index)
+        if not len(at):
+            continue
+        if target.kind == "instrument":
+            away = seen(dataset, p, at)
+        else:
+            mine = contacts(dataset, target, p, at)
+            away = np.linalg.norm(residual(mine)[0], axis=1)
+            if (away <= limit[at]).all():
+                continue
+            _check_place(mine, away, document)
+            away = settled(mine)
+        _check_rows(target, away, limit[at], at, table, document)
+
+
+def _check_limits(robot: Robot, readings: np.ndarray, table: Table) -> None:
+    """Limits are of the row of `link_from_reading`, with the sign of its diagonal taken out."""
+    sign = np.where(np.diag(robot.link_from_reading) < 0, -1.0, 1.0)
+    angle = readings @ robot.link_from_reading.T * sign
+    beyond = np.maximum(robot.limits[:, 0] - angle, angle - robot.limits[:, 1])
+    bad = (beyond > BEYOND).any(axis=1)
+    if not bad.any():
+        return
+    row = int(np.argmax(bad))
+    joint = int(np.argmax(beyond[row]))
+    low, high = np.rad2deg(robot.limits[joint])
+    what = (
+        f"{robot.joint_names[joint]} is at {np.rad2deg(angle[row, joint]):.6g} deg, "
+        f"its limits are {low:g} to {high:g} deg"
+    )
+    often = "many rows are: were degrees converted twice, or signs or coupling changed?"
+    raise table.error(row, what, often if bad.mean() > 0.3 else "check the reading, or the robot's limits")
+
+
+def _check_units(dataset: Dataset, table: Table) -> None:
+    """Refuse readings that explain the session only in another unit than their columns say."""
+    found = suspicion(dataset)
+    if found is None:
+        return
+    unit = "deg" if found.quantities[0].startswith("j") else "mm"
+    columns = [f"`{quantity}_{unit}`" for quantity in found.quantities]
+    every = len(columns) == dataset.robot.n
+    noun = "the joint readings" if every else f"the values of {', '.join(columns)}"
+    like = next((word for factor, word in LOOKS_LIKE if np.isclose(factor, found.factor)), "another unit's")
+    what = (
+        f"{noun} look like {like}: a row is {1e3 * found.stated:.0f} mm off, and then {1e3 * found.other:.2g}"
+    )
+    raise table.error(0, what, f"these columns hold {unit}: convert them")
+
+
+def _check_place(contacts: Contacts, away: np.ndarray, document: Document) -> None:
+    """Refuse a misplaced target.
+
+    All its contacts are further off than its prior could ever explain, or off and on it as soon as
+    its values are taken for another unit's.
+    """
+    target = contacts.target
+    u, angle = priors(target)
+    if away.min() <= OFF:
+        return
+    remedy = ""
+    for factor, unit in ((1e3, "m"), (1e-3, "um")):
+        keep = ("normal", "axis", "diameter")
+        values = {k: v if k in keep else v * factor for k, v in target.values.items()}
+        other = replace(contacts, target=replace(target, values=values))
+        if np.median(np.linalg.norm(residual(other)[0], axis=1)) < OFF:
+            remedy = f"its values look like {unit}: write them in mm"
+    if remedy or away.min() > 5 * (u + angle * LEVER):
+        what = f"all contacts of `{target.name}` are nominally {1e3 * away.min():.0f} mm or more off it"
+        remedy = remedy or "check its place, its frame (F0) and the units, or state a wider `u_mm`"
+        raise BayescalError(what, document.where(("targets", target.name)), remedy)
+
+
+def _check_rows(
+    target: Target, away: np.ndarray, limit: np.ndarray, at: np.ndarray, table: Table, document: Document
+) -> None:
+    """Refuse a row that disagrees with most of its target's rows, or a target on which none agree."""
+    bad = away > limit
+    if not bad.any():
+        return
+    noun = "readings" if target.kind == "instrument" else "contacts"
+    if bad.mean() > 0.5:
+        what = f"most {noun} of `{target.name}` disagree with the arm by {1e3 * np.median(away):.0f} mm"
+        remedy = "check the target, the tool and the units"
+        raise BayescalError(what, document.where(("targets", target.name)), remedy)
+    row = int(np.argmax(away))
+    which = "reading" if target.kind == "instrument" else "contact"
+    what = f"impossible {which}: {1e3 * away[row]:.0f} mm off where the others put `{target.name}`"
+    more = f" ({bad.sum() - 1} more rows are as far off)" if bad.sum() > 1 else ""
+    raise table.error(at[row], what + more, "check target, tool and joint readings, or leave the row out")

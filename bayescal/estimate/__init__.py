@@ -1,0 +1,32 @@
+"""The estimate: Levenberg-Marquardt on the factor graph, outliers, noise, covariance."""
+
+from __future__ import annotations
+
+from bayescal.estimate.checks import check_converged, check_length, check_within_reach
+from bayescal.estimate.estimate import Estimate, calibrated, estimate, settled, standing
+from bayescal.estimate.linear import Linear, leverages, linearise
+from bayescal.estimate.noise import STATED_WORTH
+from bayescal.estimate.outliers import TAIL
+from bayescal.estimate.solver import add_block, add_ties, solve
+from bayescal.estimate.weights import Weights, unit_weights
+
+__all__ = [
+    "STATED_WORTH",
+    "TAIL",
+    "Estimate",
+    "Linear",
+    "Weights",
+    "add_block",
+    "add_ties",
+    "calibrated",
+    "check_converged",
+    "check_length",
+    "check_within_reach",
+    "estimate",
+    "leverages",
+    "linearise",
+    "settled",
+    "solve",
+    "standing",
+    "unit_weights",
+]

@@ -1,0 +1,127 @@
+"""The estimate: the most probable parameters, their covariance, and what became of every contact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.arm.chain import link_angles
+from bayescal.estimate.checks import check_converged, check_length, check_within_reach
+from bayescal.estimate.linear import Linear, linearise
+from bayescal.estimate.noise import rescaled_weights
+from bayescal.estimate.outliers import without_outliers
+from bayescal.estimate.solver import solve
+from bayescal.estimate.weights import Weights, unit_weights
+from bayescal.model.block import ARM, Block
+from bayescal.model.model import Model, build
+from bayescal.model.parts import Part
+from bayescal.model.scene import Scene
+
+ROUNDS = 25
+"""At most so many reweightings."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The most probable parameters, their covariance, and what became of every contact."""
+
+    model: Model
+    z: np.ndarray  # (D,)
+    covariance: np.ndarray  # (D, D), of z
+    weights: Weights
+    linear: Linear
+    iterations: int
+    rejected: np.ndarray  # rows of the session left out as outliers
+    dof: Mapping[str, float]  # degrees of freedom left to each noise group
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Posterior standard deviations of z, (D,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def residuals(self, block: Block, z: np.ndarray | None = None) -> np.ndarray:
+        """Residuals (..., rows, C), m, of a block, at the estimate or at other z (..., D)."""
+        z = self.z if z is None else z
+        slices = self.model.slices
+        return block.residual(self.model.deviations(z[..., slices[ARM]]), z[..., slices[block.target]])
+
+
+def calibrated(
+    scene: Scene,
+    effects: tuple[str, ...],
+    prior_width: float = 1.0,
+    robust: bool = True,
+    without: Sequence[Part] = (),
+) -> Estimate:
+    """Fit a model, and once more with the gravity moments where the arm was found to stand.
+
+    With moments of the drawing a compliance comes out several standard deviations off, while the residuals
+    hide it; the more so with a payload.
+    """
+    found = estimate(build(scene, effects, prior_width, without), robust=robust)
+    if not effects or scene.moments is None:
+        return found
+    model = build(settled(found), effects, prior_width, without)
+    # a joint that leans may carry what an upright one does not: start by name
+    known = dict(zip(found.model.names, found.z.tolist(), strict=True))
+    return estimate(model, robust=robust, start=np.array([known.get(name, 0.0) for name in model.names]))
+
+
+def settled(fitted: Estimate) -> Scene:
+    """The scene with its gravity moments where the arm was found to stand, sag included."""
+    model = fitted.model
+    return standing(model, model.deviations(fitted.z[model.slices[ARM]]))
+
+
+def standing(model: Model, values: np.ndarray) -> Scene:
+    """The scene with its gravity moments where the arm stands at deviations (P,), SI."""
+    scene = model.scene
+    delta = model.motion(np.arange(len(scene.q))).displacements(values)
+    # the model starts from the drawing with the sag that the robot file knows, the statics from the drawing
+    delta[:, 1:-1, 0] += scene.q - link_angles(scene.dataset.robot, scene.dataset.measurements.readings)
+    return replace(scene, delta=delta)
+
+
+def estimate(model: Model, robust: bool = True, start: np.ndarray | None = None) -> Estimate:
+    """Fit a model to its contacts.
+
+    Parameters
+    ----------
+    model : Model
+    robust : bool
+        Leave outliers out.
+    start : np.ndarray, shape (D,), optional
+        Where to start; the drawing where not given.
+
+    Outliers are sought with Student t weights, row by row, and then left out entirely, so that the
+    covariance is that of the contacts that count. The noise scale of each group is estimated with the
+    fit; the stated noise is worth `STATED_WORTH` contacts.
+
+    Raises
+    ------
+    BayescalError
+        Where no length is known, or the solution lies outside of what the model can say.
+    """
+    check_length(model)
+    z = np.zeros(model.size) if start is None else start
+    weights = unit_weights(model, z)
+    z, covariance, iterations = solve(model, weights, z)
+    weights = replace(unit_weights(model, z), scale=weights.scale)
+    if robust:
+        z, weights, more = without_outliers(model, z, weights)
+        iterations += more
+    for _ in range(ROUNDS):
+        z, covariance, more = solve(model, weights, z)
+        iterations += more
+        linear = linearise(model, z, weights)
+        cov = covariance()
+        rescaled, dof = rescaled_weights(model, weights, linear, cov)
+        if max(abs(np.log(rescaled.scale[g] / weights.scale[g])) for g in weights.scale) < 1e-4:
+            break
+        weights = rescaled
+    check_converged(linear, cov, z)
+    check_within_reach(model, z)
+    rejected = np.concatenate([b.rows[weights.row[b.name] == 0.0] for b in model.blocks])
+    return Estimate(model, z, cov, weights, linear, iterations, np.unique(rejected), dof)

@@ -1,7 +1,0 @@
-"""What an integrator takes away: the calibrated robot."""
-
-from __future__ import annotations
-
-from bayescal.export.robot import calibrated_robot
-
-__all__ = ["calibrated_robot"]

@@ -1,0 +1,113 @@
+"""Advice: what to probe next, so that two explanations of the gap can be told apart.
+
+Contacts that were made are thought to be made again under other circumstances (`levers`). How well A shows
+once the model *and* B are free to absorb it, lambda, grows by e^2 / (1 + v) with each contact, where e is
+what B predicts wrongly of it and v how uncertain B's prediction is: closed form, no simulation, no refit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bayescal.estimate import Estimate
+from bayescal.gap.design.candidate_contacts import Side, possibilities
+from bayescal.gap.result import Advice
+from bayescal.gap.search.beam import Hypothesis
+from bayescal.gap.search.candidates import Candidates
+
+CONTACTS = 40
+BETTER = 1.2
+"""Times the lambda of the same poses once more, that a lever must reach to be worth its trouble."""
+LEAST = 2.0
+"""Lambda that the best lever must reach: below, the two cannot be told apart at their size by any of them."""
+NOTHING = "nothing"
+
+
+def choose(
+    sides: Sequence[Side], contact: np.ndarray, pose: np.ndarray, count: int
+) -> tuple[list[int], float]:
+    """Contacts, the best first, each of which raises the smaller lambda of the sides most; and that lambda.
+
+    Parameters
+    ----------
+    sides : sequence of Side
+        Over the same R residuals of possible contacts.
+    contact : np.ndarray, shape (R,)
+        The contact of each residual, counted from 0.
+    pose : np.ndarray, shape (contacts,)
+        The row of the session that each has its pose from: none is chosen twice.
+    count : int
+    """
+    left = np.zeros(len(pose))
+    order: list[int] = []
+    for _ in range(min(count, len(np.unique(pose)))):
+        reach = [s.strength + np.bincount(contact, s.error**2 / (1.0 + s.variance)) for s in sides]
+        best = int(np.argmax(np.min(reach, axis=0) + left))
+        left[pose == pose[best]] = -np.inf
+        order.append(best)
+        for row in np.flatnonzero(contact == best):
+            for side in sides:
+                side.add(int(row))
+    return order, min(s.strength for s in sides)
+
+
+def advise(
+    fitted: Estimate,
+    known: Candidates,
+    pairs: Sequence[tuple[Hypothesis, Hypothesis]],
+    contacts: int = CONTACTS,
+) -> tuple[Advice, ...]:
+    """What to probe next to tell apart each pair of hypotheses: the best lever, or the best two.
+
+    Parameters
+    ----------
+    fitted : Estimate
+        The baseline.
+    known : Candidates
+        Those that the hypotheses chose from.
+    pairs : sequence of (Hypothesis, Hypothesis)
+        What both have in common belongs to the model.
+    contacts : int
+        New contacts.
+
+    Returns
+    -------
+    tuple of Advice
+        Where no lever is much better than the same poses once more, those; nothing for a pair whose
+        lambda no lever brings to `LEAST`.
+
+    Notes
+    -----
+    Either of the two may be the true one: lambda is the smaller, of A beside B and of B beside A, each
+    at its fitted amplitude, so that neither way the wrong one can stand in for the right one.
+    """
+    members = [m for pair in pairs for h in pair for m in h.members]
+    if not members:
+        return ()
+    levers = possibilities(fitted, known, members)
+    readings = fitted.model.scene.dataset.measurements.readings
+    out: list[Advice] = []
+    for a, b in pairs:
+        names = [
+            " and ".join(n for n in own.names if n not in other.names) or NOTHING
+            for own, other in ((a, b), (b, a))
+        ]
+        tried: list[Advice] = []
+        for lever in levers:
+            if lever is not levers[0] and not lever.differs(levers[0], a, b):
+                continue
+            sides = [s for own, other in ((a, b), (b, a)) if (s := lever.side(own, other)) is not None]
+            if not sides:
+                break
+            before = min(s.strength for s in sides)
+            order, after = choose(sides, lever.contact, lever.pose, contacts)
+            poses = tuple(tuple(pose) for pose in readings[lever.pose[order]].tolist())
+            tried.append(Advice((names[0], names[1]), lever.what, poses, before, after))
+        if max((t.lambda_after for t in tried), default=0.0) < LEAST:
+            continue
+        better = [t for t in tried[1:] if t.lambda_after > BETTER * tried[0].lambda_after]
+        better.sort(key=lambda t: -t.lambda_after)
+        out += [t for t in better[:2] if t.lambda_after > 0.5 * better[0].lambda_after] or tried[:1]
+    return tuple(out)

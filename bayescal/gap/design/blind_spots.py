@@ -1,0 +1,236 @@
+"""Blind spots: what could be there at a plausible size, unseen, and what it would do to distances.
+
+All linear at one state. An effect's column x, freed of what the model absorbs, has visible strength
+x'Mx; what the calibration takes up in its place, z = Cov J'x, moves every centre found by touching.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.effects import Parameter
+from bayescal.estimate import Estimate
+from bayescal.gap.linear.evidence import Projected, project
+from bayescal.gap.linear.problem import Problem, State
+from bayescal.gap.result import BlindSpot
+from bayescal.gap.search.candidates import Candidates
+from bayescal.model import ARM, Block, Model
+from bayescal.predict.locate import find
+from factors.fixed_point import FixedPoint
+from factors.sphere import Sphere
+
+NAMED = 50.0
+"""Visible strength, lambda, from which on an effect is named nearly always."""
+ROUNDING = 1e-11
+"""Share of a column's square that is no more than rounding once it is projected."""
+PAIRS, APART, POINTS = 200, 50e-3, 64
+"""Pairs of points that stand in for certified distances, how far apart at least, m, among how many points."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """Parameters of an effect at one site, in one unit: columns of the pool."""
+
+    effect: str
+    name: str
+    unit: str
+    columns: np.ndarray  # (k,)
+
+
+def sites(known: Candidates, named: Sequence[str] = ()) -> list[Site]:
+    """Sites of every candidate but the named ones, in the effect's usual setting, else in its middle one."""
+    out: list[Site] = []
+    for effect, variants in known.variants.items():
+        if effect in named:
+            continue
+        settings = list(dict.fromkeys(v.setting for v in variants))
+        setting = None if None in settings else settings[len(settings) // 2]
+        own = np.unique(np.concatenate([v.columns for v in variants if v.setting == setting]))
+        groups: dict[tuple[str, str], list[int]] = {}
+        for k in own:
+            p = known.pool[k]
+            groups.setdefault((p.site, p.unit), []).append(int(k))
+        out += [Site(effect, *key, np.array(columns)) for key, columns in groups.items()]
+    return out
+
+
+def blind_spots(
+    fitted: Estimate, known: Candidates, p: Problem, state: State, named: tuple[str, ...] = ()
+) -> tuple[BlindSpot, ...]:
+    """What every effect that is neither in the model nor named could do, the most harmful first.
+
+    Parameters
+    ----------
+    fitted : Estimate
+        The baseline, as `p` was linearised at.
+    known : Candidates
+        Their pool is that of `p`.
+    p : Problem
+    state : State
+        Baseline and named effects: what absorbs, with its weights and noise.
+    named : tuple of str
+        Effects that are not judged.
+
+    Returns
+    -------
+    tuple of BlindSpot
+        One an effect; `unseen` keeps those that are blind spots.
+
+    Notes
+    -----
+    A site's parameters (of one unit) are taken as a draw of their prior: its strength is the sum of
+    theirs, and so is its mean square error of a distance. The least visible direction is not taken: of
+    many shapes on a face, or of a wave's two phases, one is always invisible, and mostly harmless.
+    `plausible` and `smallest` are the root mean square over the parameters, `smallest` infinite where no
+    contact could ever show the effect. Of an effect's sites that one is told which does most harm
+    unseen, or, where all would be seen, the one seen least: a wrist joint that carries no load is
+    always the least visible, and never matters.
+    """
+    judged = sites(known, named)
+    if not judged:
+        return ()
+    free = state.columns[state.columns < len(known.pool)]
+    used = np.union1d(np.concatenate([s.columns for s in judged]), free)
+    seen = project(state, p.pool[:, used])
+    raw = np.sum(seen.weighted**2, axis=0)
+    strength = np.maximum(raw - np.sum(seen.across * seen.solved, axis=0), ROUNDING * raw)
+    moved = distances(fitted, [known.pool[k] for k in used], state, used, seen)
+    harm = np.mean(moved**2, axis=0) if len(moved) else np.full(len(used), np.nan)
+    best: dict[str, tuple[tuple[bool, float], BlindSpot]] = {}
+    for s in judged:
+        at = np.searchsorted(used, s.columns)
+        total = float(np.sum(strength[at]))
+        ratio = np.sqrt(NAMED / total) if total > 0 else np.inf
+        plausible = float(np.sqrt(np.mean([known.pool[k].sd ** 2 for k in s.columns])))
+        error = float(np.sqrt(np.sum(harm[at])))
+        spot = BlindSpot(s.effect, s.name, float(ratio) * plausible, plausible, s.unit, error)
+        blind = bool(ratio > 1.0)
+        rank = (blind, error if blind and not np.isnan(error) else float(ratio))
+        if s.effect not in best or rank > best[s.effect][0]:
+            best[s.effect] = rank, spot
+    found = [spot for _, spot in best.values()]
+    return tuple(sorted(found, key=lambda b: -np.nan_to_num(b.distance_error, nan=-1.0)))
+
+
+def unseen(spots: Iterable[BlindSpot]) -> tuple[BlindSpot, ...]:
+    """Those that would not be named at a plausible size."""
+    return tuple(b for b in spots if b.smallest > b.plausible)
+
+
+def distances(
+    fitted: Estimate, extra: Sequence[Parameter], state: State, used: np.ndarray, seen: Projected
+) -> np.ndarray:
+    """Errors of distances (Q, K), m, for one prior sd of each of K candidates that is there and not modelled.
+
+    Parameters
+    ----------
+    fitted : Estimate
+    extra : sequence of Parameter
+        The candidates.
+    state : State
+        What absorbs them, named columns among it.
+    used : np.ndarray, shape (K,)
+        The candidates' numbers in the pool, ascending.
+    seen : Projected
+        Their columns, projected by the state.
+
+    Returns
+    -------
+    np.ndarray
+        Of certified distances between centres; where there are none, of distances between points of the
+        session; (0, K) where there is neither.
+    """
+    model = fitted.model
+    wide = Model(model.scene, model.effects, (*model.parameters, *extra), (), ())
+    own, size, count = len(model.parameters), len(fitted.z), len(used)
+    values = np.append(model.deviations(fitted.z[model.slices[ARM]]), np.zeros(count))
+    # how far the arm that is believed in lies off the true one
+    off = np.zeros((own + count, count))
+    off[:own] = seen.solved[:own]
+    free = np.flatnonzero(np.isin(state.columns, used))
+    at = np.searchsorted(used, state.columns[free])
+    off[own + at] += state.scales[free, None] * seen.solved[size + free]
+    off[own + np.arange(count), np.arange(count)] -= 1.0
+    off *= wide.sd[:, None]
+    centres: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    pairs = [c.targets for c in model.scene.dataset.certificates if c.kind == "distance"]
+    for name in dict.fromkeys(name for pair in pairs for name in pair):
+        found = _centre(fitted, wide, name, values, off, seen.solved)
+        if found is not None:
+            centres[name] = found
+    ends = [(centres[a], centres[b]) for a, b in pairs if a in centres and b in centres]
+    if not ends:
+        ends = _points(wide, values, off)
+    out = np.empty((len(ends), count))
+    for i, ((a, da), (b, db)) in enumerate(ends):
+        out[i] = (a - b) / np.linalg.norm(a - b) @ (da - db)
+    return out
+
+
+def located(
+    fitted: Estimate, wide: Model, target: int, values: np.ndarray
+) -> tuple[Block, np.ndarray] | None:
+    """A held-out sphere or socket as a block of its own contacts, and where it is found: its part of z.
+
+    A certified diameter is known. None where a tool of its own touched it, or nothing did.
+    """
+    scene = fitted.model.scene
+    rows = scene.rows_of(target, scene.rows("validate", "locate"))
+    m = scene.dataset.measurements
+    if not len(rows) or not np.isin(m.tool[rows], m.tool[scene.rows("calibrate")]).all():
+        return None
+    block = wide.block(target, rows)
+    if not isinstance(block.kind, Sphere | FixedPoint) or not np.all(block.kind.sd[:3] > 0):
+        return None
+    for entry in scene.dataset.certificates:
+        if entry.kind == "diameter" and entry.targets == (block.target,) and isinstance(block.kind, Sphere):
+            u = np.append(block.kind.sd[:3], entry.u_distance or 0.0)
+            block = replace(block, kind=replace(block.kind, sd=u))
+    weight = 1.0 / np.tile(block.sigma, (block.kind.rows, 1))
+    x = find(block.kind, block.motion.points(values)[None], weight).x[0]
+    return block, x[block.free] / block.sd
+
+
+def _centre(
+    fitted: Estimate, wide: Model, name: str, values: np.ndarray, off: np.ndarray, solved: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Centre of a target (3,) and how far off it is found (3, K), m, by an arm that is `off` (P + K, K)."""
+    model = fitted.model
+    if name in model.block_of:
+        block, own = model.block_of[name], model.slices[name]
+        if not isinstance(block.kind, Sphere | FixedPoint):
+            return None
+        shift = np.zeros((len(block.kind.sd), solved.shape[1]))
+        shift[block.free] = solved[own] * block.sd[:, None]
+        return block.kind.centre + block.state(fitted.z[own])[:3], shift[:3]
+    index = next(k for k, t in enumerate(model.scene.dataset.targets) if t.name == name)
+    found = located(fitted, wide, index, values)
+    if found is None:
+        return None
+    block, z = found
+    assert isinstance(block.kind, Sphere | FixedPoint)
+    _, by_arm, by_own = block.linearise(values, z)
+    sigma = np.tile(block.sigma, block.kind.rows)[:, None]
+    slopes, errors = by_own / sigma, (by_arm @ off) / sigma
+    shift = -np.linalg.solve(slopes.T @ slopes + np.eye(block.size), slopes.T @ errors)
+    return block.kind.centre + block.state(z)[:3], shift[:3] * block.sd[:3, None]
+
+
+def _points(
+    wide: Model, values: np.ndarray, off: np.ndarray
+) -> list[tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]]:
+    """Pairs of ball centres of the session at least `APART` apart, and how far off each is believed, m."""
+    rng = np.random.default_rng(0)
+    rows = wide.scene.rows("calibrate")
+    rows = np.sort(rng.permutation(rows)[:POINTS])
+    motion = wide.motion(rows)
+    p = motion.points(values)
+    by = [motion.columns(values, p, np.repeat(np.eye(3)[[k]].T, len(rows), axis=1)) for k in range(3)]
+    shift = np.stack([b.T @ off for b in by], axis=1)  # (points, 3, K)
+    a, b = np.triu_indices(len(rows), 1)
+    far = np.flatnonzero(np.linalg.norm(p[:, a] - p[:, b], axis=0) >= APART)
+    chosen = rng.permutation(far)[:PAIRS]
+    return [((p[:, i], shift[i]), (p[:, j], shift[j])) for i, j in zip(a[chosen], b[chosen], strict=True)]

@@ -1,0 +1,239 @@
+"""Possible contacts, linearised: what a rival explanation would predict of them, and how wrongly.
+
+Of a point that is read with its orientation, the point alone is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from bayescal.effects import EFFECTS, Circumstances, Parameter, parameters_of
+from bayescal.estimate import Estimate
+from bayescal.gap.design.blind_spots import located
+from bayescal.gap.design.interventions import Lever, widened
+from bayescal.gap.linear.evidence import project
+from bayescal.gap.search.beam import Hypothesis, Member
+from bayescal.gap.search.candidates import Candidates, at_setting, in_proportion
+from bayescal.model import ARM, Block, Model
+from bayescal.model.length_blocks import lengths, main_group
+from bayescal.model.scene import Scene
+from factors.fixed_point import FixedPoint
+from factors.sphere import Sphere
+
+POSES = 120
+"""Poses of the session among which new contacts are chosen, at most."""
+SPHERES = "contacts on the certified spheres, fitted too"
+LEAST_U = 1e-7  # m, of a certified distance
+ROUGHLY = 1e-3
+"""Prior standard deviation of a held-out centre, m: it has been found, and rounding loses less so."""
+SEEN = 1e-9
+"""Change of a whitened column that counts as one."""
+
+
+@dataclass
+class Side:
+    """One of a pair taken for true, its rival for the model: lambda grows contact by contact.
+
+    `design` (R, D) and `x` (R,), whitened, are the rival's columns and what is true at possible contacts.
+    """
+
+    strength: float  # lambda
+    covariance: np.ndarray  # (D, D)
+    taken: np.ndarray  # (D,) what the rival takes up of what is true
+    design: np.ndarray
+    x: np.ndarray
+
+    def __post_init__(self) -> None:
+        self.variance = np.sum(self.design @ self.covariance * self.design, axis=1)
+        self.error = self.x - self.design @ self.taken
+
+    def add(self, row: int) -> None:
+        """Take in one residual."""
+        gain = self.covariance @ self.design[row]
+        across, by = self.design @ gain, 1.0 + float(self.design[row] @ gain)
+        wrong = float(self.error[row])
+        self.strength += wrong**2 / by
+        self.error -= across * (wrong / by)
+        self.variance -= across**2 / by
+        self.covariance = self.covariance - np.outer(gain, gain / by)
+
+
+@dataclass(frozen=True)
+class Possible:
+    """The contacts of a lever, linearised: R residuals whitened by their stated noise.
+
+    `own` (R, E) are slopes by the states of targets that the fitted model has not, `spread` (E, E) what is
+    known of these beforehand.
+    """
+
+    what: str
+    pose: np.ndarray  # (contacts,) row of the session
+    contact: np.ndarray  # (R,)
+    design: np.ndarray  # (R, D) by the fitted model
+    used: np.ndarray  # (K,) candidates, ascending
+    pool: np.ndarray  # (R, K)
+    own: np.ndarray
+    spread: np.ndarray
+
+    def side(self, true: Hypothesis, rival: Hypothesis) -> Side | None:
+        """What `true` has beyond its rival, taken for true; None where that is nothing."""
+        ends = np.cumsum([len(m.variant.columns) for m in true.members])[:-1]
+        parts = zip(true.members, np.split(true.state.amplitudes, ends), strict=True) if true.members else ()
+        beyond = [(m.variant.columns, a) for m, a in parts if m.effect not in rival.names]
+        if not beyond:
+            return None
+        at, amplitude = (np.concatenate(x) for x in zip(*beyond, strict=True))
+        state = rival.state
+        seen = project(state, state.problem.pool[:, at])
+        rivals = self.pool[:, np.searchsorted(self.used, state.columns)] * state.scales
+        return Side(
+            float(amplitude @ seen.information(np.arange(len(at))) @ amplitude),
+            block_diag(state.covariance, self.spread),
+            np.append(seen.solved @ amplitude, np.zeros(len(self.spread))),
+            np.column_stack([self.design, rivals, self.own]) / state.kappa,
+            self.pool[:, np.searchsorted(self.used, at)] @ amplitude / state.kappa,
+        )
+
+    def differs(self, other: Possible, a: Hypothesis, b: Hypothesis) -> bool:
+        """Whether a pair could see the lever, against the same contacts of another."""
+        count = len(other.contact)
+        if len(self.spread) or len(self.contact) < count:
+            return True
+        at = np.searchsorted(self.used, np.union1d(a.state.columns, b.state.columns))
+        changed = (self.pool[:count] - other.pool)[:, at], self.design[:count] - other.design
+        return any(np.max(np.abs(d), initial=0.0) > SEEN for d in changed)
+
+
+def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]) -> list[Possible]:
+    """All levers, linearised at the estimate; the first is `levers.AGAIN`."""
+    model = fitted.model
+    dataset, levers = widened(model.scene, _poses(fitted))
+    scene = Scene(dataset, _stands(model.scene, levers), model.scene.oriented)
+    c = scene.circumstances(scene.rows("calibrate"))
+    own = _again(model.parameters, parameters_of(model.effects, c))
+    fresh: dict[int, Parameter] = {}
+    for effect, setting in dict.fromkeys((m.effect, m.variant.setting) for m in members):
+        mine = [m.variant.columns for m in members if (m.effect, m.variant.setting) == (effect, setting)]
+        at = np.unique(np.concatenate(mine)).tolist()
+        now = _again([known.pool[k] for k in at], _candidates(effect, setting, c))
+        fresh |= dict(zip(at, now, strict=True))
+    used = np.array(sorted(fresh))
+    wide = Model(scene, model.effects, (*own, *(fresh[k] for k in sorted(fresh))), (), ())
+    values = np.append(model.deviations(fitted.z[model.slices[ARM]]), np.zeros(len(used)))
+    main = main_group(model)
+    return [
+        *(_linear(fitted, wide, values, lever, used, main) for lever in levers),
+        *_spheres(fitted, wide, values, used, main),
+    ]
+
+
+def _linear(
+    fitted: Estimate, wide: Model, values: np.ndarray, lever: Lever, used: np.ndarray, main: str
+) -> Possible:
+    model, target = fitted.model, wide.scene.dataset.measurements.target
+    count, contact, designs, pools = len(model.parameters), [], [], []
+    for fit in lengths(model):
+        at = np.flatnonzero(np.isin(lever.source, fit.rows))
+        if not len(at):
+            continue
+        rows = lever.rows[at]
+        block = wide.block(int(target[rows[0]]), rows)
+        _, by_arm, by_own = block.linearise(values, fitted.z[model.slices[fit.target]])
+        sigma = fitted.weights.sigma[fit.name].reshape(fit.kind.rows, -1)
+        sigma = sigma[:, np.searchsorted(fit.rows, lever.source[at])].reshape(-1, 1)
+        sigma = sigma * fitted.weights.scale[fit.group] / fitted.weights.scale[main]
+        by_arm = by_arm * wide.sd / sigma
+        design = np.zeros((block.residuals, len(fitted.z)))
+        design[:, :count] = by_arm[:, :count]
+        design[:, model.slices[fit.target]] = by_own / sigma
+        contact.append(np.tile(at, block.kind.rows))
+        designs.append(design)
+        pools.append(by_arm[:, count:])
+    none = np.zeros((sum(map(len, contact)), 0)), np.zeros((0, 0))
+    own, pool = np.concatenate(designs), np.concatenate(pools)
+    return Possible(lever.what, lever.source, np.concatenate(contact), own, used, pool, *none)
+
+
+def _spheres(
+    fitted: Estimate, wide: Model, values: np.ndarray, used: np.ndarray, main: str
+) -> list[Possible]:
+    """The held-out contacts on spheres whose distances are certified, if any."""
+    model, scene = fitted.model, fitted.model.scene
+    certified = [c for c in scene.dataset.certificates if c.kind == "distance"]
+    names = {name for c in certified for name in c.targets} - set(model.block_of)
+    index = {t.name: k for k, t in enumerate(scene.dataset.targets) if t.name in names}
+    found = {n: f for n, k in index.items() if (f := located(fitted, wide, k, values)) is not None}
+    if not found:
+        return []
+    starts = dict(zip(found, np.cumsum([0, *(b.size for b, _ in found.values())]), strict=False))
+    size, count = sum(b.size for b, _ in found.values()), len(model.parameters)
+    ratio = {g: s / fitted.weights.scale[main] for g, s in fitted.weights.scale.items()}
+    rows: list[np.ndarray] = []
+    contact, owns, arms, information = [], [], [], np.eye(size)
+    for name, (block, z) in found.items():
+        _, by_arm, by_own = block.linearise(values, z)
+        sigma = np.tile(block.sigma, block.kind.rows)[:, None] * ratio.get(block.group, 1.0)
+        own = np.zeros((block.residuals, size))
+        own[:, starts[name] : starts[name] + block.size] = by_own / sigma * _tighter(block)
+        contact.append(sum(map(len, rows)) + np.tile(np.arange(len(block.rows)), block.kind.rows))
+        rows.append(block.rows)
+        owns.append(own)
+        arms.append(by_arm * wide.sd / sigma)
+    for c in certified:
+        if all(name in found for name in c.targets):
+            apart = np.subtract(*(_centre(*found[n]) for n in c.targets))
+            tie = np.zeros(size)
+            for name, way in zip(c.targets, (1.0, -1.0), strict=True):
+                sd = (found[name][0].sd * _tighter(found[name][0]))[:3]
+                tie[starts[name] : starts[name] + 3] = way * apart / np.linalg.norm(apart) * sd
+            information += np.outer(tie, tie) / max(c.u_distance or 0.0, LEAST_U) ** 2
+    arm = np.concatenate(arms)
+    design = np.zeros((len(arm), len(fitted.z)))
+    design[:, :count] = arm[:, :count]
+    return [
+        Possible(
+            SPHERES, np.concatenate(rows), np.concatenate(contact), design, used, arm[:, count:],
+            np.concatenate(owns), np.linalg.inv(information),
+        )
+    ]  # fmt: skip
+
+
+def _centre(block: Block, z: np.ndarray) -> np.ndarray:
+    assert isinstance(block.kind, Sphere | FixedPoint)
+    return block.kind.centre + block.state(z)[:3]
+
+
+def _tighter(block: Block) -> np.ndarray:
+    """Factors (size,) on a target's prior standard deviations, so that none exceeds `ROUGHLY`."""
+    return np.minimum(block.sd, ROUGHLY) / block.sd
+
+
+def _stands(scene: Scene, levers: Sequence[Lever]) -> np.ndarray | None:
+    """Where the frames stand in the rows of a session and of all levers: as at the poses that these have."""
+    if scene.delta is None:
+        return None
+    return scene.delta[np.concatenate([np.arange(len(scene.delta)), *(lever.source for lever in levers)])]
+
+
+def _again(old: Sequence[Parameter], new: Sequence[Parameter]) -> list[Parameter]:
+    """The old parameters with the drivers that they have in the widened session."""
+    terms = {p.name: p.terms for p in new}
+    return [replace(p, terms=terms[p.name]) for p in old]
+
+
+def _candidates(name: str, setting: float | None, c: Circumstances) -> list[Parameter]:
+    found = at_setting(EFFECTS[name], setting, c)
+    return [*found, *in_proportion(EFFECTS[name], found)]
+
+
+def _poses(fitted: Estimate) -> np.ndarray:
+    """Fitted rows that count, no pose twice, evenly over the session and at most `POSES`."""
+    scene = fitted.model.scene
+    rows = np.setdiff1d(scene.rows("calibrate"), fitted.rejected)
+    _, first = np.unique(scene.dataset.measurements.readings[rows].round(3), axis=0, return_index=True)
+    rows = rows[np.sort(first)]
+    return rows[np.unique(np.linspace(0, len(rows) - 1, POSES).round().astype(int))]

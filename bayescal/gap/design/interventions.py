@@ -1,0 +1,105 @@
+"""Levers: contacts of a session made again under other circumstances, as rows appended to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from bayescal.arm.chain import wrenches
+from bayescal.dataset import Dataset, Measurements
+from bayescal.model.scene import Scene
+
+AGAIN = "these poses once more"
+PAYLOAD = 2.0  # kg
+FASTER, TURNING = 4.0, 4.0  # times the recorded velocities
+STILL = 1e-6
+"""Share of a wish to turn below which an arm cannot turn about its ball."""
+
+
+@dataclass(frozen=True)
+class Lever:
+    """Contacts that could be made: rows of the session whose poses they have (C,), their own rows (C,)."""
+
+    what: str
+    source: np.ndarray
+    rows: np.ndarray
+
+
+def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Lever]]:
+    """The session with contacts appended that could be made at the poses of some rows, lever by lever.
+
+    The first lever, `AGAIN`, changes nothing. All but those from a cold start come at the end of the
+    session; none reaches beyond its times and temperatures, by whose range drifts are told. Their role
+    is not to calibrate, so that nothing that follows from the fitted rows is shifted.
+    """
+    m = scene.dataset.measurements
+    late = {k: getattr(m, k)[-1] for k in ("time", "temperature") if getattr(m, k) is not None}
+    if m.time is not None:
+        late["time"] = m.time.max()
+    choices: list[tuple[str, np.ndarray, Mapping[str, Any]]] = [(AGAIN, rows, late)]
+    if scene.dataset.robot.masses is not None:
+        load = PAYLOAD + (0.0 if m.payload is None else m.payload[rows])
+        choices.append(
+            (f"these poses with {PAYLOAD:g} kg more on the flange", rows, late | {"payload": load})
+        )
+    if m.velocity is not None:
+        ways = turns(scene, rows)
+        if ways:
+            what = "these poses, turning about the ball's centre as it touches, one way and the other"
+            velocity = np.concatenate([m.velocity[rows] + way for way in ways])
+            choices.append((what, np.tile(rows, len(ways)), late | {"velocity": velocity}))
+        what = f"these poses, touched {FASTER:g} times as fast"
+        choices.append((what, rows, late | {"velocity": FASTER * m.velocity[rows]}))
+    if m.time is not None and np.ptp(m.time) > 0:
+        time = np.random.default_rng(0).uniform(m.time.min(), m.time.max(), len(rows))
+        mixed = {"time": time}
+        if m.temperature is not None:
+            mixed["temperature"] = np.interp(time, m.time, m.temperature)
+        choices.append(("these poses, faces mixed at random, from a cold start", rows, mixed))
+    table = {f.name: getattr(m, f.name) for f in fields(Measurements)}
+    if m.payload is None:
+        table["payload"] = np.zeros(len(m.role))
+    levers, count = [], len(m.role)
+    for what, source, changed in choices:
+        levers.append(Lever(what, source, count + np.arange(len(source))))
+        count += len(source)
+        for name, column in table.items():
+            if name == "ids":
+                table[name] = (*column, *(f"possible {k}" for k in levers[-1].rows))
+            elif column is not None:
+                more = column[source]
+                if name in changed:
+                    more = np.broadcast_to(changed[name], more.shape)
+                table[name] = np.concatenate([column, more])
+    table["role"][len(m.role) :] = "validate"
+    return replace(scene.dataset, measurements=Measurements(**table)), levers
+
+
+def turns(scene: Scene, rows: np.ndarray) -> list[np.ndarray]:
+    """Velocities of the readings (C, n), rad/s, that turn the arm about a resting ball; none where it cannot.
+
+    Each way and its opposite: that which reverses most of the recorded velocities, and another. To merely
+    reverse them is no lever: the ball would leave the surface.
+    """
+    m, robot = scene.dataset.measurements, scene.dataset.robot
+    assert m.velocity is not None
+    q, tools = scene.q[rows], scene.tools[rows]
+    still = np.zeros((len(rows), robot.n + 2, 6))
+    along = [np.broadcast_to(u, (len(rows), 3)) for u in np.eye(3)]
+    by = [wrenches(scene.chain, q, tools, still, u)[:, 1:-1, 0] @ robot.link_from_reading for u in along]
+    jacobian = np.stack(by, axis=1)  # (C, 3, n)
+    free = np.eye(robot.n) - np.linalg.pinv(jacobian) @ jacobian
+    own = m.velocity[rows]
+    size = TURNING * np.linalg.norm(own, axis=1, keepdims=True)
+    out: list[np.ndarray] = []
+    for wish in (-np.sign(own), np.random.default_rng(1).standard_normal(own.shape)):
+        way = (free @ wish[..., None])[..., 0]
+        length = np.linalg.norm(way, axis=1, keepdims=True)
+        if np.median(length) < STILL:
+            return []
+        way = size * way / np.maximum(length, STILL)
+        out += [way, -way]
+    return out

@@ -1,0 +1,1 @@
+"""The linear problem behind a diagnosis: residuals, columns, evidence, masses."""

@@ -1,0 +1,1 @@
+"""What a diagnosis reports: size of the gap, locations, margins, model levels, reduction."""

@@ -1,0 +1,141 @@
+"""How big the gap is: held-out errors against the noise of one contact, and what the model itself foresaw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from bayescal.estimate import STATED_WORTH, Estimate
+from bayescal.estimate.unexplained import P_VALUE, STATED_FACTOR, repeat_scatter
+from bayescal.gap.result import Magnitude, Measured
+from bayescal.predict.crossvalidation import LEFT_OUT, RESAMPLES, HeldOut, interval, kept, resampled
+
+FEWEST_DOF = 5.0
+"""Degrees of freedom below which a fit's residuals say nothing about the noise."""
+NUMBERS = 2_000_000
+"""Normals drawn at most for a posterior predictive."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of one contact, or of one coordinate of a point, m."""
+
+    sd: float
+    dof: float
+    source: str  # "repeats", "fit" or "stated"
+
+    @property
+    def interval95(self) -> tuple[float, float]:
+        """By chi-squared, m."""
+        low, high = self.sd * np.sqrt(self.dof / chi2.ppf([0.975, 0.025], self.dof))
+        return float(low), float(high)
+
+    def draws(self, rng: np.random.Generator) -> np.ndarray:
+        """Draws (RESAMPLES,) of the standard deviation, m."""
+        return self.sd * np.sqrt(self.dof / rng.chisquare(self.dof, RESAMPLES))
+
+
+def stated_noise(fitted: Estimate, group: str) -> float:
+    """Root mean square of the stated noise of a group's residuals, m."""
+    sigma = [fitted.weights.sigma[b.name] for b in fitted.model.blocks if b.group == group]
+    return float(np.sqrt(np.mean(np.concatenate(sigma) ** 2)))
+
+
+def noise_floor(final: Estimate, group: str) -> Noise:
+    """Noise of one contact: from repeats where there are enough, else from what the fullest model leaves.
+
+    Without repeats, residuals far above the stated noise are taken for what they are: a gap, not noise.
+
+    Parameters
+    ----------
+    final : Estimate
+        Of the fullest model: what it explains (a step between two repeats) is no scatter.
+    group : str
+        "contact" or "point".
+    """
+    if group == "contact":
+        repeats, count = repeat_scatter(final.model.scene, final)
+        if repeats is not None:
+            return Noise(repeats, float(count), "repeats")
+    stated, scale, dof = stated_noise(final, group), final.weights.scale[group], final.dof[group]
+    if dof < FEWEST_DOF or chi2.sf(dof * (scale / STATED_FACTOR) ** 2, dof) < P_VALUE:
+        return Noise(stated, STATED_WORTH, "stated")
+    return Noise(scale * stated, dof, "fit")
+
+
+def magnitude(
+    estimate: Estimate, final: Estimate, held: HeldOut, after: HeldOut | None = None, seed: int = 0
+) -> Magnitude:
+    """How big the gap is between a calibrated model and the machine.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of the baseline, whose gap it is.
+    final : Estimate
+        Of the fullest model, for the noise; the baseline itself where nothing was added.
+    held : HeldOut
+        Of the baseline.
+    after : HeldOut, optional
+        Of the fullest model: a held-out contact is gross only if it is so for both.
+    seed : int
+        Of the bootstrap and of the simulated sessions.
+    """
+    rng = np.random.default_rng(seed)
+    noise = noise_floor(final, held.main)
+    fit = estimate.weights.scale[held.main] * stated_noise(estimate, held.main)
+    factor = noise.sd / fit
+    fair = kept(held, after) if after is not None else kept(held)
+    mine = fair & (held.group == held.main)
+    square = held.residual[mine] ** 2
+    share = np.sum(held.by_parameters[mine] ** 2, axis=1)
+    if held.how == LEFT_OUT:  # the share of the parameters is in the noise of a contact left out
+        share = share + np.maximum(held.noise[mine] ** 2 - fit**2, 0.0)
+    total = float(np.mean(square))
+    excess = total - noise.sd**2 - float(np.mean(share))
+    draws = resampled(held.block[mine], np.stack([square, share]), rng)
+    number = len(np.unique(held.block[mine]))
+    spread = draws[:, 0] - draws[:, 1] - noise.draws(rng) ** 2
+    low, high = interval(excess, spread, number)
+    low, high, value = (float(np.sqrt(max(v, 0.0))) for v in (low, high, excess))
+    measured = [
+        _contacts(held, fair & (held.kind == kind), what, factor, noise, rng)
+        for kind, what in (("planes", "held-out contacts"), ("points", "held-out points"))
+        if np.any(fair & (held.kind == kind))
+    ]
+    if len(held.distances.error):
+        measured.insert(1, _spheres(held, factor, noise, rng))
+    return Magnitude(
+        held.how, float(np.sqrt(total)), noise.sd, noise.interval95, noise.source, value, (low, high),
+        tuple(measured),
+    )  # fmt: skip
+
+
+def _contacts(
+    held: HeldOut, mine: np.ndarray, what: str, factor: float, noise: Noise, rng: np.random.Generator
+) -> Measured:
+    """Held-out residuals beside simulated ones: parameters of the posterior, noise of its floor."""
+    by, residual = held.by_parameters[mine], held.residual[mine]
+    own = held.noise[mine] * np.where(held.group[mine] == held.main, factor, 1.0)
+    count = int(np.clip(NUMBERS // len(residual), 100, 2000))
+    scale = noise.draws(rng)[:count] / noise.sd
+    simulated = rng.standard_normal((count, by.shape[1])) @ by.T
+    simulated += scale[:, None] * own * rng.standard_normal((count, len(own)))
+    contacts = len(np.unique(held.rows[mine]))
+    return _measured(what, contacts, residual, np.sqrt(np.mean(simulated**2, axis=1)))
+
+
+def _spheres(held: HeldOut, factor: float, noise: Noise, rng: np.random.Generator) -> Measured:
+    d = held.distances
+    scale = noise.draws(rng)[:, None] / noise.sd * (factor if held.main == "contact" else 1.0)
+    simulated = rng.standard_normal((RESAMPLES, d.by_parameters.shape[1])) @ d.by_parameters.T
+    simulated += scale * (rng.standard_normal((RESAMPLES, d.by_noise.shape[1])) @ d.by_noise.T)
+    simulated += d.u * rng.standard_normal((RESAMPLES, len(d.u)))
+    return _measured("sphere distances", len(d.u), d.error, np.sqrt(np.mean(simulated**2, axis=1)))
+
+
+def _measured(what: str, count: int, error: np.ndarray, simulated: np.ndarray) -> Measured:
+    low, middle, high = np.quantile(simulated, [0.025, 0.5, 0.975])
+    return Measured(what, count, float(np.sqrt(np.mean(error**2))), float(middle), (float(low), float(high)))

@@ -1,0 +1,250 @@
+"""Margins: the residuals by target, joint, region, time and direction, every bin against noise alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import f as f_distribution
+from scipy.stats import t as student
+
+from bayescal.estimate import Estimate, linearise
+from bayescal.gap.result import Margin
+from bayescal.model.length_blocks import lengths
+from bayescal.model.scene import Scene
+from bayescal.predict.crossvalidation import KEPT_BACK, HeldOut
+from bayescal.predict.located_targets import root
+
+FEWEST = 4  # contacts that make a bin
+JOINT_BINS, JOINTS_SHOWN = 4, 2  # of a joint's reading; the most deviant ones are shown
+TIME_BINS = 8
+SMALLEST_SPAN = 20e-3
+"""Extent of the contacts along a base axis, m, below which the workspace is not halved along it."""
+GATHERED = 0.25
+"""Share of a bin's contacts from which on rejected ones are no slips there, and count."""
+ABSORBED = 0.05
+"""Share of a bin's mean that must survive the fit for the mean to be tested."""
+AXES = "xyz"
+Bin = tuple[str, np.ndarray]  # a label and a mask (R,) of residuals
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Fitted and held-out residuals r (R,) m; over their noise, r / noise has covariance 1 -+ S S'."""
+
+    residual: np.ndarray  # (R,) m, freed of the leverage that the fit had on them
+    white: np.ndarray  # (R,) over the noise, as they are
+    spread: np.ndarray  # (R, F) S
+    fitted: np.ndarray  # (R,) bool: minus sign
+    suspect: np.ndarray  # (R,) bool: rejected, or gross
+    rows: np.ndarray  # (R,) of the session
+    direction: np.ndarray  # (R, 3) in F0, in which the residual is measured
+    signed: np.ndarray  # (R,) bool: a surface, touched from one side
+    dof: float  # of the noise
+
+
+def margins(
+    estimate: Estimate, held: HeldOut, noise: float | None = None, noise_dof: float | None = None
+) -> dict[str, tuple[Margin, ...]]:
+    """Residuals of the fitted contacts and of those held out, by what they may depend on.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    held : HeldOut
+        Of the same model.
+    noise : float, optional
+        Noise of one contact, m, where it is known better than by the fit; `noise_dof` is what it stands on.
+
+    Returns
+    -------
+    dict
+        target, joint, region, time and direction; empty where the session does not record it. p-values are
+        those of Holm, over all bins looked at.
+    """
+    scene = estimate.model.scene
+    r = residuals(estimate, held, noise, noise_dof)
+    found: list[tuple[str, str, Margin]] = []
+    for margin, bins in _bins(scene, r).items():
+        for family, (label, mask) in bins:
+            tested = judge(r, label, mask)
+            if tested is not None:
+                found.append((margin, family, tested))
+    corrected = holm(np.array([m.p_value for _, _, m in found]))
+    found = [(a, b, replace(m, p_value=float(p))) for (a, b, m), p in zip(found, corrected, strict=True)]
+    out: dict[str, tuple[Margin, ...]] = {}
+    for margin in ("target", "joint", "region", "time", "direction"):
+        mine = [(family, m) for kind, family, m in found if kind == margin]
+        if margin == "joint":
+            mine = [pair for pair in mine if pair in _most_deviant(mine)]
+        out[margin] = tuple(m for _, m in mine)
+    return out
+
+
+def _most_deviant(pairs: list[tuple[str, Margin]]) -> list[tuple[str, Margin]]:
+    """Of each family the bins with the smallest p, then the largest rms."""
+    out = []
+    for family in dict.fromkeys(name for name, _ in pairs):
+        own = sorted((p for p in pairs if p[0] == family), key=lambda p: (p[1].p_value, -p[1].rms))
+        out += own[:JOINTS_SHOWN]
+    return out
+
+
+def holm(p: np.ndarray) -> np.ndarray:
+    """P-values (K,) corrected for their number by Holm's step-down rule."""
+    order = np.argsort(p)
+    stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    out = np.empty(len(p))
+    out[order] = np.minimum(stepped, 1.0)
+    return out
+
+
+def residuals(
+    estimate: Estimate, held: HeldOut, noise: float | None = None, noise_dof: float | None = None
+) -> Residuals:
+    """All lengths of fitted rows, and of held-out ones where any were kept back; as for `margins`."""
+    model, blocks = estimate.model, lengths(estimate.model)
+    weights = replace(estimate.weights, row={k: np.ones_like(w) for k, w in estimate.weights.row.items()})
+    linear, factor = linearise(model, estimate.z, weights), root(estimate.covariance)
+    count = sum(b.residuals for b in blocks)
+    spread = linear.jacobian[:count] @ factor
+    rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in blocks])
+    kept = np.concatenate([np.tile(estimate.weights.row[b.name], b.kind.rows) for b in blocks]) > 0
+    sd = np.concatenate([1.0 / weights.whitening(b) for b in blocks])
+    group = np.concatenate([np.full(b.residuals, b.group) for b in blocks])
+    white = linear.residual[:count]
+    left = np.sqrt(np.maximum(1.0 - np.where(kept, np.sum(spread**2, axis=1), 0.0), 0.05))
+    parts = [(white * sd / left, white, spread, kept, ~kept, rows, group)]
+    if held.how == KEPT_BACK:
+        shared = held.by_parameters / held.noise[:, None]
+        never = np.zeros(len(held.rows), bool)
+        own = (held.residual, held.residual / held.noise, shared, never, held.gross, held.rows, held.group)
+        width = max(spread.shape[1], shared.shape[1])
+        parts = [
+            (*p[:2], np.pad(p[2], ((0, 0), (0, width - p[2].shape[1]))), *p[3:]) for p in (parts[0], own)
+        ]
+    r, white, spread, fitted, suspect, rows, group = (np.concatenate(p) for p in zip(*parts, strict=True))
+    dof = estimate.dof[held.main]
+    if noise is not None:
+        fit = float(np.sqrt(np.mean(sd[kept & (group[: len(kept)] == held.main)] ** 2)))
+        white = white * np.where(group == held.main, fit / noise, 1.0)
+        dof = dof if noise_dof is None else noise_dof
+    direction, signed = _directions(model.scene, rows)
+    return Residuals(r, white, spread, fitted, suspect, rows, direction, signed, max(dof, 1.0))
+
+
+def _directions(scene: Scene, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nominal direction (R, 3) in which each residual is measured, and whether it is a surface's (R,)."""
+    target = scene.dataset.measurements.target[rows]
+    out, signed = np.zeros((len(rows), 3)), np.zeros(len(rows), bool)
+    for t in np.unique(target):
+        mine = np.flatnonzero(target == t)
+        each, number = np.unique(rows[mine], return_inverse=True)
+        kind = scene.kind(int(t), each)
+        _, u, _ = kind.linearise(np.zeros(len(kind.sd)), scene.points[each].T)
+        # of the same row the first residual in order is the first component
+        order = np.argsort(rows[mine], kind="stable")
+        component = np.empty(len(mine), int)
+        component[order] = np.arange(len(mine)) % kind.rows
+        out[mine] = u[component, :, number]
+        signed[mine] = kind.rows == 1
+    return out, signed
+
+
+def judge(r: Residuals, label: str, mask: np.ndarray) -> Margin | None:
+    """One bin, or None where it is too small; its p-value, uncorrected, is twice the smaller of two."""
+    # slips lie anywhere; where rejected contacts gather, they are what is looked for
+    if np.sum(r.suspect[mask]) < max(GATHERED * np.sum(mask), 3):
+        mask = mask & ~r.suspect
+    contacts = len(np.unique(r.rows[mask]))
+    if contacts < FEWEST:
+        return None
+    e, s, fitted = r.white[mask], r.spread[mask], r.fitted[mask]
+    taken, added = s[fitted], s[~fitted]
+    variance = len(e) - float(np.sum(np.sum(taken, axis=0) ** 2)) + float(np.sum(np.sum(added, axis=0) ** 2))
+    trace = len(e) - float(np.sum(taken**2)) + float(np.sum(added**2))
+    square = len(e) - 2 * float(np.sum(taken**2)) + 2 * float(np.sum(added**2))
+    square += float(np.sum((taken.T @ taken) ** 2)) + float(np.sum((added.T @ added) ** 2))
+    p = [1.0]
+    if trace > ABSORBED * len(e):  # a sum of squares of this mean and variance is nearly chi-squared
+        p.append(float(f_distribution.sf(np.sum(e**2) / trace, max(trace**2 / square, 1.0), r.dof)))
+    if variance > ABSORBED * len(e):
+        p.append(2 * float(student.sf(abs(np.sum(e)) / np.sqrt(variance), r.dof)))
+    rms, mean = float(np.sqrt(np.mean(r.residual[mask] ** 2))), float(np.mean(r.residual[mask]))
+    return Margin(label, contacts, rms, mean, min(2 * min(p), 1.0))
+
+
+def _bins(scene: Scene, r: Residuals) -> dict[str, list[tuple[str, Bin]]]:
+    """All bins by margin, each with its family."""
+    m = scene.dataset.measurements
+    names = np.array([t.name for t in scene.dataset.targets])[m.target[r.rows]]
+    return {
+        "target": [("", (str(name), names == name)) for name in dict.fromkeys(names)],
+        "joint": list(_joints(scene, r.rows)),
+        "region": [("", b) for b in _regions(scene.points[r.rows])],
+        "time": [] if m.time is None else [("", b) for b in _times(m.time[r.rows])],
+        "direction": [("", b) for b in _contact_directions(r)] + list(_approaches(scene, r.rows)),
+    }
+
+
+def _cut(x: np.ndarray, bins: int) -> Iterator[tuple[float, float, np.ndarray]]:
+    """Bins of equal counts: their ends and masks."""
+    edges = np.unique(np.quantile(x, np.linspace(0, 1, bins + 1)))
+    number = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
+    for k in range(len(edges) - 1):
+        yield float(edges[k]), float(edges[k + 1]), number == k
+
+
+def _joints(scene: Scene, rows: np.ndarray) -> Iterator[tuple[str, Bin]]:
+    readings = np.degrees(scene.dataset.measurements.readings[rows])
+    for j, x in enumerate(readings.T, start=1):
+        for low, high, mask in _cut(x, JOINT_BINS):
+            yield str(j), (f"joint {j}: {low:.0f} to {high:.0f} deg", mask)
+
+
+def _regions(points: np.ndarray) -> Iterator[Bin]:
+    """Octants of the workspace about the middle of the contacts."""
+    low, middle, high = (1e3 * np.quantile(points, q, axis=0) for q in (0.0, 0.5, 1.0))
+    halved = [k for k in range(3) if high[k] - low[k] > 1e3 * SMALLEST_SPAN]
+    for octant in range(2 ** len(halved)):
+        mask, parts = np.ones(len(points), bool), []
+        for bit, k in enumerate(halved):
+            upper = bool(octant >> bit & 1)
+            mask &= (1e3 * points[:, k] >= middle[k]) == upper
+            ends = (middle[k], high[k]) if upper else (low[k], middle[k])
+            parts.append(f"{AXES[k]} {ends[0]:.0f} to {ends[1]:.0f}")
+        if parts:
+            yield ", ".join(parts) + " mm", mask
+
+
+def _times(time: np.ndarray) -> Iterator[Bin]:
+    span = float(np.ptp(time))
+    unit, size = ("h", 3600.0) if span > 4 * 3600 else ("min", 60.0) if span > 4 * 60 else ("s", 1.0)
+    digits = 0 if span / size > 4 * TIME_BINS else 1
+    for low, high, mask in _cut(time - time.min(), TIME_BINS):
+        yield f"{low / size:.{digits}f} to {high / size:.{digits}f} {unit}", mask
+
+
+def _contact_directions(r: Residuals) -> Iterator[Bin]:
+    """Base axis nearest to the normal that points out of a touched surface, or to a point's coordinate."""
+    axis = np.argmax(np.abs(r.direction), axis=1)
+    negative = np.take_along_axis(r.direction, axis[:, None], axis=1)[:, 0] < 0
+    for k, name in enumerate(AXES):
+        for sign, below in (("+", False), ("-", True)):
+            mask = r.signed & (axis == k) & (negative == below)
+            if np.any(mask):
+                yield f"touched from {sign}{name}", mask
+        if np.any(~r.signed & (axis == k)):
+            yield f"along {name}", ~r.signed & (axis == k)
+
+
+def _approaches(scene: Scene, rows: np.ndarray) -> Iterator[tuple[str, Bin]]:
+    """Sign of each joint's reading's velocity, where it came from both sides."""
+    velocity = scene.dataset.measurements.velocity
+    if velocity is None:
+        return
+    for j, v in enumerate(velocity[rows].T, start=1):
+        if np.any(v > 0) and np.any(v < 0):
+            yield str(j), (f"joint {j} turning +", v > 0)
+            yield str(j), (f"joint {j} turning -", v < 0)

@@ -1,0 +1,123 @@
+"""How far the gap shrinks on held-out planes, sphere distances and points once an effect is added."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from bayescal.gap.result import Shrinkage
+from bayescal.predict.crossvalidation import RESAMPLES, HeldOut, interval, kept, resampled
+
+NAN = float("nan")
+NO_EXCESS = 0.05
+"""Probability of a ratio where there was no excess, counting every block as one observation."""
+MANY = 1e6
+"""Degrees of freedom of a noise that is known."""
+
+
+def shrinkage(
+    before: HeldOut, after: HeldOut, noise: float, seed: int = 0, noise_dof: float = float("inf")
+) -> tuple[Shrinkage, ...]:
+    """Compare two models on the same held-out rows.
+
+    Parameters
+    ----------
+    before, after : HeldOut
+        Of the baseline and of the refitted model.
+    noise : float
+        Noise of one contact, m (of one coordinate where all rows are points).
+    seed : int
+        Of the bootstrap.
+    noise_dof : float
+        Degrees of freedom that the noise stands on.
+    """
+    rng = np.random.default_rng(seed)
+    fair = kept(before, after)
+    out = []
+    for kind in ("planes", "points"):
+        mine = fair & (before.kind == kind)
+        if not np.any(mine):
+            continue
+        # the noise as best known in place of the fit's, row by row in the fit's proportions
+        main = mine & (after.group == after.main)
+        fit = float(np.sqrt(np.mean(after.noise[main] ** 2))) if np.any(main) else NAN
+        own = np.where(main, after.noise * (noise / fit), after.noise)[mine]
+        floor = own**2 + np.sum(after.by_parameters[mine] ** 2, axis=1)
+        squares = np.stack(
+            [before.residual[mine] ** 2, after.residual[mine] ** 2, floor, own**2 * main[mine]]
+        )
+        count = len(np.unique(before.rows[mine]))
+        expected = expects(before.residual[mine], after.residual[mine], after.sd[mine])
+        out.append(compare(kind, count, squares, before.block[mine], expected, noise_dof, rng))
+    old, new = before.distances, after.distances
+    if len(old.error):
+        predicted = new.predicted_sd()
+        squares = np.stack([old.error**2, new.error**2, predicted**2, np.zeros(len(old.u))])
+        expected = expects(old.error, new.error, predicted)
+        distances = compare("distances", len(old.u), squares, old.block, expected, noise_dof, rng)
+        out.insert(1 if out and out[0].what == "planes" else 0, distances)
+    return tuple(out)
+
+
+def expects(before: np.ndarray, after: np.ndarray, sd: np.ndarray) -> tuple[float, float]:
+    """Rms errors that the refitted model expects of the baseline and of itself, m.
+
+    Were it right, the baseline would be off by what the two models say differently and, on top, by what it is
+    itself unsure of: E (y - a)^2 = (b - a)^2 + sd^2, for y ~ N(b, sd^2). What was measured falls out of
+    b - a, the difference of their residuals, to first order: both halves rest on fitted rows alone.
+
+    Parameters
+    ----------
+    before, after : np.ndarray, shape (R,)
+        Residuals of the baseline and of the refitted model on the same measurements, m.
+    sd : np.ndarray, shape (R,)
+        That the refitted model predicts, m.
+    """
+    own = np.mean(sd**2)
+    return float(np.sqrt(np.mean((before - after) ** 2) + own)), float(np.sqrt(own))
+
+
+def compare(
+    what: str,
+    count: int,
+    squares: np.ndarray,
+    block: np.ndarray,
+    expected: tuple[float, float],
+    noise_dof: float,
+    rng: np.random.Generator,
+) -> Shrinkage:
+    """The fraction of the excess variance that went, by a paired block bootstrap.
+
+    Parameters
+    ----------
+    what : str
+    count : int
+    squares : np.ndarray, shape (4, R)
+        Squared errors before and after, their floor, and what of the floor is the noise, m2.
+    block : np.ndarray, shape (R,)
+    expected : tuple of float
+        Rms errors before and after that the refitted model expects, m.
+    noise_dof : float
+    rng : np.random.Generator
+    """
+    old, new, floor = np.mean(squares[:3], axis=1)
+    draws = resampled(block, squares, rng)
+    number = len(np.unique(block))
+    if np.isfinite(noise_dof):  # the noise is not known exactly either
+        draws[:, 2] += draws[:, 3] * (noise_dof / rng.chisquare(noise_dof, RESAMPLES) - 1.0)
+    excess = draws[:, 0] - draws[:, 2]
+    removed, ends = NAN, (NAN, NAN)
+    # where these rows could show no excess at all, the ratio would be one of two noises
+    if old > floor * f_distribution.isf(NO_EXCESS, number, min(noise_dof, MANY)):
+        removed = min((old - new) / (old - floor), 1.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(excess > 0, (draws[:, 0] - draws[:, 1]) / excess, np.nan)
+        low, high = interval(removed, np.minimum(ratio[np.isfinite(ratio)], 1.0), number)
+        ends = low, min(high, 1.0)
+    change = interval(new - old, draws[:, 1] - draws[:, 0], number)
+    shown = np.isfinite(removed) or change[1] < 0  # there was an excess, or at least the errors fell
+    claimed = bool(max(expected[1] ** 2, new) < old and shown)
+    return Shrinkage(
+        what, count, float(np.sqrt(old)), float(np.sqrt(new)), float(np.sqrt(floor)), float(removed), ends,
+        *expected, claimed,
+    )  # fmt: skip

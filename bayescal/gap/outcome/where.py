@@ -1,0 +1,222 @@
+"""Where the gap lies: sites and drivers, how much lies there, and how surely; the place before the name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from bayescal.effects import Circumstances, Parameter
+from bayescal.gap.linear.evidence import project
+from bayescal.gap.linear.problem import State, fit_state, without_nuisance
+from bayescal.gap.result import Curve, Place
+from bayescal.gap.search.beam import Hypothesis
+from bayescal.gap.search.unknown import Found, Pool, found, with_set
+
+MOST, LEFT = 6, 2
+"""Places that are listed, and how many of them at least are of what was not named."""
+SIGNIFICANT = 0.01
+"""Family p-value up to which a further place is looked for beside those found."""
+
+
+def places(
+    hypothesis: Hypothesis,
+    pool: Pool,
+    named: Sequence[Parameter],
+    c: Circumstances,
+    excess: float,
+    size: int,
+) -> tuple[Place, ...]:
+    """Places of what was named, then those of what is left, then the largest of what may be there.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        What was named, fitted.
+    pool : Pool
+        Generic cells.
+    named : sequence of Parameter
+        The pool of named candidates.
+    excess : float
+        Excess variance of a contact under the model as it stands, m2.
+    size : int
+        Number of the model's own parameters: a place is sized by what these leave of it, whatever the masses
+        might take up beside them.
+    """
+    out = list(places_named(hypothesis, named, c, excess, size))
+    state, tests = hypothesis.state, len(pool.sets)
+    seen = {(p.site, p.driver) for p in out}
+    most = max(MOST, len(out) + LEFT)  # what was named never hides what is left
+    while len(out) < most:
+        ranked = sorted(found(state, pool), key=lambda f: -f.gain)
+        ranked = [f for f in ranked if (pool.cells[f.cell].site, pool.cells[f.cell].driver) not in seen]
+        if not ranked:
+            break
+        place, wider = _of_cell(state, pool, ranked[0], c, excess, size, tests)
+        out.append(place)
+        seen.add((place.site, place.driver))
+        if place.family_p_value > SIGNIFICANT:
+            for other in ranked[1 : 1 + most - len(out)]:
+                out.append(_of_cell(state, pool, other, c, excess, size, tests)[0])
+            break
+        state = wider
+    return tuple(out)
+
+
+def f_test(state: State, columns: np.ndarray) -> float:
+    """p-value that columns (R, k) add nothing to a state."""
+    projected = project(state, columns)
+    information = projected.information(np.arange(columns.shape[1]))
+    values, vectors = np.linalg.eigh(information)
+    real = values > 1e-9 * max(float(values[-1]), 1e-300)
+    size = int(np.sum(real))
+    if not size:
+        return 1.0
+    gain = float(np.sum((vectors[:, real].T @ projected.score) ** 2 / values[real]))
+    count = state.problem.count
+    chi2 = float(np.sum(state.weight[:count] * state.residual[:count] ** 2)) / state.kappa**2
+    dof = max(state.dof - size, 1.0)
+    return float(f_distribution.sf(gain / size / (max(chi2 - gain, 1e-9) / dof), size, dof))
+
+
+def visible(state: State, contribution: np.ndarray) -> np.ndarray:
+    """What of a whitened contribution (R,) the state cannot absorb, of lengths (L,), m."""
+    return unabsorbed(state, contribution)[: state.problem.lengths] * state.problem.sigma
+
+
+def unabsorbed(state: State, contribution: np.ndarray) -> np.ndarray:
+    """What of a whitened contribution (R,) the state cannot absorb, of lengths and orientations (C,)."""
+    count = state.problem.count
+    whiten = np.sqrt(state.weight)
+    whiten[:count] /= state.kappa
+    design = state.design * whiten[:, None]
+    weighted = contribution * whiten
+    left = contribution - state.design @ (state.covariance @ (design.T @ weighted))
+    return left[:count]
+
+
+def _place(
+    site: str, driver: str, parameters: Sequence[Parameter], columns: np.ndarray, amplitude: np.ndarray,
+    without: State, with_it: State, c: Circumstances, excess: float, size: int, tests: int, gain: float,
+    name: str,
+) -> Place:  # fmt: skip
+    p = without.problem
+    contribution = columns @ amplitude
+    bare = fit_state(without_nuisance(p, size), (), (), without.weight, robust=False)
+    left = visible(bare, contribution)
+    kept = without.weight[: p.lengths] > 0
+    rms = float(np.sqrt(np.mean(left[kept] ** 2))) if np.any(kept) else 0.0
+    p_value = f_test(without, columns)
+    share = float(np.clip(rms**2 / excess, 0.0, 1.0)) if excess > 0 else 0.0
+    curve = _curve(site, driver, parameters, columns, contribution, with_it, c)
+    return Place(site, driver, rms, share, p_value, min(1.0, p_value * tests), gain, name, curve)
+
+
+def _of_cell(
+    state: State, pool: Pool, f: Found, c: Circumstances, excess: float, size: int, tests: int
+) -> tuple[Place, State]:
+    cell = pool.cells[f.cell]
+    start = state.weight if not state.gross else None
+    wider = with_set(state, pool, f.best, f.scale, start)
+    own = pool.sets[f.best]
+    amplitude = wider.amplitudes[len(state.columns) :]
+    first = int(np.flatnonzero(pool.owner == f.cell)[0])
+    parameters = cell.sets[f.best - first]
+    place = _place(
+        cell.site, cell.driver, parameters, pool.columns[:, own], amplitude, state, wider, c, excess, size,
+        tests, f.gain, "",
+    )  # fmt: skip
+    return place, wider
+
+
+def places_named(
+    hypothesis: Hypothesis, named: Sequence[Parameter], c: Circumstances, excess: float, size: int
+) -> tuple[Place, ...]:
+    """The largest places of every effect of a hypothesis; see `places`."""
+    state, p = hypothesis.state, hypothesis.state.problem
+    amplitudes = dict(zip(state.columns.tolist(), state.amplitudes, strict=True))
+    out: list[Place] = []
+    for member in hypothesis.members:
+        groups: dict[tuple[str, str], list[int]] = {}
+        for k in member.variant.columns.tolist():
+            groups.setdefault((named[k].site, named[k].driver), []).append(k)
+        drivers = {driver for _, driver in groups}
+        if len(groups) > 1 and len(drivers) == 1:  # one cause all over the arm comes before its parts
+            groups = {("arm", drivers.pop()): member.variant.columns.tolist()} | groups
+        mine = []
+        for (site, driver), own in groups.items():
+            rest = ~np.isin(state.columns, own)
+            without = fit_state(p, state.columns[rest], state.scales[rest], state.weight, robust=False)
+            parts, columns = [named[k] for k in own], p.pool[:, own]
+            amplitude, gain = (
+                np.array([amplitudes[k] for k in own]),
+                state.log_evidence - without.log_evidence,
+            )
+            mine.append(
+                _place(
+                    site, driver, parts, columns, amplitude, without, state, c, excess, size,
+                    len(groups), gain, member.effect,
+                )
+            )  # fmt: skip
+        out += sorted(mine, key=lambda place: (place.site != "arm", -place.rms))[:3]
+    return tuple(out)
+
+
+def _curve(
+    site: str, driver: str, parameters: Sequence[Parameter], columns: np.ndarray, contribution: np.ndarray,
+    state: State, c: Circumstances,
+) -> Curve:  # fmt: skip
+    p = state.problem
+    name, values = coordinate(driver, site, c)
+    rows = p.rows[p.contact[: p.lengths]]
+    fitted = contribution[: p.lengths] * p.sigma
+    residual = state.residual[: p.lengths] * p.sigma + fitted
+    keep = state.weight[: p.lengths] > 0
+    lever, unit = None, ""
+    frames = {(t.frame, t.axis) for q in parameters for t in q.terms}
+    one = len(frames) == 1 or all(axis == "rz" for _, axis in frames)
+    if frames and one and all(frame >= 0 for frame, _ in frames):
+        drivers = np.array([np.broadcast_to(q.terms[0].driver, len(c.q))[rows] for q in parameters]).T
+        best = np.argmax(np.abs(drivers), axis=1)
+        at = np.arange(len(rows))
+        size = drivers[at, best]
+        scaled = columns[: p.lengths][at, best] * p.sigma / np.array([q.sd for q in parameters])[best]
+        lever = np.where(size != 0, scaled / np.where(size != 0, size, 1.0), 0.0)[keep]
+        unit = "rad" if next(iter(frames))[1][0] == "r" else "m"
+    return Curve(name, values[rows][keep], residual[keep], fitted[keep], rows[keep], lever, unit)
+
+
+def coordinate(driver: str, site: str, c: Circumstances) -> tuple[str, np.ndarray]:
+    """Name with unit, and values (N,), of the coordinate that a driver varies with; "" where none tells."""
+    word, _, rest = driver.partition(" ")
+    number = "".join(ch for ch in rest.split(",")[0] if ch.isdigit())
+    joint = int(number) - 1 if number else -1
+    order = np.arange(1.0, len(c.q) + 1)
+    tables: dict[str, Callable[[], tuple[str, np.ndarray]]] = {
+        "angle": lambda: (f"reading of joint {joint + 1} (deg)", np.degrees(c.readings[:, joint])),
+        "approach": lambda: (f"speed of joint {joint + 1} (deg/s)", np.degrees(_or(c.velocity, c)[:, joint])),
+        "torque": lambda: (f"gravity torque on joint {joint + 1} (N m)", _or(c.moments, c)[:, joint + 1, 2]),
+        "time": lambda: ("row", order) if c.time is None else ("time (min)", c.time / 60.0),
+        "temperature": lambda: ("temperature (degC)", _or(c.temperature, c)),
+        "base": lambda: ("gravity moment on the base (N m)", np.linalg.norm(_or(c.moments, c)[:, 0], axis=1)),
+    }
+    tables["moment"], tables["sign"] = tables["time"], tables["torque"]
+    if driver == "speed":
+        return "speed of contact (mm/s)", 1e3 * _or(c.speed, c)
+    if driver == "direction of contact":
+        return "azimuth of contact in the flange (deg)", np.degrees(
+            np.arctan2(c.approach[:, 1], c.approach[:, 0])
+        )
+    if driver == "place on the face":
+        face = next((f for f in c.faces if f.name == site), None)
+        if face is not None:
+            return "place along the face (-1 to 1)", face.place[:, 0]
+    if word == "speed":
+        word = "approach"
+    return tables[word]() if word in tables else ("", order)
+
+
+def _or(values: np.ndarray | None, c: Circumstances) -> np.ndarray:
+    assert values is not None
+    return values

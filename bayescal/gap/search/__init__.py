@@ -1,0 +1,1 @@
+"""The search for effects: candidates, generic cells, sets of effects, verdict."""

@@ -1,0 +1,186 @@
+"""Which effects: a beam over sets of named effects, with 'nothing' and 'unknown' as their rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, project, weigh_sets
+from bayescal.gap.linear.problem import Problem, State, fit_state
+from bayescal.gap.search.candidates import Candidates, Variant
+
+NULL, SINGLE, UNKNOWN = 0.15, 0.65, 0.2
+"""Prior probabilities: nothing is left out, one effect of the vocabulary, something else."""
+FURTHER = 0.2
+"""Factor on the prior of each further effect."""
+BEAM = 5
+MOST = 6
+SEEN = 9.0
+"""Lambda that an effect must reach at the largest size worth trying, or no contact could show it."""
+WORTH = 2.0
+"""Nats that a further effect must bring to be tried."""
+COMPLIANCE = "compliance"
+AFTER_COMPLIANCE = ("payload", "hardening", "hysteresis", "bending", "base-compliance")
+"""Effects of gravity: named only once the joints' compliance is in the model, which every arm has."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """An effect in a hypothesis: its best variant and scale, and what averaging over the others costs."""
+
+    variant: Variant
+    scale: float
+    averaging: float  # log of the mean over variants and scales, over the best
+
+    @property
+    def effect(self) -> str:
+        """Name of the effect."""
+        return self.variant.effect
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of named effects, fitted with its own outliers."""
+
+    members: tuple[Member, ...]
+    state: State
+    log_evidence: float
+    log_prior: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The effects, in the order in which they entered."""
+        return tuple(m.effect for m in self.members)
+
+    @property
+    def score(self) -> float:
+        """Log of evidence times prior."""
+        return self.log_evidence + self.log_prior
+
+
+@dataclass(frozen=True)
+class Scored:
+    """What one effect would add to a hypothesis."""
+
+    member: Member
+    gain: float  # nats, averaged
+
+
+@dataclass
+class Search:
+    """The problem, its candidates, and every hypothesis that was looked at."""
+
+    problem: Problem
+    candidates: Candidates
+    robust: bool = True
+    further: bool = False  # something was found before: all that is named now is more of it
+    unseen: tuple[str, ...] = ()
+    bank: Bank | None = None
+    hypotheses: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
+
+    def prior(self, size: int) -> float:
+        """Log prior of a set of that many effects."""
+        count = max(len(self.candidates.variants), 1)
+        if self.further:
+            return float(size * np.log(FURTHER / count))
+        if size == 0:
+            return float(np.log(NULL))
+        return float(np.log(SINGLE / count) + (size - 1) * np.log(FURTHER / count))
+
+    def hypothesis(
+        self, members: Sequence[Member], starts: Sequence[np.ndarray | None] = (None,)
+    ) -> Hypothesis:
+        """Fit a set of effects from several row weights, and keep the best."""
+        columns = [m.variant.columns for m in members]
+        scales = [np.full(len(m.variant.columns), m.scale) for m in members]
+        at = np.concatenate([np.empty(0, int), *columns])
+        by = np.concatenate([np.empty(0), *scales])
+        states = [fit_state(self.problem, at, by, start, self.robust) for start in starts]
+        state = max(states, key=lambda s: s.log_evidence)
+        evidence = state.log_evidence + sum(m.averaging for m in members)
+        return Hypothesis(tuple(members), state, evidence, self.prior(len(members)))
+
+    def additions(self, state: State, without: Sequence[str]) -> dict[str, Scored]:
+        """What each effect not in `without` would add to a state."""
+        bayes = weigh_sets(state, self._bank())
+        out, first = {}, 0
+        for name, own in self.candidates.variants.items():
+            table = bayes[first : first + len(own)] + np.array([v.log_prior for v in own])[:, None]
+            table = table + SCALE_PRIOR
+            first += len(own)
+            if name in without:
+                continue
+            i, k = np.unravel_index(int(np.argmax(table)), table.shape)
+            gain = float(log_sum(table))
+            best = float(table[i, k] - own[i].log_prior - SCALE_PRIOR[k])
+            out[name] = Scored(Member(own[i], float(SCALES[k]), gain - best), gain)
+        return out
+
+    def _bank(self) -> Bank:
+        """All variants of all candidates, one after the other."""
+        if self.bank is None:
+            sets = [v.columns for own in self.candidates.variants.values() for v in own]
+            self.bank = Bank(self.problem.pool, tuple(sets), self.problem.count)
+        return self.bank
+
+    def allowed(self, names: Sequence[str]) -> bool:
+        """Whether a set respects the order in which effects may be named."""
+        c = self.candidates
+        waits = COMPLIANCE in c.variants and COMPLIANCE not in (*names, *c.partly)
+        return not (waits and any(n in AFTER_COMPLIANCE for n in names))
+
+    def extend(self, base: Hypothesis, least: float) -> list[Hypothesis]:
+        """Every hypothesis of one effect more that brings at least so many nats."""
+        found = [(self.additions(base.state, base.names), base.state.weight)]
+        if base.state.gross:
+            whole = fit_state(self.problem, base.state.columns, base.state.scales, robust=False)
+            found.append((self.additions(whole, base.names), np.ones_like(whole.weight)))
+        out = []
+        for name in found[0][0]:
+            if not self.allowed((*base.names, name)):
+                continue
+            key = frozenset((*base.names, name))
+            tried = [
+                self.hypothesis((*base.members, table[name].member), (None, start))
+                for table, start in found
+                if table[name].gain >= least or (len(found) == 1 and not base.members)
+            ]
+            if not tried:
+                continue
+            best = max(tried, key=lambda h: h.log_evidence)
+            known = self.hypotheses.get(key)
+            if known is None or best.log_evidence > known.log_evidence:
+                self.hypotheses[key] = best
+            out.append(self.hypotheses[key])
+        return out
+
+    def _leave_out_unseen(self, state: State) -> None:
+        """Effects that no contact could show at any size worth trying are no candidates."""
+        whole = fit_state(self.problem, state.columns, state.scales, robust=False)
+        projected = project(whole, self.problem.pool)
+        seen = np.sum(projected.weighted**2, axis=0) - np.sum(projected.across * projected.solved, axis=0)
+        seen *= (whole.kappa / state.kappa) ** 2  # at the noise that outliers do not inflate
+        most = {
+            name: max(float(np.sum(seen[v.columns])) for v in variants)
+            for name, variants in self.candidates.variants.items()
+        }
+        self.unseen = tuple(name for name, size in most.items() if size * SCALES[-1] ** 2 < SEEN)
+        kept = {n: v for n, v in self.candidates.variants.items() if n not in self.unseen}
+        self.candidates, self.bank = replace(self.candidates, variants=kept), None
+
+    def run(self) -> None:
+        """Search sets of growing size with a beam."""
+        null = self.hypothesis(())
+        self._leave_out_unseen(null.state)
+        self.hypotheses[frozenset()] = null
+        level = self.extend(null, -5.0)
+        for _ in range(MOST - 1):
+            beam = sorted({id(h): h for h in level}.values(), key=lambda h: -h.score)[:BEAM]
+            beam = [h for h in beam if h.score > null.score - 3.0]
+            level = [new for h in beam for new in self.extend(h, WORTH)]
+            top = max(h.score for h in self.hypotheses.values())
+            level = [h for h in level if h.score > top - 12.0]
+            if not level:
+                break

@@ -1,0 +1,155 @@
+"""Candidates: every effect that the baseline leaves out, in each setting, at all sites and at each alone.
+
+Of an effect that it has but for some parts, these are the candidate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.effects import EFFECTS, Circumstances, Effect, Parameter, parameters_of
+from bayescal.effects.compliance import SPREAD
+from bayescal.model.parts import Part
+
+WIDE = 64
+"""Settings up to which a scan is carried along whole."""
+NOTHING = "nothing in this session varies with it"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One form of an effect: its setting if any, its site or "" for all, its columns of the pool."""
+
+    effect: str
+    setting: float | None
+    site: str
+    columns: np.ndarray  # (k,)
+    log_prior: float  # within the effect
+    places: tuple[tuple[str, str], ...] = ()  # sites and drivers of its columns
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """All variants by effect, their parameters as one pool, and what cannot be judged, with why.
+
+    `partly` are effects that the baseline has but for the parts that are candidates.
+    """
+
+    pool: tuple[Parameter, ...]
+    variants: dict[str, tuple[Variant, ...]]
+    missing: dict[str, str]
+    partly: tuple[str, ...] = ()
+
+
+def candidates(
+    circumstances: Circumstances, baseline: tuple[str, ...], without: Sequence[Part] = ()
+) -> Candidates:
+    """List the candidates beside a baseline model, but for scans so wide that they are screened first."""
+    plain = {name.partition("@")[0] for name in baseline}
+    out = Candidates((), {}, {})
+    for effect in EFFECTS.values():
+        if effect.name in plain or wide(effect, circumstances):
+            continue
+        lacks = effect.missing(circumstances)
+        settings: list[float | None] = [] if lacks else [None]
+        if effect.scan is not None and not lacks:
+            settings += [float(v) for v in effect.scan.values(circumstances)]
+        out = extended(out, effect, settings, circumstances, lacks)
+    for name in baseline:
+        if mine := [part for part in without if part.effect == name.partition("@")[0]]:
+            out = with_parts(out, name, mine, circumstances)
+    return out
+
+
+def with_parts(known: Candidates, name: str, parts: Sequence[Part], c: Circumstances) -> Candidates:
+    """Candidates with parts of an effect that the baseline lacks: each alone, and all together."""
+    effect, _, setting = name.partition("@")
+    parameters = [p for p in parameters_of((name,), c) if any(part.holds(p) for part in parts)]
+
+    def variant(own: Sequence[Part], weight: float) -> Variant:
+        at = [k for k, p in enumerate(parameters) if any(part.holds(p) for part in own)]
+        return Variant(
+            effect,
+            float(setting) if setting else None,
+            " and ".join(part.site for part in own),
+            len(known.pool) + np.array(at, int),
+            -float(np.log(weight)),
+            tuple(dict.fromkeys((parameters[k].site, parameters[k].driver) for k in at)),
+        )
+
+    variants = [variant(parts, 1 if len(parts) == 1 else 2)]
+    variants += [variant([part], 2 * len(parts)) for part in parts if len(parts) > 1]
+    return replace(
+        known,
+        pool=(*known.pool, *parameters),
+        variants=known.variants | {effect: tuple(variants)},
+        partly=(*known.partly, effect),
+    )
+
+
+def wide(effect: Effect, c: Circumstances) -> bool:
+    """Whether an effect has more settings than one would carry along."""
+    return effect.scan is not None and len(effect.scan.values(c)) > WIDE
+
+
+def extended(
+    known: Candidates, effect: Effect, settings: Sequence[float | None], c: Circumstances, lacks: str = ""
+) -> Candidates:
+    """Candidates with some settings of one effect more; each weighs as one of all that the scan has."""
+    found = [(value, parameters) for value in settings if (parameters := at_setting(effect, value, c))]
+    if not found:
+        return replace(known, missing=known.missing | {effect.name: lacks or NOTHING})
+    count = max(len(found), 0 if effect.scan is None else len(effect.scan.values(c)))
+    pool, variants = list(known.pool), []
+    for value, parameters in found:
+        joined = in_proportion(effect, parameters)
+        weight = -float(np.log(count)) - float(np.log(2.0)) * len(joined)
+        variants += _subsets(effect, value, parameters, len(pool), weight)
+        pool += parameters
+        places = tuple(dict.fromkeys((p.site, p.driver) for p in parameters))
+        variants += [Variant(effect.name, value, "", np.array([len(pool)]), weight, places) for _ in joined]
+        pool += joined
+    return replace(known, pool=tuple(pool), variants=known.variants | {effect.name: tuple(variants)})
+
+
+def in_proportion(effect: Effect, parameters: Sequence[Parameter]) -> list[Parameter]:
+    """One parameter for several that physics keeps positive: all in proportion to what is usual, or none."""
+    if len(parameters) < 2 or not all(p.positive and p.mean for p in parameters):
+        return []
+    terms = tuple(
+        replace(t, driver=np.asarray(t.driver) * (p.mean or 0.0)) for p in parameters for t in p.terms
+    )
+    sites = {p.site for p in parameters}
+    name = f"{effect.name} in proportion"
+    return [
+        Parameter(
+            name, "1", terms, SPREAD, site=sites.pop() if len(sites) == 1 else "arm",
+            driver=parameters[0].driver.split(" ")[0], effect=effect.name,
+        )
+    ]  # fmt: skip
+
+
+def at_setting(effect: Effect, value: float | None, c: Circumstances) -> list[Parameter]:
+    """Parameters of an effect at a setting, or at its usual one."""
+    found = effect.parameters(c) if value is None or effect.scan is None else effect.scan.parameters(c, value)
+    return [replace(p, effect=effect.name) for p in found]
+
+
+def _subsets(
+    effect: Effect, value: float | None, parameters: list[Parameter], first: int, log_prior: float
+) -> list[Variant]:
+    sites: dict[tuple[str, str], list[int]] = {}
+    for k, p in enumerate(parameters):
+        sites.setdefault((p.site, p.driver), []).append(first + k)
+    every = np.arange(first, first + len(parameters))
+    if len(sites) == 1 or effect.whole:
+        return [Variant(effect.name, value, "", every, log_prior, tuple(sites))]
+    half = log_prior - np.log(2.0)
+    alone = half - np.log(len(sites))
+    return [Variant(effect.name, value, "", every, half, tuple(sites))] + [
+        Variant(effect.name, value, place[0], np.array(columns), alone, (place,))
+        for place, columns in sites.items()
+    ]

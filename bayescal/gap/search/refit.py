@@ -1,0 +1,41 @@
+"""The non-linear refit of a model with what was named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bayescal.effects import Parameter
+from bayescal.estimate import Estimate, estimate
+from bayescal.gap.search.beam import Member
+from bayescal.model import ARM, with_parameters
+
+
+def model_name(member: Member) -> str:
+    """An effect as ``--model`` takes it: with its setting where it has one."""
+    setting = member.variant.setting
+    return member.effect if setting is None else f"{member.effect}@{setting:g}"
+
+
+def parameters_of_members(pool: Sequence[Parameter], members: Sequence[Member]) -> list[Parameter]:
+    """Parameters of the members' variants, with the prior scales that the data chose, about zero."""
+    return [
+        replace(pool[k], sd=pool[k].sd * m.scale, mean=pool[k].nominal)
+        for m in members
+        for k in m.variant.columns
+    ]
+
+
+def refit(
+    before: Estimate, pool: Sequence[Parameter], members: Sequence[Member], robust: bool = True
+) -> Estimate:
+    """Fit a model again with the parameters of some effects beside its own."""
+    old = before.model
+    extra = parameters_of_members(pool, members)
+    effects = (*old.effects, *(model_name(m) for m in members))
+    model = with_parameters(old.scene, effects, (*old.parameters, *extra))
+    own = old.slices[ARM].stop
+    start = np.concatenate([before.z[:own], np.zeros(len(extra)), before.z[own:]])
+    return estimate(model, robust=robust, start=start)

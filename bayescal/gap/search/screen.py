@@ -1,0 +1,45 @@
+"""Scans too wide to carry along: the settings that explain most are kept, the others hardly count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bayescal.effects import EFFECTS, Circumstances
+from bayescal.gap.linear.evidence import Bank, weigh_sets
+from bayescal.gap.linear.problem import Slopes, State
+from bayescal.gap.search.candidates import Candidates, at_setting, extended, wide
+
+KEPT = 12
+"""Settings that are kept."""
+CHUNK = 24
+"""Settings whose columns are held at a time."""
+
+
+def screened(
+    known: Candidates, slopes: Slopes, states: Sequence[State], c: Circumstances, baseline: tuple[str, ...]
+) -> Candidates:
+    """Candidates with the leading settings of every wide scan, site by site, as several states see them."""
+    plain = {name.partition("@")[0] for name in baseline}
+    for effect in EFFECTS.values():
+        if effect.name in plain or not wide(effect, c) or effect.scan is None:
+            continue
+        values = effect.scan.values(c)
+        best = np.full(len(values), -np.inf)
+        for first in range(0, len(values), CHUNK):
+            chunk = values[first : first + CHUNK]
+            tables = [at_setting(effect, float(v), c) for v in chunk]
+            columns = slopes.columns([p for table in tables for p in table])
+            sets, owner, at = [], [], 0
+            for k, table in enumerate(tables):
+                for site in dict.fromkeys(p.site for p in table):
+                    sets.append(at + np.flatnonzero([p.site == site for p in table]))
+                    owner.append(first + k)
+                at += len(table)
+            bank = Bank(columns, tuple(sets), len(slopes.contact))
+            for state in states:
+                np.maximum.at(best, owner, weigh_sets(state, bank).max(axis=1))
+        leading = np.sort(values[np.argsort(-best)[:KEPT]])
+        known = extended(known, effect, [float(v) for v in leading], c)
+    return known

@@ -1,0 +1,153 @@
+"""'Something else': the evidence of generic cells beside a hypothesis, every one with its own outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_sets
+from bayescal.gap.linear.problem import State, fit_state
+from bayescal.gap.search.beam import Hypothesis
+from bayescal.gap.search.cells import Cell
+
+SITES = {"joint": 0.35, "link": 0.1, "base": 0.15, "tool": 0.1, "probe": 0.2}
+"""Where something unknown may sit, before one looks."""
+FACES = 0.1
+"""The rest: faces, one after another."""
+TRIED = 3
+"""Cells that are fitted with outliers of their own."""
+LARGE = 50.0
+"""Nats from which a cell is fitted: it lets the noise fall, and priors then weigh less than was reckoned."""
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Cells and their columns (R, K): `sets` are columns, `owner` the cell of each set."""
+
+    cells: tuple[Cell, ...]
+    columns: np.ndarray
+    sets: tuple[np.ndarray, ...]
+    owner: np.ndarray
+    count: int  # rows that are contacts
+
+    @cached_property
+    def bank(self) -> Bank:
+        """The sets, ready to be weighed."""
+        return Bank(self.columns, self.sets, self.count)
+
+    @cached_property
+    def log_prior(self) -> np.ndarray:
+        """Log weight of every cell among what may be unknown, (cells,): -inf for what has a name."""
+        kinds = [next((k for k in SITES if cell.site.startswith(k)), "") for cell in self.cells]
+        known = np.array([cell.known for cell in self.cells])
+        weight = np.array([SITES.get(k, FACES) / kinds.count(k) for k in kinds])
+        weight[known] = 0.0
+        with np.errstate(divide="ignore"):
+            return np.log(weight / np.sum(weight))
+
+    @classmethod
+    def of(cls, cells: Sequence[Cell], columns: np.ndarray, count: int) -> Pool:
+        """Number the columns (R, K) of cells, which stand in their order; `count` rows are contacts."""
+        sets, owner, first = [], [], 0
+        for i, cell in enumerate(cells):
+            for own in cell.sets:
+                sets.append(np.arange(first, first + len(own)))
+                owner.append(i)
+                first += len(own)
+        return cls(tuple(cells), columns, tuple(sets), np.array(owner, int), count)
+
+
+@dataclass(frozen=True)
+class Found:
+    """One cell against a hypothesis: nats averaged over its sets and scales, its best set and scale."""
+
+    cell: int
+    gain: float
+    best: int  # set of the pool
+    scale: float
+    rival: bool = True  # of the named effects: not what has a name, nor the very place of one
+
+
+def found(state: State, pool: Pool) -> list[Found]:
+    """What every cell would add to a state; where that is much, by a fit of the leading cells' best sets."""
+    out = reckoned(state, pool)
+    fitted: set[int] = set()
+    while out:
+        top = max(out, key=lambda f: f.gain)
+        if top.gain < LARGE or top.cell in fitted:
+            break
+        out[top.cell] = refitted(state, pool, top, state.weight)
+        fitted.add(top.cell)
+    return out
+
+
+def refitted(state: State, pool: Pool, f: Found, start: np.ndarray | None = None) -> Found:
+    """A cell with the nats that fits of its best set, scale by scale, bring over a state."""
+    nats = np.array([with_set(state, pool, f.best, s, start).log_evidence for s in SCALES]) + SCALE_PRIOR
+    gain = float(log_sum(nats)) - state.log_evidence - np.log(np.sum(pool.owner == f.cell))
+    return replace(f, gain=float(gain), scale=float(SCALES[int(np.argmax(nats))]))
+
+
+def reckoned(state: State, pool: Pool) -> list[Found]:
+    """What every cell would add to a state, without a fit of it."""
+    bayes = weigh_sets(state, pool.bank) + SCALE_PRIOR
+    out = []
+    for i in range(len(pool.cells)):
+        own = np.flatnonzero(pool.owner == i)
+        table = bayes[own]
+        j, k = np.unravel_index(int(np.argmax(table)), table.shape)
+        gain = float(log_sum(table) - np.log(len(own)))
+        out.append(Found(i, gain, int(own[j]), float(SCALES[k])))
+    return out
+
+
+def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray | None = None) -> State:
+    """A state with one set of a pool's columns added."""
+    p = state.problem
+    own = pool.sets[at]
+    width = p.pool.shape[1]
+    wide = replace(p, pool=np.column_stack([p.pool, pool.columns[:, own]]))
+    columns = np.concatenate([state.columns, np.arange(width, width + len(own))])
+    return fit_state(
+        wide, columns, np.concatenate([state.scales, np.full(len(own), scale)]), start, state.robust
+    )
+
+
+def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[Found]]:
+    """Log evidence of 'something else' over a hypothesis, averaged over cells, and each cell's own.
+
+    Where the hypothesis leaves contacts out, the leading cells are tried on all of them: a defect at one
+    place looks like a handful of outliers.
+    """
+    state = hypothesis.state
+    cells = found(state, pool)
+    if state.gross:
+        whole = fit_state(state.problem, state.columns, state.scales, robust=False)
+        for rank in sorted(reckoned(whole, pool), key=lambda f: -f.gain)[:TRIED]:
+            anew = refitted(state, pool, rank)
+            if anew.gain > cells[rank.cell].gain:
+                cells[rank.cell] = anew
+    weight = np.where(same_place(hypothesis, pool), -np.inf, pool.log_prior)
+    cells = [f if w > -np.inf else replace(f, rival=False) for f, w in zip(cells, weight, strict=True)]
+    if not np.any(weight > -np.inf):
+        return -np.inf, cells
+    return float(log_sum(np.array([f.gain for f in cells]) + weight)), cells
+
+
+def same_place(hypothesis: Hypothesis, pool: Pool) -> np.ndarray:
+    """Cells (cells,) at the site and of the coordinate of a named effect: they fit its form, no more."""
+    mine = {place for m in hypothesis.members for place in m.variant.places}
+    return np.array(
+        [
+            any(cell.site == site and course(driver) == cell.driver for site, driver in mine)
+            for cell in pool.cells
+        ]
+    )
+
+
+def course(driver: str) -> str:
+    """The coordinate behind an effect's driver: "angle 4, once a turn" goes by "angle 4"."""
+    return driver.partition(",")[0].removeprefix("sign of ")

@@ -1,0 +1,229 @@
+"""The verdict: what all hypotheses together say, behind the gate of what is left unexplained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.gap.linear.evidence import log_sum
+from bayescal.gap.outcome.where import unabsorbed, visible
+from bayescal.gap.search.beam import UNKNOWN, Hypothesis, Member, Search
+from bayescal.gap.search.cells import Cell
+from bayescal.gap.search.unknown import Found, Pool, course, unknown, with_set
+
+LEADERS = 4
+"""Hypotheses beside which 'something else' is tried."""
+BESIDE = 0.1
+"""Prior odds of something else beside named effects."""
+NULL_ENOUGH = 0.2
+"""Probability of 'nothing' from which on nothing is named."""
+SURE = 0.5
+"""Probability from which on an effect is named."""
+SET = 0.9
+FORM, SAME_COURSE, SAME_PLACE = 0.04, 0.06, 0.15
+"""Shares of its nats that something else gives away: a smooth cell also fits what a named form gets wrong.
+
+More where a leading hypothesis names an effect that acts there along that very coordinate.
+"""
+FOOTNOTE = 0.05
+"""Share of the named variance below which an effect is a footnote."""
+KEPT = 5.0
+"""Nats that a name must be worth beside something else to be kept."""
+MATES = (
+    ("eccentricity", "second-harmonic", "encoder-scale"),
+    ("bending", "coupling"),
+    ("hardening", "hysteresis"),
+    ("thermal-drift", "step"),
+)
+"""Effects whose true form may look like each other's: together in a set unless far apart."""
+FAR = 4.0
+"""Nats, softened, that mates must be apart for one of them to leave the set."""
+SOFT = 0.6
+"""Share of the nats between mates that counts."""
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A hypothesis, perhaps with something else beside it, and its probability."""
+
+    hypothesis: Hypothesis
+    cell: Found | None  # the best of something else; None without
+    log_evidence: float  # over nothing
+    score: float
+    probability: float = 0.0
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names, "unknown" last."""
+        return self.hypothesis.names + (("unknown",) if self.cell else ())
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What was decided, and on what."""
+
+    kind: str
+    hypothesis: Hypothesis  # of the effects that the verdict commits to
+    weighed: tuple[Weighed, ...]  # the weightiest first
+    probability: Mapping[str, float]
+    credible: tuple[str, ...]
+    alone: tuple[Found, ...]  # every cell beside nothing
+    footnotes: tuple[str, ...]
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """The effects that the verdict commits to."""
+        return self.hypothesis.members
+
+    def lost(self, effect: str) -> float:
+        """Nats that the best set loses without an effect."""
+        rest = max((w.score for w in self.weighed if effect not in w.effects), default=-np.inf)
+        return self.weighed[0].score - rest
+
+
+def decide(search: Search, pool: Pool) -> Decision:
+    """Weigh every hypothesis that was searched, with and without something else, and decide."""
+    weighed, alone = weigh(search, pool)
+    probability = probabilities(weighed, list(search.candidates.variants))
+    kind, names = judge(weighed, probability)
+    best = weighed[0]
+    if best.cell is not None and names:
+        names = tuple(n for n in names if _survives(search, best, pool, n))
+        kind = "named+unexplained" if names else "unknown"
+    members = tuple(m for m in best.hypothesis.members if m.effect in names)
+    members, footnotes = _without_footnotes(search, members)
+    chosen = search.hypothesis(members, (None, best.hypothesis.state.weight))
+    return Decision(kind, chosen, weighed, probability, credible_set(weighed), tuple(alone), footnotes)
+
+
+def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[Found]]:
+    """All hypotheses with their probabilities, the weightiest first; and every cell beside nothing."""
+    ranked = sorted(search.hypotheses.values(), key=lambda h: -h.score)
+    null = search.hypotheses[frozenset()]
+    leaders = list({id(h): h for h in (null, *ranked[:LEADERS])}.values())
+    out = [Weighed(h, None, h.log_evidence - null.log_evidence, h.score) for h in ranked]
+    alone: list[Found] = []
+    for h in leaders:
+        gain, cells = unknown(h, pool)
+        alone = cells if h is null else alone
+        if not np.isfinite(gain):
+            continue
+        best = max((f for f in cells if f.rival), key=lambda f: f.gain + pool.log_prior[f.cell])
+        beside = bool(h.members) or search.further
+        prior = h.log_prior + float(np.log(BESIDE)) if beside else float(np.log(UNKNOWN))
+        evidence = h.log_evidence + gain - given_away(pool.cells[best.cell], ranked) * max(gain, 0.0)
+        out.append(Weighed(h, best, evidence - null.log_evidence, evidence + prior))
+    out = softened(out)
+    total = log_sum(np.array([w.score for w in out]))
+    out = [replace(w, probability=float(np.exp(w.score - total))) for w in out]
+    return tuple(sorted(out, key=lambda w: -w.score)), alone
+
+
+def given_away(cell: Cell, ranked: Sequence[Hypothesis]) -> float:
+    """Share of its nats that a cell gives away to the forms that leading hypotheses have for its place."""
+    members = [m for h in ranked[: LEADERS + 1] for m in h.members]
+    named = {(site, course(driver)) for m in members for site, driver in m.variant.places}
+    if (cell.site, cell.driver) in named:
+        return SAME_PLACE
+    return SAME_COURSE if (cell.site, course(cell.driver)) in named else FORM
+
+
+def softened(weighed: Sequence[Weighed]) -> list[Weighed]:
+    """Scores of sets that swap one effect of the leading set for its mate, moved towards the leader's.
+
+    An effect's form is known to 10 or 20 %: that is worth a few nats, and mates are told apart by form alone.
+    """
+    leader = max(weighed, key=lambda w: w.score)
+    return [
+        replace(w, score=leader.score - SOFT * (leader.score - w.score)) if mates(leader, w) else w
+        for w in weighed
+    ]
+
+
+def mates(a: Weighed, b: Weighed) -> bool:
+    """Whether two sets differ by one effect in the place of its mate."""
+    swapped = set(a.effects) ^ set(b.effects)
+    return len(swapped) == 2 and any(swapped <= set(group) for group in MATES)
+
+
+def probabilities(weighed: Sequence[Weighed], effects: Sequence[str]) -> dict[str, float]:
+    """Marginal probability of nothing, of something else and of every effect."""
+    out = dict.fromkeys(("null", "unknown", *effects), 0.0)
+    for w in weighed:
+        for name in w.effects or ("null",):
+            out[name] += w.probability
+    return {name: min(p, 1.0) for name, p in out.items()}
+
+
+def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
+    """Effects of the weightiest hypotheses that together hold 90 %, and mates not far behind them."""
+    out: dict[str, None] = {}
+    mass = 0.0
+    for w in weighed:
+        out |= dict.fromkeys(w.effects)
+        mass += w.probability
+        if mass >= SET:
+            break
+    for w in weighed:
+        if mates(weighed[0], w) and weighed[0].score - w.score < FAR:
+            out |= dict.fromkeys(w.effects)
+    return tuple(out)
+
+
+def judge(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+    """Kind of verdict and the effects that it would commit to."""
+    best = weighed[0]
+    if probability["null"] >= NULL_ENOUGH:
+        return "null", ()
+    sure = tuple(n for n in best.hypothesis.names if probability[n] >= SURE)
+    if best.cell is not None and not best.hypothesis.names:
+        return ("unknown" if probability["unknown"] >= SURE else "ambiguous"), ()
+    if best.cell is not None:
+        return "named+unexplained", sure
+    if len(sure) == len(best.hypothesis.names):
+        return "named", sure
+    return "ambiguous", tuple(n for n in sure if probability[n] >= SET)
+
+
+def _survives(search: Search, best: Weighed, pool: Pool, effect: str) -> bool:
+    """Whether a name is still needed once the place of something else is in the model."""
+    assert best.cell is not None
+    rest = [m for m in best.hypothesis.members if m.effect != effect]
+    without = search.hypothesis(rest)
+    start = best.hypothesis.state.weight
+    bare = with_set(without.state, pool, best.cell.best, best.cell.scale, start)
+    full = with_set(best.hypothesis.state, pool, best.cell.best, best.cell.scale, start)
+    averaging = next(m.averaging for m in best.hypothesis.members if m.effect == effect)
+    return full.log_evidence + averaging - bare.log_evidence > KEPT
+
+
+def _without_footnotes(
+    search: Search, members: tuple[Member, ...]
+) -> tuple[tuple[Member, ...], tuple[str, ...]]:
+    """Members that remove enough of the variance, the largest first, and the others in words.
+
+    Enough of that of lengths, or of orientations: what turns the tool may hardly move its point.
+    """
+    if len(members) < 2:
+        return members, ()
+    null = search.hypotheses[frozenset()].state
+    state = search.hypothesis(members).state
+    amplitudes = dict(zip(state.columns.tolist(), state.amplitudes, strict=True))
+    size, turns = [], []
+    for m in members:
+        own = m.variant.columns
+        moved = search.problem.pool[:, own] @ np.array([amplitudes[k] for k in own.tolist()])
+        size.append(float(np.mean(visible(null, moved) ** 2)))
+        turns.append(float(np.sum(unabsorbed(null, moved)[search.problem.lengths :] ** 2)))
+    total, turned = max(sum(size), 1e-300), max(sum(turns), 1e-300)
+    share = [max(s / total, t / turned) for s, t in zip(size, turns, strict=True)]
+    order = np.argsort(size)[::-1]
+    kept = tuple(members[k] for k in order if share[k] >= FOOTNOTE)
+    small = [
+        f"{m.effect}: {1e6 * np.sqrt(s):.1f} um, {100 * part:.0f} % of what was found"
+        for m, s, part in zip(members, size, share, strict=True)
+        if part < FOOTNOTE
+    ]
+    return kept, tuple(small)

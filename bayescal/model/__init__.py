@@ -1,0 +1,20 @@
+"""The model: a session as geometry (`Scene`), its effects as whitened parameters (`Model`)."""
+
+from __future__ import annotations
+
+from bayescal.model.block import ARM, Block, Tie, Turned
+from bayescal.model.model import ORIENTATION, Model, build, check_asked, with_parameters
+from bayescal.model.scene import Scene
+
+__all__ = [
+    "ARM",
+    "ORIENTATION",
+    "Block",
+    "Model",
+    "Scene",
+    "Tie",
+    "Turned",
+    "build",
+    "check_asked",
+    "with_parameters",
+]

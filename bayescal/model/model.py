@@ -1,0 +1,295 @@
+"""The model: a scene and its effects as named, whitened parameters with their residuals.
+
+The vector z = (arm, first target, second target, ...) is standard normal a priori. The arm's part
+maps to physical values by `Parameter`, a target's part by the `sd` of its kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Motion, Term
+from bayescal.dataset import Certificate as CertificateEntry
+from bayescal.effects import PART_OF, UNITS, Parameter, parameters_of
+from bayescal.errors import BayescalError
+from bayescal.model.block import ARM, Block, Tie, Turned
+from bayescal.model.orientations import sigma
+from bayescal.model.parts import Part, kept
+from bayescal.model.scene import Scene, u_of
+from factors import certificate
+from factors.cylinder import Cylinder
+from factors.distance import Distance
+from factors.instrument import Instrument
+from factors.kind import Kind
+from factors.sphere import Sphere
+
+ORIENTATION = "orientation"
+"""Noise group of all orientations."""
+
+
+LENGTHS = ("parallel", "distance", "diameter")
+"""Certificates that state a length."""
+KNOWN_PLACE = 1e-3
+"""Standard uncertainty, m, up to which two targets' places, or a paper that may be wrong, are a length."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """Parameters, blocks of contacts and certificates, over the rows that are fitted.
+
+    A target's first block is of its contacts or points; another of the same target shares its state.
+    """
+
+    scene: Scene
+    effects: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    blocks: tuple[Block, ...]
+    ties: tuple[Tie, ...]
+
+    @cached_property
+    def slices(self) -> Mapping[str, slice]:
+        """Where the arm and each target stand in z."""
+        out = {ARM: slice(0, len(self.parameters))}
+        at = len(self.parameters)
+        for block in self.states:
+            out[block.target] = slice(at, at + block.size)
+            at += block.size
+        return out
+
+    @property
+    def states(self) -> tuple[Block, ...]:
+        """The first block of every target: whose states make up z."""
+        return tuple(self.block_of.values())
+
+    @property
+    def size(self) -> int:
+        """Length of z."""
+        return len(self.parameters) + sum(block.size for block in self.states)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """A name for every component of z."""
+        out = [p.name for p in self.parameters]
+        for block in self.states:
+            out += [f"{block.target} {block.kind.parts[k][0]}" for k in block.free]
+        return tuple(out)
+
+    @cached_property
+    def block_of(self) -> Mapping[str, Block]:
+        """The first block of each target, by its name."""
+        out: dict[str, Block] = {}
+        for block in self.blocks:
+            out.setdefault(block.target, block)
+        return out
+
+    @cached_property
+    def sd(self) -> np.ndarray:
+        """Prior standard deviations of the arm's parameters, (P,), SI: also the slopes of `deviations`."""
+        return np.array([p.sd for p in self.parameters])
+
+    @cached_property
+    def shift(self) -> np.ndarray:
+        """How far the prior means lie from the drawing, (P,), SI."""
+        return np.array([p.centre - p.nominal for p in self.parameters])
+
+    def deviations(self, z: np.ndarray) -> np.ndarray:
+        """Deviations of the arm's parameters from the drawing (..., P), SI, from the arm's z (..., P)."""
+        return z * self.sd + self.shift
+
+    def physical(self, z: np.ndarray) -> np.ndarray:
+        """Every component of z (..., size) in SI: arm parameters as values, targets as displacements."""
+        arm = z[..., self.slices[ARM]] * self.sd + np.array([p.centre for p in self.parameters])
+        parts = [z[..., self.slices[b.target]] * b.sd for b in self.states]
+        return np.concatenate([arm, *parts], axis=-1)
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of every component of z."""
+        out = [p.unit for p in self.parameters]
+        for block in self.states:
+            out += [block.kind.parts[k][1] for k in block.free]
+        return tuple(out)
+
+    @property
+    def knows_length(self) -> bool:
+        """Whether anything but the priors says how long the arm is."""
+        stated = {t.name for t in self.scene.dataset.targets if t.u is not None and t.u <= KNOWN_PLACE}
+        return (
+            any(t.kind in LENGTHS and self._looseness(t) <= KNOWN_PLACE for t in self.ties)
+            or any(isinstance(b.kind, Instrument | Distance) for b in self.blocks)
+            or sum(b.target in stated for b in self.blocks) > 1
+        )
+
+    def _looseness(self, tie: Tie) -> float:
+        """Standard uncertainty, m, that parameters add to the length, its last value, that a tie states."""
+        return float(tie.u[-1] * np.linalg.norm(tie.shift[:, -1] * self.sd[tie.index]))
+
+    def tied(self, tie: Tie, parts: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """A tie's residuals (rows,) and gradients (rows, size) by each of its variables' parts of z."""
+        blocks = [self.block_of[name] for name in tie.targets]
+        values = self.deviations(parts[ARM]) if ARM in tie.variables else np.zeros(0)
+        r, slopes = tie.linearise(values, *(b.state(parts[b.target]) for b in blocks))
+        by = {b.target: b.by_z(s) for b, s in zip(blocks, slopes, strict=True)}
+        if ARM in tie.variables:
+            by[ARM] = np.zeros((tie.rows, len(self.parameters)))
+            by[ARM][:, tie.index] = -(tie.shift.T * self.sd[tie.index])
+        return r, by
+
+    def driven(self, frame: int, axis: str, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters (P',) with a term at one axis of a frame, and its drivers (P', count)."""
+        index, drivers = [], []
+        for k, p in enumerate(self.parameters):
+            here = [t.driver for t in p.terms if (t.frame, t.axis) == (frame, axis)]
+            if here:
+                index.append(k)
+                drivers.append(np.sum([np.broadcast_to(d, count) for d in here], axis=0))
+        return np.array(index, int), np.array(drivers, float).reshape(len(index), count)
+
+    def in_file_units(self) -> tuple[tuple[str, ...], np.ndarray]:
+        """Units for files, and the factors (size,) to them from SI."""
+        pairs = [UNITS[unit] for unit in self.units]
+        return tuple(name for name, _ in pairs), np.array([factor for _, factor in pairs])
+
+    def motion(self, rows: np.ndarray) -> Motion:
+        """Motion of any rows of the session under this model's parameters."""
+        terms = [
+            (k, Term(t.frame, t.axis, t.driver if np.ndim(t.driver) == 0 else np.asarray(t.driver)[rows]))
+            for k, p in enumerate(self.parameters)
+            for t in p.terms
+            if t.frame >= 0
+        ]
+        return Motion(
+            self.scene.chain, self.scene.q[rows], self.scene.tools[rows], terms, len(self.parameters)
+        )
+
+    def block(self, target: int, rows: np.ndarray) -> Block:
+        """Any rows of one target under this model's parameters."""
+        kind = self.scene.kind(target, rows)
+        index, drivers = self.driven(CONTACT, "normal", len(self.scene.q))
+        return Block(
+            self.scene.dataset.targets[target].name,
+            self.scene.group(target),
+            rows,
+            self.motion(rows),
+            kind,
+            self.scene.sigma(rows),
+            index,
+            drivers[:, rows],
+        )
+
+    def turned(self, target: int, rows: np.ndarray) -> Turned:
+        """Any rows of an instrument that read the tool's orientation too, as a block of orientations."""
+        scene = self.scene
+        axes = [self.driven(TURN, axis, len(scene.q)) for axis in ("rx", "ry", "rz")]
+        index = np.concatenate([own for own, _ in axes])
+        turn = np.zeros((len(index), 3, len(rows)))
+        turn[np.arange(len(index)), np.repeat(np.arange(3), [len(own) for own, _ in axes])] = np.concatenate(
+            [drivers[:, rows] for _, drivers in axes]
+        )
+        return Turned(
+            scene.dataset.targets[target].name,
+            ORIENTATION,
+            rows,
+            self.motion(rows),
+            scene.orientation(target, rows),
+            sigma(scene.dataset, len(rows)),
+            np.zeros(0, int),
+            np.zeros((0, len(rows))),
+            scene.tool_frames[rows],
+            index,
+            turn,
+        )
+
+    def part(self, block: Block, rows: np.ndarray) -> Block:
+        """Any rows of a block's target as such a block."""
+        target = next(k for k, t in enumerate(self.scene.dataset.targets) if t.name == block.target)
+        return self.turned(target, rows) if isinstance(block, Turned) else self.block(target, rows)
+
+
+def check_asked(effects: tuple[str, ...], prior_width: float) -> None:
+    """Refuse what no model can be made of: priors of no width, an effect named twice, or held by another."""
+    if not 0 < prior_width < float("inf"):
+        raise BayescalError(
+            "a model without priors would shrink the arm to fit its contacts",
+            "--prior-width",
+            "give a number above 0",
+        )
+    plain = {name.partition("@")[0] for name in effects}
+    if len(plain) < len(effects):
+        raise BayescalError("an effect is named twice", "--model", "name it once")
+    for level, wholes in PART_OF.items():
+        if level in plain and (held := plain.intersection(wholes)):
+            what = f"{level} is part of {' and of '.join(sorted(held))}"
+            raise BayescalError(what, "--model", f"leave {level} out")
+
+
+def build(
+    scene: Scene, effects: tuple[str, ...], prior_width: float = 1.0, without: Sequence[Part] = ()
+) -> Model:
+    """The model of a scene's `calibrate` rows.
+
+    Parameters
+    ----------
+    scene : Scene
+    effects : tuple of str
+        Names of `effects.MODELS`; () leaves the arm as drawn.
+    prior_width : float
+        Factor on the prior standard deviations of the arm's parameters.
+    without : sequence of Part
+        Parts of the effects that stay as drawn.
+
+    Raises
+    ------
+    BayescalError
+        Without rows to fit, or where an effect lacks what it needs, or a part that it should be without.
+    """
+    rows = scene.rows("calibrate")
+    if not len(rows):
+        raise BayescalError("no row has the role calibrate", "measurements.csv", "nothing can be fitted")
+    circumstances = scene.circumstances(rows)
+    parameters = kept(parameters_of(effects, circumstances), without)
+    parameters = tuple(p.widened(prior_width) for p in parameters)
+    return with_parameters(scene, effects, parameters)
+
+
+def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Parameter, ...]) -> Model:
+    """The model of a scene's `calibrate` rows with any parameters."""
+    rows = scene.rows("calibrate")
+    bare = Model(scene, effects, parameters, (), ())
+    present = np.unique(scene.dataset.measurements.target[rows])
+    blocks = tuple(bare.block(int(t), scene.rows_of(int(t), rows)) for t in present)
+    kinds = {b.target: b.kind for b in blocks}
+    of_turns = [(int(t), scene.rows_of(int(t), rows[scene.posed[rows]])) for t in present]
+    blocks += tuple(bare.turned(t, own) for t, own in of_turns if len(own))
+    numbered = enumerate(scene.dataset.certificates)
+    ties = tuple(tie for k, entry in numbered if (tie := _tie(bare, k, entry, kinds)) is not None)
+    return Model(scene, effects, parameters, blocks, ties)
+
+
+def _tie(model: Model, number: int, entry: CertificateEntry, kinds: Mapping[str, Kind]) -> Tie | None:
+    """A certificate as a factor, or None where one of its targets is not fitted."""
+    if any(name not in kinds for name in entry.targets):
+        return None
+    stated = model.scene.stated(entry)
+    if not stated:
+        return None
+    function = _function(model.scene, entry, [kinds[name] for name in entry.targets])
+    u = u_of(entry, stated)
+    index, drivers = model.driven(CERTIFICATE, str(number), len(u))
+    return Tie(entry.kind, entry.targets, function, u, index, drivers / u)
+
+
+def _function(scene: Scene, entry: CertificateEntry, of: Sequence[Kind]) -> certificate.Certificate:
+    """Residuals of a certificate's targets, in the order of `Scene.stated`."""
+    if entry.kind == "diameter":
+        (one,) = of
+        assert isinstance(one, Sphere | Cylinder)
+        assert entry.u_distance is not None
+        return certificate.diameter(one, one.diameter, entry.u_distance)
+    a, b = of
+    forms = scene.forms(entry)
+    return certificate.join(entry.kind, forms, (a, b), entry.distance, entry.u_distance, entry.u_angle)

@@ -1,0 +1,360 @@
+"""The scene: a dataset as geometry. Chain, angles, torques, nominal contacts, measurement kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayescal.arm import chain as reference
+from bayescal.arm.chain import Chain, chain_of, link_angles
+from bayescal.arm.statics import gravity_moments
+from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.dataset import Certificate, Dataset, Target
+from bayescal.dataset.joins import forms_of
+from bayescal.effects import Circumstances, Face, Paper, Session
+from bayescal.errors import BayescalError
+from bayescal.model import orientations
+from factors.certificate import RELATIONS, ordered
+from factors.cylinder import Cylinder
+from factors.distance import Distance
+from factors.fixed_point import FixedPoint
+from factors.instrument import Instrument
+from factors.kind import Kind
+from factors.orientation import Orientation
+from factors.plane import Plane
+from factors.relation import Relation, aligned, apart, between_faces, off_plane, square
+from factors.sphere import Sphere
+
+LOOSE, LOOSE_ANGLE = 50e-3, 0.2  # m, rad: the contract's priors of a target that states none
+DIAMETER_SD = 1e-3  # m, of a diameter that no certificate states
+POINT_KINDS = ("instrument",)
+STATED: dict[str, dict[Relation, tuple[tuple[str, str], ...]]] = {
+    "parallel": {
+        aligned: (("parallel 1", "rad"), ("parallel 2", "rad")),
+        square: (("parallel", "rad"),),
+        between_faces: (("distance", "m"),),
+        off_plane: (("distance", "m"),),
+        apart: (("distance", "m"),),
+    },
+    "perpendicular": {
+        square: (("square", "rad"),),
+        aligned: (("square 1", "rad"), ("square 2", "rad")),
+    },
+    "distance": {off_plane: (("distance", "m"),), apart: (("distance", "m"),)},
+}
+"""What a certificate that joins two targets states, a residual each, and in which unit, by its relations."""
+
+
+def u_of(entry: Certificate, stated: Sequence[tuple[str, str]]) -> np.ndarray:
+    """Standard uncertainties, rad and m, of all that a certificate states."""
+    return np.array([entry.u_angle if unit == "rad" else entry.u_distance for _, unit in stated], float)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A dataset, and what follows from it before anything is fitted.
+
+    `delta` (N, n + 2, 6) says where the frames were found to stand beside the drawing, for the statics.
+    `oriented` says that the orientations that instruments read count, beside the points.
+    """
+
+    dataset: Dataset
+    delta: np.ndarray | None = None
+    oriented: bool = False
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The nominal chain."""
+        return chain_of(self.dataset.robot)
+
+    @cached_property
+    def tools(self) -> np.ndarray:
+        """Nominal ball centre of each row in the flange frame, (N, 3), m."""
+        centres = np.array([tool.centre for tool in self.dataset.tools])
+        return centres[self.dataset.measurements.tool]
+
+    @cached_property
+    def _rigid_angles(self) -> np.ndarray:
+        return link_angles(self.dataset.robot, self.dataset.measurements.readings)
+
+    @cached_property
+    def moments(self) -> np.ndarray | None:
+        """Gravity moments (N, n + 1, 3), N m, or None where the robot file gives no masses."""
+        robot = self.dataset.robot
+        if robot.masses is None:
+            return None
+        gravity, mass, centre = self.dataset.gravity, self._load_mass, self._load_centre
+        return gravity_moments(robot, self.chain, self._rigid_angles, gravity, mass, centre, self.delta)
+
+    @cached_property
+    def _load_mass(self) -> np.ndarray:
+        """Mass of the load on the flange, (N,), kg."""
+        m = self.dataset.measurements
+        mass = np.array([tool.mass for tool in self.dataset.tools], float)[m.tool]
+        return mass if m.payload is None else mass + m.payload
+
+    @cached_property
+    def _load_centre(self) -> np.ndarray:
+        """Centre of mass of the load in the flange frame, (N, 3), m; the ball where none is stated."""
+        tools = self.dataset.tools
+        centres = [t.centre if t.centre_of_mass is None else t.centre_of_mass for t in tools]
+        return np.array(centres)[self.dataset.measurements.tool]
+
+    @cached_property
+    def q(self) -> np.ndarray:
+        """Nominal link angles (N, n), rad, with the sag of compliances that the robot file knows."""
+        known = self.dataset.robot.compliance
+        if known is None or not np.any(known):
+            return self._rigid_angles
+        if self.moments is None:
+            raise BayescalError(
+                "joint_compliance_rad_per_nm without links", "robot file", "add masses under links"
+            )
+        return self._rigid_angles + known * self.moments[:, 1:, 2]
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Nominal ball centres (N, 3) in F0, m."""
+        return reference.points(self.chain, self.q, self.tools)
+
+    @cached_property
+    def flange(self) -> np.ndarray:
+        """Nominal orientations of the flange in F0, (N, 3, 3)."""
+        return reference.frames(self.chain, self.q)[:, -1, :3, :3]
+
+    @cached_property
+    def tool_frames(self) -> np.ndarray:
+        """Nominal orientation of each row's tool on the flange, (N, 3, 3)."""
+        return orientations.tool_frames(self.dataset, self.flange)[self.dataset.measurements.tool]
+
+    @cached_property
+    def posed(self) -> np.ndarray:
+        """Which rows tell how the tool is turned, (N,)."""
+        return orientations.posed(self.dataset) & self.oriented
+
+    def rows(self, *roles: str) -> np.ndarray:
+        """Indices of the rows with one of the roles, in order."""
+        return np.flatnonzero(np.isin(self.dataset.measurements.role, roles))
+
+    def rows_of(self, target: int, rows: np.ndarray) -> np.ndarray:
+        """Those of `rows` that measure a target."""
+        return rows[self.dataset.measurements.target[rows] == target]
+
+    def circumstances(self, fitted: np.ndarray) -> Circumstances:
+        """What drivers may vary with, for a model fitted to the rows `fitted`."""
+        d, m = self.dataset, self.dataset.measurements
+        used = tuple(int(k) for k in np.unique(m.tool[fitted]))
+        targets = [d.targets[k] for k in np.unique(m.target[fitted])]
+        turned = tuple(int(k) for k in np.unique(m.tool[fitted[self.posed[fitted]]]))
+        return Circumstances(
+            robot=d.robot,
+            chain=self.chain,
+            q=self.q,
+            moments=self.moments,
+            tool=m.tool,
+            tool_names=tuple(tool.name for tool in d.tools),
+            tool_centres=np.array([tool.centre for tool in d.tools]),
+            tool_u=tuple(tool.u for tool in d.tools),
+            fitted_tools=used,
+            fitted=fitted,
+            tied_base=_tied(targets),
+            tied_tool=any(d.tools[k].u is not None for k in used)
+            or any(d.tools[k].u_angle is not None for k in turned),
+            readings=m.readings,
+            gravity=d.gravity,
+            load_mass=self._load_mass,
+            load_centre=self._load_centre,
+            approach=self._approach(),
+            tool_radii=tuple(tool.ball_radius for tool in d.tools),
+            velocity=m.velocity,
+            speed=self._speed(),
+            time=m.time,
+            temperature=None if d.temperature_of == "artefact" else m.temperature,
+            faces=self._faces(fitted),
+            papers=self._papers({t.name for t in targets}),
+            sessions=self._sessions(targets),
+            turned_tools=turned,
+            tool_u_angle=tuple(tool.u_angle for tool in d.tools),
+        )
+
+    @cached_property
+    def _inward(self) -> np.ndarray:
+        """Inward normal of the nominal surface at each contact, (N, 3) in F0; nan where there is none."""
+        target = self.dataset.measurements.target
+        out = np.full((len(target), 3), np.nan)
+        for t in np.unique(target):
+            rows = np.flatnonzero(target == t)
+            kind = self.kind(int(t), rows)
+            if isinstance(kind, Plane | Sphere | Cylinder):
+                _, u, _ = kind.linearise(np.zeros(len(kind.sd)), self.points[rows].T)
+                out[rows] = -u[0].T
+        return out
+
+    def _approach(self) -> np.ndarray:
+        """The inward normals in the flange frame, (N, 3)."""
+        return (np.swapaxes(self.flange, -1, -2) @ self._inward[..., None])[..., 0]
+
+    def _speed(self) -> np.ndarray | None:
+        """Speed of the nominal arm's ball along the inward normals, (N,), m/s; None without velocities."""
+        velocity = self.dataset.measurements.velocity
+        if velocity is None:
+            return None
+        still = np.zeros((len(self.q), self.chain.n + 2, 6))
+        by = reference.wrenches(self.chain, self.q, self.tools, still, self._inward)[:, 1:-1, 0]
+        return np.sum(by @ self.dataset.robot.link_from_reading * velocity, axis=1)
+
+    def _faces(self, fitted: np.ndarray) -> tuple[Face, ...]:
+        d = self.dataset
+        stated = {c.targets[0]: c.u_form for c in d.certificates if c.kind == "flat"}
+        out: list[Face] = []
+        for t in np.unique(d.measurements.target[fitted]):
+            kind = self.kind(int(t), self.rows_of(int(t), fitted))
+            if not isinstance(kind, Plane):
+                continue
+            touching = d.measurements.target == t
+            place = np.where(touching[:, None], (self.points - kind.pivot) @ kind.tangents.T, 0.0)
+            mine = place[self.rows_of(int(t), fitted)]
+            low, high = mine.min(axis=0), mine.max(axis=0)
+            place = (place - 0.5 * (low + high)) / np.maximum(0.5 * (high - low), 1e-6)
+            # a later contact a little outside is judged at the edge: polynomials run away beyond it
+            place = np.where(touching[:, None], np.clip(place, -1.1, 1.1), 0.0)
+            name = d.targets[t].name
+            out.append(Face(name, touching.astype(float), place, stated.get(name)))
+        return tuple(out)
+
+    def forms(self, entry: Certificate) -> tuple[str, str]:
+        """What both targets of a certificate are to it: of `factors.certificate.FORMS`."""
+        kinds = {t.name: t for t in self.dataset.targets}
+        return forms_of([kinds[name] for name in entry.targets])
+
+    def stated(self, entry: Certificate) -> tuple[tuple[str, str], ...]:
+        """What a certificate states of its targets, a residual each, and in which unit; () of a form."""
+        if entry.kind not in RELATIONS:
+            return (("diameter", "m"),) if entry.kind == "diameter" else ()
+        relations = RELATIONS[entry.kind][ordered(self.forms(entry))]
+        return tuple(words for r in relations for words in STATED[entry.kind][r])
+
+    def _papers(self, fitted: set[str]) -> tuple[Paper, ...]:
+        """All values stated of the targets of these names."""
+        out: list[Paper] = []
+        for number, entry in enumerate(self.dataset.certificates):
+            if not fitted.issuperset(entry.targets):
+                continue
+            stated = self.stated(entry)
+            for (what, unit), u, rows in zip(stated, u_of(entry, stated), np.eye(len(stated)), strict=True):
+                out.append(Paper(f"{' '.join(entry.targets)} {what}", unit, float(u), number, rows))
+        return tuple(out)
+
+    def _sessions(self, fitted: Sequence[Target]) -> tuple[Session, ...]:
+        """The sessions joined in this one, and whether fitted targets tie the base of each."""
+        of_row = np.array([t.session for t in self.dataset.targets])[self.dataset.measurements.target]
+        return tuple(
+            Session(s.name, of_row == s.name, _tied([t for t in fitted if t.session == s.name]))
+            for s in self.dataset.sessions
+        )
+
+    def group(self, target: int) -> str:
+        """Which stated noise, and so which noise scale, a target's residuals have: contact or point."""
+        item = self.dataset.targets[target]
+        group = "point" if item.kind in POINT_KINDS else "contact"
+        return f"{group} of {item.noise}" if item.noise else group
+
+    def sigma(self, rows: np.ndarray) -> np.ndarray:
+        """Stated standard uncertainty of one residual of each row, m, without that of the readings."""
+        d, m = self.dataset, self.dataset.measurements
+        kinds = np.array([t.kind for t in d.targets])[m.target[rows]]
+        stated = np.where(np.isin(kinds, POINT_KINDS), d.noise.point or np.nan, d.noise.contact or np.nan)
+        if m.u is not None:
+            stated = np.where(np.isnan(m.u[rows]), stated, m.u[rows])
+        return stated
+
+    def orientation(self, target: int, rows: np.ndarray) -> Orientation:
+        """What an instrument reads of the tool's orientation in some of its rows."""
+        of, d = self.kind(target, rows), self.dataset
+        assert isinstance(of, Instrument)
+        return Orientation(of.frame, orientations.read(d, rows), of.sd)
+
+    def kind(self, target: int, rows: np.ndarray) -> Kind:
+        """The measurement kind of a target, as seen by some of its rows.
+
+        The pivot about which it tilts follows from all rows of the target that are fitted (or, where
+        none is, from all), so that one state serves every choice of rows.
+        """
+        m, item = self.dataset.measurements, self.dataset.targets[target]
+        mine = np.flatnonzero(m.target == target)
+        fitted = mine[m.role[mine] == "calibrate"]
+        middle = self.points[fitted if len(fitted) else mine].mean(axis=0)
+        radii = np.array([t.ball_radius or 0.0 for t in self.dataset.tools])[m.tool[rows]]
+        return KINDS[item.kind](item, _Rows(middle, radii, rows, self.dataset))
+
+
+def _tied(targets: Sequence[Target]) -> bool:
+    """Whether a target's place in F0 is stated."""
+    return any(t.u is not None or t.u_angle is not None for t in targets)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    middle: np.ndarray
+    radii: np.ndarray
+    rows: np.ndarray
+    dataset: Dataset
+
+
+def _place_sd(t: Target) -> float:
+    return LOOSE if t.u is None else t.u
+
+
+def _angle_sd(t: Target) -> float:
+    return LOOSE_ANGLE if t.u_angle is None else t.u_angle
+
+
+def _plane(t: Target, rows: _Rows) -> Plane:
+    normal = np.asarray(t.values["normal"], float)
+    pivot = rows.middle - (normal @ rows.middle - t.values["offset"]) * normal
+    return Plane(normal, pivot, rows.radii, np.array([_angle_sd(t), _angle_sd(t), _place_sd(t)]))
+
+
+def _sphere(t: Target, rows: _Rows) -> Sphere:
+    sd = np.array([_place_sd(t)] * 3 + [DIAMETER_SD])
+    return Sphere(np.asarray(t.values["centre"]), float(t.values["diameter"]), rows.radii, sd)
+
+
+def _cylinder(t: Target, rows: _Rows) -> Cylinder:
+    axis, point = np.asarray(t.values["axis"], float), np.asarray(t.values["point"], float)
+    point = point + axis * (axis @ (rows.middle - point))
+    sd = np.array([_angle_sd(t)] * 2 + [_place_sd(t)] * 2 + [DIAMETER_SD])
+    return Cylinder(point, axis, float(t.values["diameter"]), rows.radii, sd)
+
+
+def _fixed_point(t: Target, rows: _Rows) -> FixedPoint:
+    return FixedPoint(np.asarray(t.values["centre"], float), np.full(3, _place_sd(t)))
+
+
+def _distance(t: Target, rows: _Rows) -> Distance:
+    length = np.full(len(rows.rows), t.values.get("length", np.nan), float)
+    read = rows.dataset.measurements.length
+    if read is not None:
+        length = np.where(np.isnan(read[rows.rows]), length, read[rows.rows])
+    return Distance(np.asarray(t.values["centre"], float), length, np.full(3, _place_sd(t)))
+
+
+def _instrument(t: Target, rows: _Rows) -> Instrument:
+    frame = rigid(rpy_matrix(np.asarray(t.values["rpy"])), np.asarray(t.values["xyz"]))
+    xyz = rows.dataset.measurements.xyz
+    assert xyz is not None
+    sd = np.array([_angle_sd(t)] * 3 + [_place_sd(t)] * 3)
+    return Instrument(frame, rows.middle, xyz[rows.rows], sd)
+
+
+KINDS: dict[str, Callable[[Target, _Rows], Kind]] = {
+    "plane": _plane,
+    "sphere": _sphere,
+    "cylinder": _cylinder,
+    "fixed-point": _fixed_point,
+    "distance": _distance,
+    "instrument": _instrument,
+}

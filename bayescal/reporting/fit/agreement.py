@@ -1,0 +1,115 @@
+"""What several sessions say of one arm, side by side: a table, a verdict in words, and the record of both."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from bayescal.assess.agreement import Agreement, Pair
+from bayescal.effects import UNITS
+from bayescal.reporting.shared.text import facts, plain_table
+
+MOST = 12  # parameters shown, those that differ most
+FAR = 3.0  # standard deviations from which on a parameter is named as the one that differs
+SHOWN = 4  # of those
+
+
+def agreement_summary(compared: Agreement) -> RenderableType:
+    """Table of the shared parameters, with standard deviations in brackets, and whether sessions disagree."""
+    return Group(_table(compared), facts(verdicts(compared)))
+
+
+def disagreement(compared: Agreement) -> tuple[str, ...]:
+    """Why the sessions should not have been fitted together, in words; empty where they agree."""
+    return tuple(_apart(compared, pair) for pair in compared.pairs if pair.disagree)
+
+
+def _table(compared: Agreement) -> Table:
+    table = plain_table("the arm by session", *compared.alone, "together", "sd apart")
+    for column in table.columns[1:]:
+        column.overflow = "fold"  # not a digit less
+    furthest = compared.furthest
+    shown = sorted(np.argsort(-furthest, kind="stable")[:MOST])
+    for k in shown:
+        unit, factor = UNITS[compared.units[k]]
+        cells = [
+            _number(factor * values[k], factor * sd[k])
+            for values, sd in (*compared.alone.values(), compared.together)
+        ]
+        name = compared.names[k] + ("" if unit == "1" else f", {unit}")
+        table.add_row(name, *cells, f"{furthest[k]:.1f}")
+    if len(shown) < len(compared.names):
+        table.caption = f"the {MOST} of {len(compared.names)} that differ most; all are in fit.json"
+    return table
+
+
+def _number(value: float, sd: float) -> str:
+    """A value with its standard deviation, in units of its last digit, as ``300.456(14)``."""
+    if not sd > 0:
+        return f"{value:.9g}"
+    decimals = int(np.clip(1 - np.floor(np.log10(sd)), 0, 9))
+    return f"{value:.{decimals}f}({sd * 10**decimals:.0f})"
+
+
+def verdicts(compared: Agreement) -> Iterable[tuple[str, str, str]]:
+    """Whether every two sessions agree: lines of a heading, words and their style."""
+    for pair in compared.pairs:
+        if pair.disagree:
+            yield "warning", _apart(compared, pair), "yellow"
+        else:
+            yield "agree", f"{' and '.join(pair.sessions)}: {_chance(pair)}", ""
+    for name, why in compared.refused.items():
+        yield "not compared", f"{name} cannot be fitted alone: {why}", "yellow"
+
+
+def _chance(pair: Pair) -> str:
+    return f"chi-squared {pair.chi2:.4g} in {pair.directions} directions that both know, p {pair.p_value:.2g}"
+
+
+def _apart(compared: Agreement, pair: Pair) -> str:
+    order = np.argsort(-np.abs(pair.apart))
+    most = [k for k in order if abs(pair.apart[k]) > FAR][:SHOWN]
+    where = ", ".join(f"{compared.names[k]} by {abs(pair.apart[k]):.1f} sd" for k in most)
+    return (
+        f"{' and '.join(pair.sessions)} disagree ({_chance(pair)})"
+        + (f": {where}" if where else "")
+        + ". Another arm, something changed in between, a tool taken off (--remounted), "
+        "or an effect that the model lacks (bayescal gap): do not trust the fit of both"
+    )
+
+
+def agreement_record(compared: Agreement) -> dict[str, Any]:
+    """The content of ``agreement`` in fit.json."""
+    return {
+        "parameters": [_parameter(compared, k) for k in range(len(compared.names))],
+        "pairs": [
+            {
+                "sessions": list(p.sessions),
+                "chi2": p.chi2,
+                "directions": p.directions,
+                "p_value": p.p_value,
+                "disagree": p.disagree,
+                "apart_sd": dict(zip(compared.names, p.apart.tolist(), strict=True)),
+            }
+            for p in compared.pairs
+        ],
+        "not_fitted_alone": dict(compared.refused),
+    }
+
+
+def _parameter(compared: Agreement, k: int) -> dict[str, Any]:
+    unit, factor = UNITS[compared.units[k]]
+
+    def said(of: tuple[np.ndarray, np.ndarray]) -> Mapping[str, float]:
+        return {"estimate": float(factor * of[0][k]), "sd": float(factor * of[1][k])}
+
+    return {
+        "name": compared.names[k],
+        "unit": unit,
+        "together": said(compared.together),
+        "alone": {name: said(of) for name, of in compared.alone.items()},
+    }

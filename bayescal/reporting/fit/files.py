@@ -1,0 +1,39 @@
+"""The run folder of a fit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from bayescal.assess.agreement import Agreement
+from bayescal.calibration import Fit
+from bayescal.exporting import calibrated_robot
+from bayescal.folders import whole
+from bayescal.posterior.inference import save
+from bayescal.reporting.fit.agreement import agreement_record, disagreement
+from bayescal.reporting.fit.posterior import fit_inference_data
+from bayescal.reporting.fit.record import fit_record
+from bayescal.robots import robot_to_yaml
+
+FIT = "fit.json"
+
+
+def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None:
+    """Write fit.json, posterior.nc and the calibrated robot.yaml, whole or not at all.
+
+    `compared` is what the sessions of a joint fit say of the arm each by itself.
+    """
+    robot = robot_to_yaml(
+        calibrated_robot(fit.final.estimate),
+        comment=f"{fit.dataset.robot.name} calibrated on {fit.dataset.name}: {', '.join(fit.final.effects)}. "
+        "The tool is not part of it: see fit.json.",
+    )
+    contents = fit_record(fit)
+    if compared is not None:
+        contents["agreement"] = agreement_record(compared)
+        contents["warnings"] += disagreement(compared)
+    record = json.dumps(contents, indent=1, allow_nan=False) + "\n"
+    with whole(folder, FIT) as stage:
+        (stage / FIT).write_text(record, encoding="utf-8")
+        save(fit_inference_data(fit), stage / "posterior.nc")
+        (stage / "robot.yaml").write_text(robot, encoding="utf-8")

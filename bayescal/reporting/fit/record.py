@@ -1,0 +1,302 @@
+"""`fit.json`: a calibration in numbers, units in the keys, by the output contract."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bayescal.calibration import Fit, Rung
+from bayescal.estimate import Estimate
+from bayescal.model import Block
+from bayescal.predict import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
+from bayescal.reporting.shared.origin import origin
+from bayescal.reporting.shared.text import MDEG, MM, UM
+
+SCHEMA = "bayescal-fit/1"
+LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "emcee", "arviz")
+
+
+def fit_record(fit: Fit) -> dict[str, Any]:
+    """The contents of fit.json."""
+    rung = fit.final
+    return {
+        **origin(SCHEMA, fit.dataset, fit.seed, LIBRARIES),
+        "model": list(rung.effects),
+        "prior_width": fit.prior_width,
+        "parameters": _parameters(fit),
+        "noise": _noise(rung),
+        "residuals": _residuals(rung),
+        "rejected": [fit.dataset.measurements.ids[row] for row in rung.estimate.rejected],
+        "identifiability": {
+            "singular_values": _numbers(fit.identifiability.singular_values),
+            "weak_directions": [
+                {"singular_value": d.singular_value, "words": d.words, "loadings": dict(d.loadings)}
+                for d in fit.identifiability.weak
+            ],
+            "determined": list(fit.identifiability.determined),
+            "partly": list(fit.identifiability.partly),
+            "prior_only": list(fit.identifiability.prior_only),
+        },
+        "faces": [
+            {"target": f.target, "form_rms_um": UM * f.form, "p_value": f.p_value, "uneven": f.uneven}
+            for f in fit.faces
+        ],
+        "predicted_distance": _forecast(fit.forecast),
+        "directions": {
+            "axes": fit.directions.axes.tolist(),
+            "share": _numbers(fit.directions.share),
+            "missing": fit.directions.missing.tolist(),
+        },
+        "sampler": _sampler(fit),
+        "validation": validation_record(fit.ladder[0].validation, rung.validation),
+        "ladder": [_rung(r) for r in fit.ladder],
+        "warnings": list(fit.warnings),
+    }
+
+
+def _numbers(values: np.ndarray) -> list[float]:
+    return [float(v) for v in values]
+
+
+def _parameters(fit: Fit) -> list[dict[str, Any]]:
+    found, model = fit.final.estimate, fit.final.estimate.model
+    units, factor = model.in_file_units()
+    prior = np.concatenate([model.sd, *(b.sd for b in model.states)]) * factor
+    draws = model.physical(fit.draws.flat) * factor
+    at = model.physical(found.z) * factor
+    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
+    variance = np.var(fit.draws.flat, axis=0)
+    out = []
+    for k, name in enumerate(model.names):
+        arm = model.parameters[k] if k < len(model.parameters) else None
+        out.append(
+            {
+                "name": name,
+                "effect": arm.effect if arm else "target",
+                "unit": units[k],
+                "nominal": float(arm.nominal * factor[k]) if arm else 0.0,
+                "estimate": float(at[k]),
+                "sd": float(np.std(draws[:, k])),
+                "prior_sd": float(prior[k]),
+                "contraction": float(1.0 - variance[k]),
+                "interval95": [float(low[k]), float(high[k])],
+                "ess": float(fit.draws.ess[k]),
+                "rhat": _finite(fit.draws.rhat[k]),
+            }
+        )
+    return out
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _noise(rung: Rung) -> dict[str, Any]:
+    left, found = rung.unexplained, rung.estimate
+    return {
+        "group": left.group,
+        "stated_um": UM * left.stated,
+        "estimated_um": UM * left.fitted,
+        "repeats_um": None if left.repeats is None else UM * left.repeats,
+        "repeats_dof": left.repeats_dof,
+        "unexplained_um": UM * left.excess,
+        "unexplained_p_value": left.p_value,
+        "scale": {group: float(scale) for group, scale in found.weights.scale.items()},
+    }
+
+
+def _residuals(rung: Rung) -> list[dict[str, Any]]:
+    found = rung.estimate
+    scene, out = found.model.scene, []
+    for k, target in enumerate(scene.dataset.targets):
+        for role in ("calibrate", "validate"):
+            rows = scene.rows_of(k, scene.rows(role))
+            if target.name not in found.model.block_of or not len(rows):
+                continue
+            size = _sizes(found, found.model.block(k, rows))
+            kept = ~np.isin(rows, found.rejected)
+            out.append(
+                {
+                    "target": target.name,
+                    "role": role,
+                    "count": len(rows),
+                    "rejected": int(np.sum(~kept)),
+                    "rms_um": UM * float(np.sqrt(np.mean(size[kept] ** 2))) if np.any(kept) else None,
+                    "max_um": UM * float(np.max(size[kept])) if np.any(kept) else None,
+                }
+            )
+    return out
+
+
+def _sizes(found: Estimate, block: Block) -> np.ndarray:
+    return np.linalg.norm(found.residuals(block), axis=0)
+
+
+def _forecast(forecast: Forecast) -> dict[str, Any]:
+    """Distance errors to expect: first those that lead the summary, then all."""
+    every = [
+        {
+            "over": d.over,
+            "count": d.count,
+            "lengths_mm": [MM * d.shortest, MM * d.longest],
+            "predicted_rms_um": UM * d.rms,
+            "predicted_interval95_um": [UM * end for end in d.interval],
+            "measured_rms_um": None if d.measured is None else UM * d.measured,
+        }
+        for d in (*forecast.checked, forecast.workspace)
+    ]
+    return {
+        **every[0],
+        "prior_share": forecast.prior_share,
+        "prior_rms_um": UM * forecast.prior_rms,
+        "unexplained_share": forecast.unexplained_share,
+        "all": every,
+    }
+
+
+def _sampler(fit: Fit) -> dict[str, Any]:
+    draws = fit.draws
+    sd = np.std(draws.flat, axis=0)
+    error = sd / np.sqrt(draws.ess[:-1])
+    return {
+        "moves": draws.moves,
+        "acceptance": draws.acceptance,
+        "ensembles": int(draws.z.shape[0]),
+        "walkers": draws.walkers,
+        "steps": draws.steps,
+        "draws": len(draws.flat),
+        "ess": {"min": float(draws.ess.min()), "of": draws.names[int(draws.ess.argmin())]},
+        "rhat": {"max": _finite(np.nanmax(draws.rhat)) if np.any(np.isfinite(draws.rhat)) else None},
+        "monte_carlo_error": {"largest_over_sd": float(np.max(error / sd))},
+        "converged": draws.converged,
+        "complaint": draws.complaint,
+    }
+
+
+def ends(predicted: np.ndarray, factor: float) -> list[float]:
+    """Central 95 % interval of draws, times a factor."""
+    low, high = interval95(predicted)
+    return [float(factor * low), float(factor * high)]
+
+
+def validation_record(nominal: Validation, calibrated: Validation) -> dict[str, Any]:
+    """The contract's ``validation``: held-out rows under the nominal and the calibrated arm."""
+    planes = [
+        {
+            "target": p.target,
+            "role": "validate",
+            "count": len(p.residuals),
+            "nominal_rms_um": UM * _rms(n.residuals),
+            "calibrated_rms_um": UM * _rms(p.residuals),
+            "calibrated_max_um": UM * float(np.max(np.abs(p.residuals))),
+            "predicted_rms_um": UM * float(np.sqrt(np.mean(p.predicted**2))),
+            "inside95_fraction": float(np.mean(inside95(p.residuals, p.predicted))),
+        }
+        for n, p in zip(nominal.planes, calibrated.planes, strict=True)
+    ]
+    distances = []
+    for n, d in zip(nominal.distances, calibrated.distances, strict=True):
+        distances.append(
+            {
+                "between": list(d.between),
+                "certified_mm": MM * d.certified,
+                "nominal_error_um": UM * n.error,
+                "calibrated_error_um": UM * d.error,
+                "predicted_sd_um": UM * float(np.std(d.predicted)),
+                "predicted_interval95_um": ends(d.predicted, UM),
+                "inside95": bool(inside95(d.error, d.predicted)),
+            }
+        )
+    diameters = []
+    for before, after in zip(nominal.diameters, calibrated.diameters, strict=True):
+        diameters.append(
+            {
+                "target": after.target,
+                "certified_mm": MM * after.certified,
+                "nominal_error_um": UM * before.error,
+                "calibrated_error_um": UM * after.error,
+                "predicted_interval95_um": ends(after.predicted, UM),
+                "inside95": bool(inside95(after.error, after.predicted)),
+            }
+        )
+    return {
+        "planes": planes,
+        "distances": distances,
+        "diameters": diameters,
+        "points": _points(nominal.points, calibrated.points),
+        "orientations": _turns(calibrated.turns),
+        "worst_distance_um": {
+            "nominal": _or_none(UM * nominal.worst_distance),
+            "calibrated": _or_none(UM * calibrated.worst_distance),
+        },
+    }
+
+
+def _or_none(value: float) -> float | None:
+    return None if np.isnan(value) else value
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _points(nominal: tuple[PointCheck, ...], calibrated: tuple[PointCheck, ...]) -> dict[str, Any]:
+    """Lengths of the residual vectors of held-out points, all targets together."""
+    if not calibrated:
+        return {"count": 0}
+    before = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in nominal])
+    after = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in calibrated])
+    lengths = np.concatenate([np.linalg.norm(p.predicted, axis=1) for p in calibrated], axis=1)
+    flat = np.concatenate([p.residuals.ravel() for p in calibrated])
+    drawn = np.concatenate([p.predicted.reshape(len(p.predicted), -1) for p in calibrated], axis=1)
+    return {
+        "count": len(after),
+        "nominal_mean_um": UM * float(before.mean()),
+        "nominal_max_um": UM * float(before.max()),
+        "calibrated_mean_um": UM * float(after.mean()),
+        "calibrated_rms_um": UM * _rms(after),
+        "calibrated_max_um": UM * float(after.max()),
+        "predicted_mean_um": UM * float(lengths.mean()),
+        "predicted_mean_interval95_um": ends(lengths.mean(axis=1), UM),
+        "predicted_upper95_um": UM * float(np.quantile(lengths, 0.95)),
+        "inside95_fraction": float(np.mean(inside95(flat, drawn))),
+    }
+
+
+def _turns(checks: tuple[TurnCheck, ...]) -> dict[str, Any]:
+    """Angles of held-out orientations from the predicted ones, all targets together."""
+    if not checks:
+        return {"count": 0}
+    angles = np.concatenate([np.linalg.norm(c.residuals, axis=0) for c in checks])
+    drawn = np.concatenate([np.linalg.norm(c.predicted, axis=1) for c in checks], axis=1)
+    inside = np.concatenate([inside95(c.residuals, c.predicted).ravel() for c in checks])
+    return {
+        "count": len(angles),
+        "calibrated_mean_mdeg": MDEG * float(angles.mean()),
+        "calibrated_rms_mdeg": MDEG * _rms(angles),
+        "calibrated_max_mdeg": MDEG * float(angles.max()),
+        "predicted_mean_mdeg": MDEG * float(drawn.mean()),
+        "predicted_upper95_mdeg": MDEG * float(np.quantile(drawn, 0.95)),
+        "inside95_fraction": float(np.mean(inside)),
+    }
+
+
+def _rung(rung: Rung) -> dict[str, Any]:
+    v = rung.validation
+    planes = [p.residuals for p in v.planes]
+    distances = np.array([d.error for d in v.distances])
+    predicted = np.array([d.predicted for d in v.distances])
+    return {
+        "model": list(rung.effects),
+        "noise_estimated_um": UM * rung.unexplained.fitted,
+        "unexplained_um": UM * rung.unexplained.excess,
+        "heldout_planes_rms_um": UM * _rms(np.concatenate(planes)) if planes else None,
+        "distance_rms_um": UM * _rms(distances) if len(distances) else None,
+        "worst_distance_um": _or_none(UM * v.worst_distance),
+        "predicted_distance_interval95_um": ends(predicted.ravel(), UM) if len(distances) else None,
+        "points_mean_um": UM
+        * float(np.mean(np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])))
+        if v.points
+        else None,
+    }

@@ -1,0 +1,41 @@
+"""The run folder of a diagnosis."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from bayescal.folders import whole
+from bayescal.gap.result import Gap
+from bayescal.reporting.gap.record import gap_record
+
+GAP = "gap.json"
+
+
+def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
+    """Write gap.json and the pictures, whole or not at all.
+
+    Parameters
+    ----------
+    gap : Gap
+    folder : Path
+        Where they go; an earlier diagnosis there is replaced.
+    pictures : bool
+        Draw the pictures too.
+
+    Returns
+    -------
+    tuple of str
+        Names of the files.
+    """
+    record = json.dumps(gap_record(gap), allow_nan=False, indent=1) + "\n"
+    names = [GAP]
+    with whole(folder, GAP) as stage:
+        (stage / GAP).write_text(record, encoding="utf-8")
+        if pictures:
+            from bayescal.reporting.gap.pictures import PICTURES
+
+            for name, draw in PICTURES.items():
+                draw(gap).savefig(stage / name)
+                names.append(name)
+    return tuple(names)

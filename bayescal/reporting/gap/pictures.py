@@ -1,0 +1,190 @@
+"""The pictures of a diagnosis: which effect, the ladder of models, the residuals; `gap_arm` draws where.
+
+Each function takes a `Gap` and returns a figure, and copes with whatever the session lacks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayescal.gap.result import Gap
+from bayescal.reporting.gap.arm import draw_where
+from bayescal.reporting.gap.phrases import headline, rival
+from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, INK, NOISE, SERIES, figure, remark, tidy
+from bayescal.reporting.shared.text import UM, model_label
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_EFFECTS = 12
+MOST_SETS = 6
+MOST_TARGETS = 6
+CLIP = 0.99
+"""Quantile of the residuals' sizes beyond which an axis need not reach: gross contacts stand at its edge."""
+
+
+def draw_which(gap: Gap) -> Figure:
+    """Probabilities of nothing, something unknown and every effect; the sets of effects that were weighed."""
+    verdict = gap.verdict
+    out = figure(12, 5.2, headline(gap))
+    left, right = out.subplots(1, 2, width_ratios=(1.15, 1))
+    always = {"null", "unknown", *verdict.credible_set90}
+    ranked = sorted(verdict.probability.items(), key=lambda item: item[1])
+    shown = [(n, p) for n, p in ranked if n in always or p >= 0.001][-MOST_EFFECTS:]
+    inside = [n in verdict.credible_set90 for n, _ in shown]
+    left.barh(
+        range(len(shown)), [p for _, p in shown], color=[ACCENT if i else FAINT for i in inside], height=0.65
+    )
+    for k, (_, p) in enumerate(shown):
+        left.annotate(_short(p), (p, k), (5, 0), textcoords="offset points", va="center", color=INK)
+    left.set_yticks(range(len(shown)), [rival(n) for n, _ in shown])
+    left.set_xlim(0, 1.12)
+    left.set_xticks(np.linspace(0, 1, 6))
+    left.set_xlabel("probability (effects may be there together)")
+    left.set_title("which effect; dark: the 90 % set", loc="left")
+    missing = len(verdict.missing)
+    if missing:
+        remark(left, f"cannot be judged: {', '.join(verdict.missing)}", 0.99, 0.03, "right")
+    sets = verdict.hypotheses[:MOST_SETS][::-1]
+    names = [" + ".join(rival(n) for n in h.effects) or rival("null") for h in sets]
+    right.barh(range(len(sets)), [h.probability for h in sets], color=GREY, height=0.65)
+    for k, h in enumerate(sets):
+        words = f"{_short(h.probability)}   ({h.log_evidence:+.0f} nats)"
+        right.annotate(words, (h.probability, k), (5, 0), textcoords="offset points", va="center", color=INK)
+    right.set_yticks(range(len(sets)), [n.replace(" + ", "\n+ ") for n in names])
+    right.set_xlim(0, 1.4)
+    right.set_xticks(np.linspace(0, 1, 6))
+    right.set_xlabel("probability (evidence over noise alone)")
+    right.set_title("sets of effects, the weightiest first", loc="left")
+    for axes, count in ((left, len(shown)), (right, len(sets))):
+        axes.set_ylim(count - max(count, 5) - 0.6, max(count, 1) - 0.4)
+        tidy(axes)
+    return out
+
+
+def _short(p: float) -> str:
+    return f"{p:.2f}" if 0.005 <= p <= 0.995 else ("> 0.99" if p > 0.5 else "< 0.01")
+
+
+def draw_ladder(gap: Gap) -> Figure:
+    """Held-out errors from the nominal simulation to the named effects."""
+    out = figure(12, 5.0, ["Where the gap between simulation and machine went"])
+    axes = out.subplots()
+    at = np.arange(len(gap.ladder))
+    series = (
+        ("held-out contacts", "o", [s.heldout_rms for s in gap.ladder]),
+        ("sphere distances", "s", [s.distance_rms for s in gap.ladder]),
+        ("held-out points", "D", [s.point_rms for s in gap.ladder]),
+    )
+    drawn = [(w, m, UM * np.array(v)) for w, m, v in series if np.any(np.isfinite(v))]
+    points_only = len(drawn) > 1 and np.allclose(drawn[0][2], drawn[-1][2], equal_nan=True)
+    shown = drawn[1:] if points_only else drawn
+    for k, (words, marker, values) in enumerate(shown):
+        axes.plot(at, values, marker=marker, color=SERIES[k], lw=1.6, ms=7, label=words)
+        for j in np.flatnonzero(np.isfinite(values)):
+            v = values[j]
+            top = v >= np.nanmax([other[j] for _, _, other in shown])
+            text = f"{v:.1f}" if v < 100 else f"{v:.0f}"
+            axes.annotate(text, (j, v), (9, 5 if top else -13), textcoords="offset points", color=SERIES[k])
+    noise = UM * gap.magnitude.noise
+    axes.axhspan(*(UM * np.array(gap.magnitude.noise_interval95)), color=NOISE, lw=0)
+    axes.axhline(noise, color=GREY, lw=1.2, ls="--", label=f"noise of one contact, {noise:.1f} um (95 %)")
+    for s in gap.shrinkage:
+        if s.what == "distances":
+            axes.axhline(
+                UM * s.floor,
+                color=SERIES[1],
+                lw=1,
+                ls=":",
+                label=f"floor of a distance, {UM * s.floor:.1f} um",
+            )
+    axes.set_yscale("log")
+    axes.set_ylabel("rms error (um)")
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.set_xticks(at, [_rung(gap, k) for k in range(len(at))])
+    axes.set_xlim(-0.4, max(len(at) - 1, 0) + 0.6)
+    axes.legend(frameon=False, loc="upper right")
+    axes.grid(axis="y", color=NOISE)
+    tidy(axes)
+    return out
+
+
+def _rung(gap: Gap, k: int) -> str:
+    """A rung by what it adds, in one word or two."""
+    step = gap.ladder[k]
+    before = gap.ladder[k - 1].model if k else ()
+    if len(before) > 1 and step.model[: len(before)] == before and step.model != before:
+        return "+ " + "\n+ ".join(step.model[len(before) :])
+    return model_label(step.model).replace(" + ", "\n+ ")
+
+
+def draw_residuals(gap: Gap) -> Figure:
+    """Residuals over time, before and after, each with its histogram against the noise."""
+    rows, before, after = gap.residuals
+    m = gap.dataset.measurements
+    same = np.allclose(before, after)
+    lines = ["Residuals of the fitted contacts" + ("" if same else ", before and after the refit")]
+    out = figure(12, 3.9 if same else 6.6, lines)
+    grid = out.subplots(1 if same else 2, 2, width_ratios=(3.2, 1), sharey=True, squeeze=False)
+    x = np.arange(len(rows), dtype=float) if m.time is None else (m.time[rows] - np.min(m.time)) / 60.0
+    both = UM * np.concatenate([before, after])
+    edge = 1.15 * max(float(np.quantile(np.abs(both), CLIP)), 3.2 * UM * gap.magnitude.noise)
+    bins = np.linspace(-edge, edge, 45)
+    values = [before] if same else [before, after]
+    baseline = model_label(gap.baseline)
+    named = " + ".join((baseline, *(n.effect for n in gap.verdict.named)))
+    for k, r in enumerate(values):
+        along, across = grid[k]
+        _in_order(gap, along, x, UM * r, edge, legend=k == 0)
+        inside = np.abs(UM * r) <= edge
+        beyond = f", and {np.sum(~inside)} beyond" if not np.all(inside) else ""
+        rms = UM * np.sqrt(np.mean(r[inside] ** 2))
+        along.set_title(f"{(baseline, named)[k]}: {rms:.1f} um rms{beyond}", loc="left")
+        across.hist(UM * r, bins=bins, orientation="horizontal", color=SERIES[0], alpha=0.75, density=True)
+        fine, sd = np.linspace(-edge, edge, 200), UM * gap.magnitude.noise
+        bell = np.exp(-0.5 * (fine / sd) ** 2) / (sd * np.sqrt(2 * np.pi))
+        across.plot(bell, fine, color=INK, lw=1.3, label=f"noise, {sd:.1f} um")
+        across.set_xticks([])
+        across.legend(frameon=False, loc="upper right", handlelength=1.2)
+        along.set_ylabel("residual (um)")
+        for axes in (along, across):
+            axes.set_ylim(-edge, edge)
+            tidy(axes)
+    grid[-1][0].set_xlabel("order of probing" if m.time is None else "time (min)")
+    grid[-1][1].set_xlabel("density (band: 2 x noise)")
+    return out
+
+
+def _in_order(gap: Gap, axes: Any, x: np.ndarray, r: np.ndarray, edge: float, legend: bool) -> None:
+    rows = gap.residuals[0]
+    target = gap.dataset.measurements.target[rows]
+    groups = np.unique(target)
+    noise = UM * gap.magnitude.noise
+    axes.axhspan(-2 * noise, 2 * noise, color=NOISE, lw=0, zorder=0)
+    few = len(groups) <= MOST_TARGETS
+    beyond = np.abs(r) > edge
+    for k, t in enumerate(groups):
+        mine = target == t
+        colour = SERIES[k % len(SERIES)] if few else SERIES[0]
+        name = gap.dataset.targets[t].name if few and len(groups) > 1 else None
+        axes.scatter(x[mine & ~beyond], r[mine & ~beyond], s=11, color=colour, label=name, lw=0, alpha=0.85)
+        for side, marker in ((1, "^"), (-1, "v")):
+            out = mine & beyond & (np.sign(r) == side)
+            axes.scatter(x[out], np.full(out.sum(), side * 0.97 * edge), s=26, color=colour, marker=marker)
+    if legend and few and len(groups) > 1:
+        axes.legend(
+            frameon=False, ncols=len(groups), loc="lower right", bbox_to_anchor=(1.0, 0.98),
+            handletextpad=0.0, columnspacing=0.8, markerscale=1.8, borderpad=0.0,
+        )  # fmt: skip
+
+
+PICTURES: dict[str, Callable[[Gap], Figure]] = {
+    "gap-where.png": draw_where,
+    "gap-which.png": draw_which,
+    "gap-ladder.png": draw_ladder,
+    "gap-residuals.png": draw_residuals,
+}
+"""What draws each picture."""

@@ -1,0 +1,203 @@
+"""`gap.json`: a diagnosis in numbers, units in the keys, by the output contract."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bayescal.gap.result import Advice, BlindSpot, Gap, Magnitude, Margin, Place, Shrinkage, Verdict
+from bayescal.reporting.gap.phrases import headline, warnings
+from bayescal.reporting.shared.origin import origin
+from bayescal.reporting.shared.text import UM, amplitude
+
+SCHEMA = "bayescal-gap/1"
+LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
+MARGINS = ("target", "joint", "region", "time", "direction")
+MEASURES = ("planes", "distances")
+"""Keys of ``shrinkage`` that are always there, null where nothing was measured."""
+CURVES = 12
+"""Places, the largest first, whose curves are kept."""
+DIGITS = 4
+"""Decimals of curves and residuals, um or units of the coordinate: well below what a probe resolves."""
+
+
+def gap_record(gap: Gap) -> dict[str, Any]:
+    """The contents of gap.json; what is no number is null."""
+    verdict = gap.verdict
+    record = {
+        **origin(SCHEMA, gap.dataset, gap.seed, LIBRARIES),
+        "baseline": list(gap.baseline),
+        "without": list(gap.without),
+        "gap": _magnitude(gap.magnitude),
+        "verdict": verdict.kind,
+        "words": headline(gap),
+        "effects": _effects(verdict),
+        "named": [
+            {
+                "effect": n.effect,
+                "model": n.model,
+                "site": n.site,
+                "setting": n.setting,
+                "probability": n.probability,
+                "log_evidence": n.log_evidence,
+            }
+            for n in verdict.named
+        ],
+        "credible_set90": list(verdict.credible_set90),
+        "probability": dict(verdict.probability),
+        "hypotheses": [
+            {"effects": list(h.effects), "probability": h.probability, "log_evidence": h.log_evidence}
+            for h in verdict.hypotheses
+        ],
+        "footnotes": list(verdict.footnotes),
+        "missing": dict(verdict.missing),
+        "notes": list(verdict.notes),
+        "where": [_place(w) for w in gap.where],
+        "where_marginal": {key: [_margin(m) for m in gap.margins.get(key, ())] for key in MARGINS},
+        "shrinkage": dict.fromkeys(MEASURES) | {s.what: _shrinkage(s) for s in gap.shrinkage},
+        "ladder": [
+            {
+                "model": list(step.model),
+                "heldout_rms_um": UM * step.heldout_rms,
+                "distance_rms_um": UM * step.distance_rms,
+                "point_rms_um": UM * step.point_rms,
+                "delta_elpd": step.delta_elpd,
+                "delta_elpd_se": step.delta_elpd_se,
+            }
+            for step in gap.ladder
+        ],
+        "next": [_advice(a) for a in gap.advice],
+        "blind_spots": [_blind(b) for b in gap.blind_spots],
+        "curves": [_curve(gap, w) for w in gap.where[:CURVES]],
+        "residuals": _residuals(gap),
+        "warnings": list(warnings(gap)),
+    }
+    return {key: _plain(value) for key, value in record.items()}
+
+
+def _plain(value: Any) -> Any:
+    """The same with lists and Python's numbers, None for every number that is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _effects(verdict: Verdict) -> list[str]:
+    """The names that the verdict commits to, each once; 'unknown' where it commits to that alone."""
+    return ["unknown"] if verdict.kind == "unknown" else list(dict.fromkeys(n.effect for n in verdict.named))
+
+
+def _um(interval: tuple[float, float]) -> list[float]:
+    return [UM * end for end in interval]
+
+
+def _magnitude(m: Magnitude) -> dict[str, Any]:
+    return {
+        "heldout": m.heldout,
+        "heldout_rms_um": UM * m.heldout_rms,
+        "noise_um": UM * m.noise,
+        "noise_interval95_um": _um(m.noise_interval95),
+        "noise_from": m.noise_from,
+        "excess_um": {"value": UM * m.excess, "interval95": _um(m.excess_interval95)},
+        "measured": [
+            {
+                "what": x.what,
+                "count": x.count,
+                "rms_um": UM * x.rms,
+                "predicted_rms_um": UM * x.predicted_rms,
+                "predicted_interval95_um": _um(x.predicted_interval95),
+            }
+            for x in m.measured
+        ],
+    }
+
+
+def _place(w: Place) -> dict[str, Any]:
+    return {
+        "site": w.site,
+        "driver": w.driver,
+        "rms_um": UM * w.rms,
+        "share": w.share,
+        "p_value": w.p_value,
+        "family_p_value": w.family_p_value,
+        "log_evidence": w.log_evidence,
+        "explained_by": w.explained_by or None,
+    }
+
+
+def _margin(m: Margin) -> dict[str, Any]:
+    return {
+        "label": m.label,
+        "count": m.count,
+        "rms_um": UM * m.rms,
+        "mean_um": UM * m.mean,
+        "p_value": m.p_value,
+    }
+
+
+def _shrinkage(s: Shrinkage) -> dict[str, Any]:
+    return {
+        "count": s.count,
+        "before_rms_um": UM * s.before,
+        "after_rms_um": UM * s.after,
+        "floor_um": UM * s.floor,
+        "removed": s.removed,
+        "removed_interval95": list(s.removed_interval95),
+        "predicted_before_rms_um": UM * s.predicted_before,
+        "predicted_rms_um": UM * s.predicted,
+        "claimed": s.claimed,
+    }
+
+
+def _advice(a: Advice) -> dict[str, Any]:
+    return {
+        "separates": list(a.separates),
+        "what": a.what,
+        "poses": [np.degrees(pose) for pose in a.poses],
+        "poses_unit": "deg",
+        "lambda_before": a.lambda_before,
+        "lambda_after": a.lambda_after,
+    }
+
+
+def _blind(b: BlindSpot) -> dict[str, Any]:
+    smallest, unit = amplitude(b.smallest, b.unit)
+    plausible, _ = amplitude(b.plausible, b.unit)
+    return {
+        "effect": b.effect,
+        "site": b.site,
+        "smallest_nameable": {"value": smallest, "unit": unit},
+        "plausible": {"value": plausible, "unit": unit},
+        "distance_error_um": UM * b.distance_error,
+    }
+
+
+def _curve(gap: Gap, w: Place) -> dict[str, Any]:
+    """The data behind a picture of `gap-where.png`; x in the unit that the coordinate states."""
+    ids, curve = gap.dataset.measurements.ids, w.curve
+    return {
+        "site": w.site,
+        "driver": w.driver,
+        "coordinate": curve.coordinate,
+        "id": [ids[row] for row in curve.rows],
+        "x": np.round(curve.x, DIGITS),
+        "residual_um": np.round(UM * curve.residual, DIGITS),
+        "fitted_um": np.round(UM * curve.fitted, DIGITS),
+    }
+
+
+def _residuals(gap: Gap) -> dict[str, Any]:
+    """The data behind `gap-residuals.png`."""
+    rows, before, after = gap.residuals
+    ids = gap.dataset.measurements.ids
+    return {
+        "id": [ids[row] for row in rows],
+        "before_um": np.round(UM * before, DIGITS),
+        "after_um": np.round(UM * after, DIGITS),
+    }

@@ -1,0 +1,1 @@
+"""What all reports share: numbers as text, origin of a result."""

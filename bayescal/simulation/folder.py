@@ -1,0 +1,50 @@
+"""A simulated session on disk: a dataset folder with its truth.json, whole or not at all."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+
+from bayescal.dataset import write_dataset
+from bayescal.folders import whole
+from bayescal.simulation import Simulation
+
+TRUTH = "truth.json"
+
+
+def write(simulation: Simulation, folder: Path) -> None:
+    """Write dataset.yaml, measurements.csv, robot.yaml where it is no built-in one, and truth.json.
+
+    Raises
+    ------
+    BayescalError
+        If the folder holds something else than an earlier simulated session, or cannot be written.
+    """
+    with whole(folder, TRUTH) as stage:
+        write_dataset(simulation.dataset, stage)
+        text = json.dumps(simulation.truth, indent=1) + "\n"
+        (stage / TRUTH).write_text(text, encoding="utf-8", newline="")
+
+
+def summary(simulation: Simulation) -> str:
+    """A few lines: contacts a target and how wrong the nominal arm is."""
+    dataset, truth = simulation.dataset, simulation.truth
+    rows = dataset.measurements
+    names = [dataset.targets[i].name for i in rows.target]
+    counts = Counter(zip(names, rows.role, strict=True))
+    lines = [f"{dataset.name}: {dataset.robot.name}, {', '.join(truth['effects']) or 'as drawn'}"]
+    for target in dataset.targets:
+        if target.kind == "plane":
+            fitted, held = counts[target.name, "calibrate"], counts[target.name, "validate"]
+            lines.append(f"  {target.name}: {fitted} contacts to calibrate, {held} to validate")
+    balls = [t.name for t in dataset.targets if t.kind == "sphere"]
+    if balls:
+        each = counts[balls[0], "validate"]
+        lines.append(f"  {len(balls)} spheres ({balls[0]} to {balls[-1]}): {each} contacts each")
+    if truth["distances"]:
+        worst = truth["worst_distance_um"]["nominal"]
+        lines.append(
+            f"  the nominal arm is wrong by up to {worst:.0f} um over {len(truth['distances'])} distances"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,121 @@
+"""Where the cube and the spheres are put, so that an arm reaches them."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from bayescal.arm.transforms import rotation, rpy_matrix
+from bayescal.errors import BayescalError
+from bayescal.simulation.probing import Contacts, on_face, on_sphere
+from bayescal.simulation.reach import Arm
+from bayescal.simulation.scenery import DIAMETER, FACES, LONGEST, SIZE, Cube, layout
+
+FORWARD, UP = 0.507, 0.169  # of the reach: where the cube's middle stands before the base
+TRIALS = 200
+NEAREST, FARTHEST = 0.25, 0.75  # of the reach: from the base to a sphere
+LOWEST, HIGHEST = -0.05, 0.6  # of the reach: height of a sphere, and of the artefact's middle
+ABOVE = 1
+SECTORS = ((15.0, 65.0), (-40.0, 40.0), (-65.0, -15.0))
+"""deg: beside the cube, above it and on its other side, as the base sees it: spheres go to each in turn."""
+SAMPLES = 30  # contacts by which a place for the cube is judged
+ENOUGH = 0.4  # share of them that makes a place good
+LEAST = 0.1
+
+
+def place_cube(arm: Arm, radius: float) -> tuple[Cube, tuple[str, ...]]:
+    """A cube within reach, square to the base, and the four of its faces that are touched best.
+
+    Two of them are opposite sides, whose certified distance gives the length. The place depends on
+    the arm alone.
+
+    Raises
+    ------
+    BayescalError
+        If no such place is found.
+    """
+    base, reach, rng = arm.chain.base, arm.reach, np.random.default_rng(0)
+    best: tuple[float, Cube, tuple[str, ...]] | None = None
+    for up, forward, azimuth in product((1.0, 2.0), (1.0, 0.8, 1.2), (0, 90, -90, 180)):
+        out = rotation(2, np.radians(azimuth)) @ [forward * FORWARD * reach, 0.0, up * UP * reach]
+        cube = Cube(np.round(base[:3, :3] @ out + base[:3, 3], 2), base[:3, :3])
+        share = {face: on_face(arm, cube, face, radius, SAMPLES, rng)[0] for face in FACES}
+        score, faces = _four(share)
+        if best is None or score > best[0] + 0.05:
+            best = score, cube, faces
+        if best[0] >= ENOUGH:
+            break
+    if best is None or best[0] < LEAST:
+        what = f"four faces of a {SIZE * 1e3:.1f} mm cube are out of its reach of {reach * 1e3:.0f} mm"
+        raise BayescalError(what, arm.robot.name, "give another robot, or check its limits")
+    return best[1], best[2]
+
+
+def _four(share: dict[str, float]) -> tuple[float, tuple[str, ...]]:
+    """The best of: both faces across one axis, the better one across the other, and the top."""
+    options = []
+    for pair, other in (("y", "x"), ("x", "y")):
+        single = max((f"-{other}", f"+{other}"), key=lambda face: share[face])
+        faces = (f"+{pair}", f"-{pair}", single, "+z")
+        options.append((min(share[face] for face in faces), faces))
+    return max(options, key=lambda option: option[0])
+
+
+def place_spheres(
+    arm: Arm, cube: Cube, spheres: int, radius: float, count: int, turn: int, rng: np.random.Generator
+) -> tuple[np.ndarray, list[Contacts]]:
+    """The `turn`-th placement of the artefact: sphere centres (spheres, 3), m, and contacts on each sphere.
+
+    Raises
+    ------
+    BayescalError
+        If none is found where every sphere can be touched all over its upper half.
+    """
+    plate = layout(spheres, min(LONGEST, 0.42 * arm.reach))
+    for trial in range(TRIALS):
+        sector = None if trial > TRIALS / 3 else turn % len(SECTORS)
+        middles = _middles(arm, cube, sector, rng)
+        tilts = rpy_matrix(rng.uniform([-0.6, -1.1, -np.pi], [0.6, 1.1, np.pi], (len(middles), 3)))
+        free = (
+            np.round(middle + plate @ (cube.axes @ tilt).T, 6)
+            for middle, tilt in zip(middles, tilts, strict=True)
+        )
+        centres = next((c for c in free if _fits(arm, cube, c)), None)
+        if centres is None:
+            continue
+        found = []
+        for k in range(spheres):
+            own = on_sphere(arm, cube, centres, k, DIAMETER / 2 + radius, count, rng)
+            if own is None:
+                break
+            found.append(own)
+        if len(found) == spheres:
+            return centres, found
+    what = f"no place is found where {spheres} spheres can be touched all over"
+    raise BayescalError(what, arm.robot.name, "ask for fewer --spheres or --sphere-contacts")
+
+
+def _fits(arm: Arm, cube: Cube, centres: np.ndarray) -> bool:
+    """Whether spheres (K, 3), m, and the bar between them are within reach, off the base and off the cube."""
+    flat, height = arm.beside(centres)
+    away = np.linalg.norm(flat, axis=1)
+    within = bool(np.hypot(away, height).max() < FARTHEST * arm.reach)
+    outside = bool(away.min() > NEAREST * arm.reach and height.min() > LOWEST * arm.reach)
+    bar = centres[0] + np.linspace(0, 1, 9)[:, None, None] * (centres - centres[0])
+    return within and outside and not bool(np.any(cube.inside(bar, 0.06)))
+
+
+def _middles(arm: Arm, cube: Cube, sector: int | None, rng: np.random.Generator) -> np.ndarray:
+    """Some places (M, 3), m, that the ball comes to, in one sector or in any."""
+    middles = arm.ball(arm.frames(arm.anywhere(512, rng)))
+    flat, height = arm.beside(middles)
+    forward, level = arm.beside(cube.centre)
+    fit = (height > 0) & (height < HIGHEST * arm.reach)
+    aside = np.degrees(np.arctan2(flat[:, 1], flat[:, 0]) - np.arctan2(forward[1], forward[0]))
+    aside = (aside + 180) % 360 - 180
+    bounds = SECTORS if sector is None else SECTORS[sector : sector + 1]
+    fit &= np.any([(aside > low) & (aside < high) for low, high in bounds], axis=0)
+    if sector == ABOVE:
+        fit &= height > level + 0.5 * SIZE
+    return middles[fit][:20]

@@ -1,0 +1,132 @@
+"""The session: what is touched, in which order, when, and with what hanging on the flange."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.arm.robot import Robot
+from bayescal.dataset import Dataset, Measurements
+from bayescal.errors import BayescalError
+from bayescal.simulation.artefacts import RADIUS, TOOL, Scenery, dataset_of
+from bayescal.simulation.options import GROUP, Options, stream
+from bayescal.simulation.place import place_cube, place_spheres
+from bayescal.simulation.probing import Contacts, join, on_face
+from bayescal.simulation.reach import Arm
+from bayescal.simulation.scenery import Cube
+
+SET_UP, LUNCH = 120.0, 1800.0  # s: before the spheres of a placement, before the later contacts
+PACE = 6.0, 14.0  # s a contact
+COLD, WARMER, WARMING = 22.0, 4.0, 3000.0  # degC, K, s
+
+
+@dataclass(frozen=True)
+class Visit:
+    """Contacts that are made one after the other: indices of their targets (M,), their repeat groups."""
+
+    role: str
+    contacts: Contacts
+    target: np.ndarray
+    repeat: np.ndarray
+    pause: float = 0.0  # s, before the first
+
+
+def plan(options: Options, robot: Robot) -> tuple[Dataset, Scenery]:
+    """The session as planned: readings at which the nominal arm touches the nominal targets.
+
+    Raises
+    ------
+    BayescalError
+        If too little of the cube or the spheres can be reached.
+    """
+    arm = Arm(robot, TOOL.centre)
+    cube, faces = place_cube(arm, RADIUS)
+    visits = [_calibrating(options, arm, cube, faces)]
+    centres = np.empty((options.placements if options.spheres else 0, options.spheres, 3))
+    for p in range(len(centres)):
+        rng = stream(options.seed, "spheres", str(p))
+        centres[p], balls = place_spheres(arm, cube, options.spheres, RADIUS, options.sphere_contacts, p, rng)
+        for k, ball in enumerate(balls):
+            target = np.full(len(ball), len(faces) + p * options.spheres + k)
+            visits.append(_visit("validate", ball, target, 0.0 if k else SET_UP))
+    target, later = _shuffled(arm, cube, faces, options.later, stream(options.seed, "later"))
+    visits.append(_visit("validate", later, target, LUNCH))
+    scenery = Scenery(cube, faces, centres)
+    return dataset_of(options, robot, scenery, _measurements(options, visits, len(faces))), scenery
+
+
+def _visit(role: str, contacts: Contacts, target: np.ndarray, pause: float) -> Visit:
+    return Visit(role, contacts, target, np.full(len(contacts), ""), pause)
+
+
+def _calibrating(options: Options, arm: Arm, cube: Cube, faces: tuple[str, ...]) -> Visit:
+    """Contacts on all faces in random order; some of them are made `GROUP` times in a row."""
+    rng = stream(options.seed, "faces")
+    different = options.contacts - (GROUP - 1) * options.repeats
+    target, found = _shuffled(arm, cube, faces, different, rng)
+    times = np.ones(different, int)
+    times[rng.choice(different, options.repeats, replace=False)] = GROUP
+    names = np.array([f"r{k:02d}" if k else "" for k in np.where(times > 1, np.cumsum(times > 1), 0)])
+    rows = np.repeat(np.arange(different), times)
+    return Visit("calibrate", found[rows], target[rows], names[rows])
+
+
+def _shuffled(
+    arm: Arm, cube: Cube, faces: tuple[str, ...], count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, Contacts]:
+    """Contacts on all the faces alike, in random order, with the index of each one's face."""
+    target = np.sort(rng.permutation(count) % len(faces))
+    parts = []
+    for k, face in enumerate(faces):
+        wanted, have = int(np.sum(target == k)), 0
+        for _ in range(20):
+            _, found = on_face(arm, cube, face, RADIUS, 2 * (wanted - have) + 8, rng)
+            found = found[: wanted - have]
+            parts.append(found)
+            have += len(found)
+            if have == wanted:
+                break
+        else:
+            raise BayescalError(
+                f"face {face} of the cube is hardly reached", arm.robot.name, "check its limits"
+            )
+    order = rng.permutation(count)
+    return target[order], join(parts)[order]
+
+
+def _measurements(options: Options, visits: list[Visit], faces: int) -> Measurements:
+    """The table of all visits; targets before `faces` are planes."""
+    contacts = join([v.contacts for v in visits])
+    target, repeat = (np.concatenate([getattr(v, name) for v in visits]) for name in ("target", "repeat"))
+    clock = stream(options.seed, "clock")
+    steps = clock.uniform(*PACE, len(target))
+    begins = np.cumsum([0] + [len(v.target) for v in visits[:-1]])
+    for at, visit in zip(begins, visits, strict=True):
+        steps[at : at + 1] += visit.pause
+    time = np.cumsum(steps)
+    warm = COLD + WARMER * (1 - np.exp(-time / WARMING)) + clock.normal(0, 0.03, len(time))
+    return Measurements(
+        ids=tuple(f"c{i:04d}" for i in range(len(target))),
+        role=np.concatenate([np.full(len(v.target), v.role) for v in visits]),
+        target=target,
+        tool=np.zeros(len(target), int),
+        readings=contacts.readings,
+        line=np.arange(len(target)) + 2,
+        velocity=contacts.velocity,
+        time=np.round(time, 2),
+        temperature=np.round(warm, 2),
+        payload=_payload(options, repeat, target < faces),
+        repeat=repeat,
+    )
+
+
+def _payload(options: Options, repeat: np.ndarray, on_plane: np.ndarray) -> np.ndarray | None:
+    """Payloads (N,), kg, on half of the plane contacts, alike within a repeat group; None without."""
+    if not options.payload:
+        return None
+    rng = stream(options.seed, "payload")
+    loaded = rng.random(len(repeat)) < 0.5
+    for group in np.unique(repeat[repeat != ""]):
+        loaded[repeat == group] = rng.random() < 0.5
+    return np.where(loaded & on_plane, options.payload, 0.0)

@@ -1,0 +1,154 @@
+"""Touching: the readings at which the true arm's ball meets the true surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.dataset import Dataset, Target
+from bayescal.effects import parameters_of
+from bayescal.errors import BayescalError
+from bayescal.estimate import standing
+from bayescal.model import ARM, Block, Model, with_parameters
+from bayescal.model.scene import Scene
+from factors.plane import Plane
+
+CLOSED = 1e-12  # m
+PASSES = 30
+CORRECTIONS = 4
+SETTLING, STILL = 8, 1e-15  # passes at most of the sag under the weights, and rad and m left when it is found
+
+
+@dataclass(frozen=True)
+class World:
+    """What is true of a session: its effects, the arm's deviations from its drawing, the targets.
+
+    `deviations` gives those of a model's parameters, (P,), SI.
+    """
+
+    effects: tuple[str, ...]
+    deviations: Callable[[Model], np.ndarray]
+    targets: tuple[Target, ...]
+
+    def model(self, dataset: Dataset) -> Model:
+        """The true arm at a session's readings, its drivers included, before the true targets.
+
+        Its weights pull where it truly stands, sag included: a real arm's do.
+        """
+        scene, true = Scene(dataset), replace(dataset, targets=self.targets)
+        for _ in range(SETTLING):
+            parameters = parameters_of(self.effects, scene.circumstances(scene.rows("calibrate")))
+            model = Model(Scene(true, scene.delta), self.effects, parameters, (), ())
+            if scene.moments is None:
+                break
+            before, scene = scene, replace(standing(model, self.deviations(model)), dataset=dataset)
+            if before.delta is not None and np.max(np.abs(scene.delta - before.delta), initial=0.0) < STILL:
+                break
+        return model
+
+    def residuals(self, dataset: Dataset) -> np.ndarray:
+        """How far off the true surface, along its normal, each row's ball truly is, (N,), m."""
+        model = self.model(dataset)
+        values = self.deviations(model)
+        rows = dataset.measurements.target
+        out = np.empty(len(rows))
+        for target in np.unique(rows):
+            at = np.flatnonzero(rows == target)
+            block = model.block(int(target), at)
+            out[at] = block.residual(values, np.zeros(block.size))[0]
+        return out
+
+
+def misstated(world: World, dataset: Dataset) -> World:
+    """The world with its faces moved, as little as does it, until the papers are as wrong as its arm says.
+
+    Papers speak of faces in the directions of the nominal ones, as a fit does.
+    """
+    arm = world.model(dataset)
+    model = with_parameters(Scene(dataset), arm.effects, arm.parameters)
+    values = world.deviations(model)
+    wrong = [tie for tie in model.ties if len(tie.index)]
+    faces = [b.target for b in model.blocks if isinstance(b.kind, Plane)]
+    true = {t.name: t for t in world.targets}
+    z = {name: _state_of(true[name], model.block_of[name]) for name in faces}
+    z |= {ARM: -model.shift / model.sd}
+    right = [model.tied(tie, z)[0] for tie in wrong]
+    z |= {ARM: (values - model.shift) / model.sd}
+    for _ in range(CORRECTIONS if wrong else 0):
+        told = [model.tied(tie, z) for tie in wrong]
+        off = np.concatenate([r - before for (r, _), before in zip(told, right, strict=True)])
+        by = [[slopes.get(name, np.zeros((len(r), 3))) for name in faces] for r, slopes in told]
+        steps = np.linalg.lstsq(np.block(by), off, rcond=None)[0].reshape(-1, 3)
+        z |= {name: z[name] - step for name, step in zip(faces, steps, strict=True)}
+    return replace(world, targets=tuple(_at(t, model, z) if wrong else t for t in world.targets))
+
+
+def _state_of(face: Target, block: Block) -> np.ndarray:
+    """A true face as the whitened state (3,) of the nominal one."""
+    plane, normal = block.kind, np.asarray(face.values["normal"], float)
+    assert isinstance(plane, Plane)
+    tilt = plane.tangents @ normal / (plane.normal @ normal)
+    return np.append(tilt, face.values["offset"] - normal @ plane.pivot) / plane.sd
+
+
+def _at(target: Target, model: Model, z: Mapping[str, np.ndarray]) -> Target:
+    if target.name not in z:
+        return target
+    block = model.block_of[target.name]
+    assert isinstance(block.kind, Plane)
+    normal, offset = block.kind.at(block.state(z[target.name]))
+    return replace(target, values={"normal": normal, "offset": float(offset)})
+
+
+def touch(world: World, dataset: Dataset, shift: np.ndarray) -> Dataset:
+    """The session with every contact closed: each row goes on at its joint velocities until it touches.
+
+    Torques and whatever else drives an effect are those at the readings found.
+
+    Parameters
+    ----------
+    world : World
+        What is true.
+    dataset : Dataset
+        Its readings are where the nominal arm touches the nominal targets; with velocities.
+    shift : np.ndarray, shape (N,)
+        How far outside of the true surface each contact triggers, m: noise and gross errors.
+
+    Returns
+    -------
+    Dataset
+        With the readings at which the contacts hold, to 1e-12 m.
+
+    Raises
+    ------
+    BayescalError
+        If some contact cannot be closed: errors as large as that miss the target.
+    """
+    start, velocity = dataset.measurements.readings, dataset.measurements.velocity
+    assert velocity is not None
+
+    def after(seconds: np.ndarray) -> tuple[Dataset, np.ndarray]:
+        readings = start + seconds[:, None] * velocity
+        moved = replace(dataset, measurements=replace(dataset.measurements, readings=readings))
+        return moved, world.residuals(moved) - shift
+
+    seconds = np.zeros(len(start))
+    moved, off = after(seconds)
+    slope = (after(seconds + 1e-3)[1] - off) / 1e-3  # m/s: how fast the ball closes in
+    for _ in range(PASSES):
+        if np.all(np.abs(off) < CLOSED):
+            return moved
+        step = np.clip(-off / slope, -1.0, 1.0)
+        seconds = seconds + step
+        before = off
+        moved, off = after(seconds)
+        far = np.abs(step) > 1e-7  # nearer, the difference is rounding
+        slope = np.where(far, (off - before) / np.where(far, step, 1.0), slope)
+        if not np.all(np.isfinite(slope) & (slope != 0)):
+            break
+    row = int(np.argmax(np.where(np.isfinite(off), np.abs(off), np.inf)))
+    name = dataset.targets[dataset.measurements.target[row]].name
+    what = f"the arm with its errors never touches {name}"
+    raise BayescalError(what, dataset.name, "give a smaller --error-scale, or another --seed")

@@ -1,0 +1,102 @@
+"""What is true of a simulated session, drawn apart from its plan: arm, targets, papers, noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from bayescal.arm.transforms import rpy_matrix
+from bayescal.dataset import Certificate, Target
+from bayescal.model import Model
+from bayescal.simulation.artefacts import Scenery, sphere_names
+from bayescal.simulation.options import Options, stream
+from bayescal.simulation.scenery import DIAMETER, SIZE, U_ANGLE, U_DISTANCE, U_SPHERE
+
+TOOL_SD = 0.5e-3  # m: of a ball's place that nothing is stated of
+PLACE_SD, ANGLE_SD = 1e-3, 2e-3  # m, rad: how well a cube or an artefact is put where it is said to be
+OF_SESSION = ("thermal-drift", "step")  # effects that another session of the same arm has of its own
+OUTLIER = 30e-6, 1e-3  # m: least and most of a gross contact
+
+
+def draws(options: Options, model: Model) -> np.ndarray:
+    """The true arm's deviations from its drawing (P,), SI, times the error scale.
+
+    Each parameter is drawn from its prior by a generator of its own name: the same seed gives the
+    same arm, whichever effects are added to it. Effects of the session go by its own seed. What physics
+    keeps positive is drawn log-normal, as wide as its prior.
+    """
+    out = np.empty(len(model.parameters))
+    for k, p in enumerate(model.parameters):
+        seed = options.seed if p.effect.partition("@")[0] in OF_SESSION else options.seed_of_arm
+        z = stream(seed, "truth", p.effect, p.name).normal()
+        if p.positive:
+            value = p.centre * np.exp(np.log1p(p.sd / p.centre) * z) if p.centre > 0 else abs(p.sd * z)
+        else:
+            value = p.centre + z * (min(p.sd, TOOL_SD) if p.effect == "tool" else p.sd)
+        out[k] = value - p.nominal
+    return options.error_scale * out
+
+
+def true_targets(options: Options, scenery: Scenery) -> tuple[Target, ...]:
+    """The targets where they truly are: put down a little wrong, and made as well as their papers say."""
+    rng = stream(options.seed, "targets")
+    cube, out = scenery.cube, []
+    turn, shift = rpy_matrix(rng.normal(0, ANGLE_SD, 3)), rng.normal(0, PLACE_SD, 3)
+    for face in scenery.faces:
+        tilt = rpy_matrix(rng.normal(0, U_ANGLE / np.sqrt(2), 3))
+        normal = tilt @ turn @ cube.normal(face)
+        middle = SIZE / 2 + rng.normal(0, U_DISTANCE / np.sqrt(2))
+        offset = normal @ (cube.centre + shift) + middle * (normal @ (turn @ cube.normal(face)))
+        out.append(Target(f"cube.{face}", "plane", {"normal": normal, "offset": float(offset)}))
+    placements, spheres = scenery.spheres.shape[:2]
+    made = rng.normal(0, 50e-6, (spheres, 3))  # the artefact is no better than its drawing; it is measured
+    diameters = rng.normal(DIAMETER, U_SPHERE, (spheres,))
+    names = iter(sphere_names(placements, spheres))
+    # the drawing's own frame: that of the first placement
+    drawing = scenery.spheres[:1].sum(axis=0)
+    drawing = drawing - drawing.mean(axis=0, keepdims=True) if spheres else drawing
+    for centres in scenery.spheres:
+        middle = centres.mean(axis=0)
+        turn = rpy_matrix(rng.normal(0, ANGLE_SD, 3)) @ _turn(drawing, centres - middle)
+        shift = rng.normal(0, PLACE_SD, 3)
+        for k in range(spheres):
+            centre = middle + shift + turn @ (drawing[k] + made[k])
+            out.append(Target(next(names), "sphere", {"centre": centre, "diameter": float(diameters[k])}))
+    return tuple(out)
+
+
+def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) that best brings points a (K, 3) to b (K, 3)."""
+    left, _, right = np.linalg.svd(b.T @ a)
+    return left @ np.diag([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)]) @ right
+
+
+def distance_certificates(
+    options: Options, scenery: Scenery, targets: Sequence[Target]
+) -> tuple[Certificate, ...]:
+    """What the artefact's paper says of its spheres: one value a pair, for all placements."""
+    placements, spheres = scenery.spheres.shape[:2]
+    names, rng = sphere_names(placements, spheres), stream(options.seed, "paper")
+    at = {t.name: np.asarray(t.values["centre"]) for t in targets if t.kind == "sphere"}
+    pairs = list(combinations(range(spheres), 2)) if placements else []
+    said = [
+        round(float(np.linalg.norm(at[names[a]] - at[names[b]])) + rng.normal(0, U_SPHERE), 9)
+        for a, b in pairs
+    ]
+    return tuple(
+        Certificate("distance", (names[p * spheres + a], names[p * spheres + b]), length, U_SPHERE)
+        for p in range(placements)
+        for (a, b), length in zip(pairs, said, strict=True)
+    )
+
+
+def noise(options: Options, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """How far outside of the surface each contact triggers (N,), m, and which of them are gross."""
+    rng = stream(options.seed, "noise")
+    shift = options.noise * rng.normal(size=count)
+    gross = np.sort(rng.choice(count, round(options.outliers * count), replace=False))
+    size = np.exp(rng.uniform(np.log(OUTLIER[0]), np.log(OUTLIER[1]), len(gross)))
+    shift[gross] += size * rng.choice([-1.0, 1.0], len(gross))
+    return shift, gross

@@ -1,0 +1,48 @@
+"""The calibrated robot as DH rows moves exactly as the displaced chain does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayescal.arm.chain import chain_of, link_angles, points
+from bayescal.estimate import estimate
+from bayescal.exporting import calibrated_robot
+from bayescal.model import ARM, build
+from bayescal.model.scene import Scene
+
+
+@pytest.mark.parametrize("tied", [False, True])
+@pytest.mark.parametrize("convention", ["mdh", "dh"])
+def test_rows_move_as_the_model(cube, convention, tied):
+    session = cube(seed=1, count=60).dataset
+    if convention == "dh":  # any rows will do: the same numbers read the other way
+        session = replace(session, robot=replace(session.robot, convention="dh"))
+    if tied:
+        targets = tuple(replace(t, u=1e-3, u_angle=1e-3) for t in session.targets)
+        tools = tuple(replace(t, u=1e-3) for t in session.tools)
+        session = replace(session, targets=targets, tools=tools)
+    scene = Scene(session)
+    model = build(scene, ("geometry",))
+    found = estimate(build(Scene(cube(seed=1, count=60).dataset), ("geometry",)))
+    rng = np.random.default_rng(0)
+    fake = replace(found, model=model, z=2.0 * rng.standard_normal(model.size))
+    robot = calibrated_robot(fake)
+    values = model.deviations(fake.z[model.slices[ARM]])
+    tool = scene.tools[0].copy()
+    for value, p in zip(values, model.parameters, strict=True):
+        if p.effect == "tool":
+            tool["xyz".index(p.name[-1])] += value
+    rows = np.arange(len(scene.q))
+    expected = model.motion(rows).points_reference(values).T
+    q = link_angles(robot, session.measurements.readings)
+    np.testing.assert_allclose(points(chain_of(robot), q, tool), expected, atol=1e-12)
+
+
+def test_compliance_goes_along(cube):
+    found = estimate(build(Scene(cube(seed=1, count=120).dataset), ("geometry", "compliance")))
+    robot = calibrated_robot(found)
+    named = {p.name: v for p, v in zip(found.model.parameters, found.model.physical(found.z), strict=False)}
+    assert robot.compliance is not None
+    assert robot.compliance[1] == pytest.approx(named["compliance J2"], rel=1e-12)
+    assert robot.name.endswith("-calibrated")

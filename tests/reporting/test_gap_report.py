@@ -1,0 +1,333 @@
+"""What a diagnosis leaves behind: gap.json by the contract, one screen of words, four pictures."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from bayescal.errors import BayescalError
+from bayescal.gap.result import (
+    VERDICTS,
+    Advice,
+    BlindSpot,
+    Curve,
+    Gap,
+    Hypothetical,
+    Magnitude,
+    Margin,
+    Measured,
+    Named,
+    Place,
+    Shrinkage,
+    Step,
+    Verdict,
+)
+from bayescal.model.scene import Scene
+from bayescal.reporting.gap.files import write_gap
+from bayescal.reporting.gap.phrases import PHRASES
+from bayescal.reporting.gap.record import gap_record
+from bayescal.reporting.gap.summary import gap_summary
+
+ROOT = Path(__file__).resolve().parents[2]
+CUBE = ROOT / "data" / "lrmate200ic-cube"
+PICTURES = {"gap-where.png", "gap-which.png", "gap-ladder.png", "gap-residuals.png"}
+NAN = float("nan")
+BACKLASH = Named("backlash", "backlash", "joint 3", "", 0.97, 120.0)
+STEP = Named("step", "step@41", "base", "from row 41 on", 0.95, 30.0)
+NAMED = {"named": (BACKLASH,), "named+unexplained": (BACKLASH, STEP)}
+SETS = {
+    "null": ("null",),
+    "named": ("backlash",),
+    "named+unexplained": ("backlash", "step"),
+    "unknown": ("unknown",),
+    "ambiguous": ("bending", "base-compliance"),
+}
+
+
+def diagnosis(dataset, kind: str = "named", distances: bool = True) -> Gap:
+    """A gap as a diagnosis could report it, from invented numbers."""
+    rng = np.random.default_rng(0)
+    rows = Scene(dataset).rows("calibrate")
+    x = np.degrees(dataset.measurements.readings[rows, 0])
+    noise = 5e-6 * rng.standard_normal(len(rows))
+    bump = 30e-6 * np.exp(-((x / 8) ** 2))
+    sign = np.sign(rng.standard_normal(len(rows)))
+    null = kind == "null"
+    before = noise if null else noise + bump
+    named = NAMED.get(kind, ())
+    p = 0.6 if null else 1e-9
+    where = (
+        Place("joint 3", "approach 3", 12e-6, 0.7, p, p, 100.0, "backlash" if named else "",
+              Curve("sign of the speed of joint 3", sign, before, 4e-6 * sign * np.sin(x), rows)),
+        Place("joint 1", "angle 1, one place", 5e-6, 0.1, p, p, 18.0, "",
+              Curve("reading of joint 1 (deg)", x, before, bump, rows)),
+        Place("probe", "direction of contact", 1e-6, NAN, 0.4, 1.0, -2.0, "",
+              Curve("", x[:0], x[:0], x[:0], rows[:0])),
+    )  # fmt: skip
+    sure = dict.fromkeys(SETS[kind], 0.9 / len(SETS[kind]))
+    verdict = Verdict(
+        kind, named, {"null": 0.0, "unknown": 0.05, "latency": 0.001} | sure, SETS[kind],
+        (Hypothetical(tuple(n for n in SETS[kind] if n != "null"), 0.9, 60.0), Hypothetical((), 0.01, 0.0)),
+        (), {"thermal-drift": "no time_s"}, ("play, not late readings",),
+    )  # fmt: skip
+    shrinkage = (Shrinkage("planes", 60, 13e-6, 6.4e-6, 6e-6, 0.96, (0.91, 0.99), 12e-6, 6.2e-6, True),)
+    if distances:
+        shrinkage += (Shrinkage("distances", 12, 27e-6, 31e-6, 5e-6, NAN, (NAN, NAN), 33e-6, 30e-6, False),)
+    measured = (Measured("held-out contacts", 60, 13e-6, 6e-6, (5e-6, 7e-6)),)
+    at = 500e-6 if distances else NAN
+    models = (("nominal",), ("geometry",), ("geometry", "compliance"))
+    ladder = [Step(m, 600e-6 / 5**k, at / 4**k, NAN, 40.0 if k else NAN, 6.0) for k, m in enumerate(models)]
+    model = models[-1]
+    for n in named:
+        model = (*model, n.model)
+        ladder.append(Step(model, 6.4e-6, 5e-6 if distances else NAN, NAN, 41.0, 7.0))
+    poses = tuple(tuple(r) for r in dataset.measurements.readings[:3])
+    return Gap(
+        dataset, ("geometry", "compliance"), 3,
+        Magnitude("validate", 13e-6, 6e-6, (5.4e-6, 6.7e-6), "repeats", 0.0 if null else 11.6e-6,
+                  (0.0, 2e-6) if null else (9.8e-6, 13.2e-6), measured),
+        where, {"target": (Margin("cube.+y", 30, 14e-6, 1e-6, 1e-4),)}, verdict,
+        () if null else shrinkage, tuple(ladder),
+        (Advice(("bending", "base-compliance"), "payload +2 kg", poses, 12.0, 260.0),),
+        (BlindSpot("lobing", "", 4e-6, 8e-6, "m", 2e-6),
+         BlindSpot("backlash", "joint 6", 1e-5, 2e-5, "rad", NAN)),
+        (rows, before, noise), ("beware",),
+    )  # fmt: skip
+
+
+def printed(gap: Gap) -> str:
+    console = Console(width=100, highlight=False, force_terminal=False)
+    with console.capture() as capture:
+        console.print(gap_summary(gap))
+    return capture.get()
+
+
+@pytest.fixture(scope="module")
+def session(cube):
+    return cube(seed=1, count=80).dataset
+
+
+NUMBER = (int, float)
+OPTIONAL = (int, float, type(None))
+
+
+@pytest.mark.parametrize("kind", VERDICTS)
+def test_record_keeps_the_contract(session, kind):
+    record = json.loads(json.dumps(gap_record(diagnosis(session, kind)), allow_nan=False))
+    assert record["schema"] == "bayescal-gap/1"
+    assert record["dataset"] == {"name": session.name, "sha256": session.sha256}
+    assert record["seed"] == 3
+    assert record["baseline"] == ["geometry", "compliance"]
+    assert record["verdict"] == kind
+    named = {"named": ["backlash"], "named+unexplained": ["backlash", "step"], "unknown": ["unknown"]}
+    assert record["effects"] == named.get(kind, [])
+    assert record["credible_set90"] == list(SETS[kind])
+    assert {"null", "unknown"} <= set(record["probability"])
+    gap = record["gap"]
+    assert gap["heldout_rms_um"] == pytest.approx(13.0)
+    assert isinstance(gap["noise_um"], NUMBER)
+    assert isinstance(gap["excess_um"]["value"], NUMBER)
+    assert len(gap["excess_um"]["interval95"]) == 2
+    for w in record["where"]:
+        assert isinstance(w["site"], str)
+        assert isinstance(w["driver"], str)
+        assert all(isinstance(w[k], OPTIONAL) for k in ("rms_um", "share", "p_value", "family_p_value"))
+    assert set(record["where_marginal"]) == {"target", "joint", "region", "time", "direction"}
+    assert {"planes", "distances"} <= set(record["shrinkage"])
+    for s in record["shrinkage"].values():
+        assert (s is None) == (kind == "null")
+        if s:
+            assert {"before_rms_um", "after_rms_um", "floor_um", "removed", "removed_interval95"} <= set(s)
+    for rung in record["ladder"]:
+        keys = ("heldout_rms_um", "distance_rms_um", "delta_elpd", "delta_elpd_se")
+        assert all(isinstance(rung[k], OPTIONAL) for k in keys)
+    assert record["ladder"][0]["model"] == ["nominal"]
+    assert record["next"][0]["separates"] == ["bending", "base-compliance"]
+    np.testing.assert_allclose(
+        record["next"][0]["poses"], np.degrees(session.measurements.readings[:3]), rtol=1e-12
+    )
+    lobing, backlash = record["blind_spots"]
+    assert lobing["smallest_nameable"] == {"value": pytest.approx(4.0), "unit": "um"}
+    assert backlash["smallest_nameable"] == {"value": pytest.approx(np.degrees(1e-5)), "unit": "deg"}
+    assert backlash["distance_error_um"] is None
+    curve = record["curves"][1]
+    assert len(curve["x"]) == len(curve["residual_um"]) == len(curve["fitted_um"]) == len(curve["id"]) == 80
+    assert len(record["residuals"]["before_um"]) == 80
+
+
+WORDS = {
+    "null": "Nothing above noise",
+    "named": "The gap: joint 3 turns by its play: backlash (probability 0.97)",
+    "named+unexplained": "and the base was bumped, from row 41 on: step (probability 0.95)",
+    "unknown": "that no effect of the vocabulary explains",
+    "ambiguous": "Cannot tell bending from base-compliance with these data",
+}
+
+
+@pytest.mark.parametrize("kind", VERDICTS)
+def test_summary_is_one_screen_that_names_the_verdict(session, kind):
+    text = printed(diagnosis(session, kind))
+    assert WORDS[kind] in text
+    assert len(text.splitlines()) <= 45
+    for words in ("noise", "6.0 um", "as drawn", "probe next", "blind spots", "beware", "no time_s"):
+        assert words in text
+    if kind == "null":
+        assert "the largest, not significant: joint 3, approach 3" in text
+        assert "%" not in text.replace("95 %", "")
+        assert "shrink" not in text
+    else:
+        assert "not claimed" in text
+        assert "96 %" in text
+
+
+def test_summary_without_anything_to_tell(session):
+    gap = replace(bare(session), verdict=diagnosis(session, "unknown").verdict)
+    assert "Something at no single place" in printed(gap)
+
+
+def test_every_effect_has_its_words():
+    from bayescal.effects import EFFECTS
+
+    assert set(PHRASES) == set(EFFECTS)
+
+
+def bare(dataset) -> Gap:
+    """A gap with every table empty."""
+    return replace(
+        diagnosis(dataset, "null"), where=(), margins={}, shrinkage=(), ladder=(), advice=(), blind_spots=()
+    )
+
+
+def plane(dataset):
+    """One face alone, with no time, velocities or temperature."""
+    m = dataset.measurements
+    keep = np.flatnonzero(m.target == 1)
+    few = {name: getattr(m, name)[keep] for name in ("role", "target", "tool", "readings", "line")}
+    absent = dict.fromkeys(("velocity", "command", "torque", "time", "temperature", "payload"))
+    table = replace(m, ids=tuple(m.ids[k] for k in keep), **few, **absent)
+    return replace(dataset, measurements=table, certificates=())
+
+
+def seven(dataset):
+    """The same contacts by an arm with one joint more."""
+    robot, m = dataset.robot, dataset.measurements
+    more = {name: np.append(getattr(robot, name), 0.0) for name in ("alpha", "a", "d", "offset", "beta")}
+    robot = replace(
+        robot, joint_names=(*robot.joint_names, "J7"), **more,
+        limits=np.vstack([robot.limits, [-3.0, 3.0]]), link_from_reading=np.eye(7),
+        masses=None, centres_of_mass=None, compliance=None, reductions=None,
+    )  # fmt: skip
+    readings = np.column_stack([m.readings, np.zeros(len(m.readings))])
+    table = replace(m, readings=readings, velocity=None, command=None, torque=None)
+    return replace(dataset, robot=robot, measurements=table)
+
+
+CASES = {
+    "named": lambda cube, tracker: diagnosis(cube),
+    "null": lambda cube, tracker: diagnosis(cube, "null"),
+    "unexplained": lambda cube, tracker: diagnosis(cube, "named+unexplained"),
+    "no distances": lambda cube, tracker: diagnosis(cube, "unknown", distances=False),
+    "one plane, no time": lambda cube, tracker: diagnosis(plane(cube), "ambiguous", distances=False),
+    "points": lambda cube, tracker: diagnosis(tracker, "named", distances=False),
+    "seven joints": lambda cube, tracker: diagnosis(seven(cube)),
+    "nothing to tell": lambda cube, tracker: bare(cube),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_folder_holds_all(case, session, tracker, tmp_path):
+    gap = CASES[case](session, tracker(seed=1, count=40).dataset)
+    names = write_gap(gap, tmp_path / "run")
+    assert {p.name for p in (tmp_path / "run").iterdir()} == set(names) == PICTURES | {"gap.json"}
+    for name in PICTURES:
+        picture = (tmp_path / "run" / name).read_bytes()
+        assert picture.startswith(b"\x89PNG")
+        assert len(picture) > 10_000
+    json.loads((tmp_path / "run" / "gap.json").read_text(), parse_constant=pytest.fail)
+
+
+def test_sites_are_marked_wherever_they_are(session, tmp_path):
+    from bayescal.reporting.gap.arm import draw_where
+
+    gap = diagnosis(session, "unknown")
+    for site in ("link 2", "base", "tool", "probe", "arm", "artefact", "cube.+y", "joint 4 to joint 5"):
+        marked = draw_where(replace(gap, where=(replace(gap.where[0], site=site),)))
+        assert any(t.get_text() == site for a in marked.axes for t in a.texts)
+
+
+def test_without_pictures_and_into_an_earlier_result(session, tmp_path):
+    assert write_gap(diagnosis(session), tmp_path / "run", pictures=False) == ("gap.json",)
+    assert write_gap(diagnosis(session, "null"), tmp_path / "run", pictures=False) == ("gap.json",)
+    assert json.loads((tmp_path / "run" / "gap.json").read_text())["verdict"] == "null"
+
+
+def test_foreign_folder_is_left_alone(session, tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(BayescalError, match="something else"):
+        write_gap(diagnosis(session), tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_help_needs_no_matplotlib():
+    program = (
+        "import sys, bayescal.reporting.gap.pictures; print([m for m in sys.modules if 'matplotlib' in m])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
+    """The command around a diagnosis that is invented."""
+    import bayescal.cli.gap  # noqa: F401
+    from bayescal.cli import app
+
+    asked = []
+
+    def diagnose(dataset, effects, seed, robust, prior_width, progress, without):
+        asked.append((dataset.name, effects, seed, robust, prior_width, without))
+        progress("search", 0.5)
+        return diagnosis(session, "named")
+
+    monkeypatch.setitem(sys.modules, "bayescal.gap.diagnose", SimpleNamespace(diagnose=diagnose))
+    arguments = ["gap", str(CUBE), "--model", "geometry", "--seed", "7", "--no-robust", "--no-pictures"]
+    arguments += ["--without", "geometry at joint 4, geometry at link 2"]
+    done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "run")])
+    assert done.exit_code == 0, done.output
+    assert asked == [
+        ("lrmate200ic-cube", ("geometry",), 7, False, 1.0, ("geometry at joint 4", "geometry at link 2"))
+    ]
+    assert "joint 3 turns by its play" in done.output
+    assert "gap.json" in done.output
+    assert [p.name for p in (tmp_path / "run").iterdir()] == ["gap.json"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere"], "no such folder"),
+        ([str(CUBE), "--model", "geometry,elasticity"], "no effect is called"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, words, tmp_path):
+    command = [sys.executable, "-m", "bayescal.cli", "gap", *arguments, "--out", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert done.returncode == 1
+    assert words in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_command_leaves_a_foreign_folder_alone(tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    command = [sys.executable, "-m", "bayescal.cli", "gap", str(CUBE), "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert done.returncode == 1
+    assert "the folder holds something else" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1

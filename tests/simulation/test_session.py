@@ -1,0 +1,184 @@
+"""A session as a careful operator would have measured it, and the folder that holds it."""
+
+import json
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import LITTLE, lrmate, robot_file
+from typer.testing import CliRunner
+
+from bayescal.arm.chain import link_angles, wrenches
+from bayescal.cli import app
+from bayescal.cli import simulate as command
+from bayescal.dataset import read_dataset
+from bayescal.effects import EFFECTS
+from bayescal.errors import BayescalError
+from bayescal.model.scene import Scene
+from bayescal.simulation import Options, simulate
+from bayescal.simulation.folder import summary, write
+from bayescal.simulation.reach import Arm
+
+assert command  # it registers itself
+
+
+def test_counts():
+    s = lrmate()
+    m = s.dataset.measurements
+    assert Counter(m.role) == {"calibrate": 60, "validate": 30 + 12}
+    assert Counter(Counter(m.repeat[m.repeat != ""]).values()) == {4: 3}
+    assert [t.name for t in s.dataset.targets][:4] == ["cube.+y", "cube.-y", "cube.-x", "cube.+z"]
+    assert Counter(m.target[m.role == "validate"]) == dict.fromkeys(range(4), 3) | dict.fromkeys(
+        range(4, 7), 10
+    )
+    assert len(set(m.ids)) == len(m.ids)
+
+
+def test_the_default_cube_is_that_of_the_paper():
+    offsets = [t.values["offset"] for t in lrmate().dataset.targets[:4]]
+    assert offsets == pytest.approx([0.1143, 0.1143, -0.3357, 0.2643], abs=1e-12)
+
+
+def test_time_goes_on_and_the_arm_warms_up():
+    m = lrmate().dataset.measurements
+    assert np.all(np.diff(m.time) > 0)
+    assert m.temperature[-10:].mean() > m.temperature[:10].mean() + 1
+    later = (m.role == "validate") & (m.target < 4)
+    assert m.time[later].min() > m.time[~later].max() + 1000
+
+
+def test_repeats_come_one_after_the_other_and_scatter_by_the_noise():
+    s = lrmate()
+    m = s.dataset.measurements
+    for group in set(m.repeat) - {""}:
+        rows = np.flatnonzero(m.repeat == group)
+        assert np.all(np.diff(rows) == 1)
+        assert np.ptp(m.readings[rows], axis=0).max() < 1e-3
+        assert np.ptp(m.readings[rows], axis=0).max() > 0
+
+
+def test_poses_and_directions_vary():
+    d = lrmate(contacts=200).dataset
+    m, scene = d.measurements, Scene(d)
+    fitted = m.role == "calibrate"
+    positive = np.mean(m.velocity[fitted] > 0, axis=0)
+    assert np.all((positive > 0.08) & (positive < 0.92))
+    flange = Arm(d.robot, d.tools[0].centre).frames(m.readings)[:, -1, :3, 2]
+    for k, target in enumerate(d.targets[:4]):
+        at = fitted & (m.target == k)
+        lean = np.degrees(np.arccos(-flange[at] @ target.values["normal"]))
+        assert lean.max() < 63
+        assert np.ptp(lean) > 30
+        spread = np.ptp(scene.points[at], axis=0)
+        assert np.all(np.sort(spread)[1:] > 0.15)
+
+
+def test_velocities_close_the_contacts_at_the_probing_speed():
+    d = lrmate().dataset
+    m, scene = d.measurements, Scene(d)
+    q = link_angles(d.robot, m.readings)
+    still = np.zeros((len(q), d.robot.n + 2, 6))
+    v = np.empty((len(q), 3))
+    for axis in range(3):
+        u = np.tile(np.eye(3)[axis], (len(q), 1))
+        by = wrenches(scene.chain, q, scene.tools, still, u)[:, 1:-1, 0] @ d.robot.link_from_reading
+        v[:, axis] = np.sum(by * m.velocity, axis=1)
+    assert np.allclose(np.linalg.norm(v, axis=1), 5e-3, rtol=0.05)
+    for k in range(4):
+        inward = -v[m.target == k] @ d.targets[k].values["normal"] / 5e-3
+        assert inward.min() > np.cos(np.radians(28))
+
+
+def test_the_payload_hangs_on_half_of_the_plane_contacts():
+    m = lrmate(payload=2.0).dataset.measurements
+    assert set(m.payload) == {0.0, 2.0}
+    assert 0.3 < np.mean(m.payload[m.target < 4] > 0) < 0.7
+    assert np.all(m.payload[m.target >= 4] == 0)
+    for group in set(m.repeat) - {""}:
+        assert len(set(m.payload[m.repeat == group])) == 1
+    assert lrmate().dataset.measurements.payload is None
+
+
+def test_one_seed_one_session_to_the_byte(tmp_path):
+    options = Options(**LITTLE, seed=3)
+    for name in "ab":
+        write(simulate(options), tmp_path / name)
+    files = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert files == ["dataset.yaml", "measurements.csv", "truth.json"]
+    assert all((tmp_path / "a" / f).read_bytes() == (tmp_path / "b" / f).read_bytes() for f in files)
+
+
+def test_the_folder_reads_back(tmp_path):
+    s = lrmate(outliers=0.05, payload=1.0)
+    write(s, tmp_path / "out")
+    back = read_dataset(tmp_path / "out")
+    assert np.allclose(back.measurements.readings, s.dataset.measurements.readings, atol=1e-12, rtol=0)
+    assert np.array_equal(back.measurements.payload, s.dataset.measurements.payload)
+    assert [c.targets for c in back.certificates] == [c.targets for c in s.dataset.certificates]
+    said = [[c.distance for c in d.certificates if c.kind == "distance"] for d in (back, s.dataset)]
+    assert said[0] == pytest.approx(said[1], abs=1e-12)
+    assert json.loads((tmp_path / "out" / "truth.json").read_text())["schema"] == "bayescal-truth/1"
+    assert not [p for p in tmp_path.iterdir() if p.name != "out"]
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_can_be_simulated(name, tmp_path):
+    chosen = tuple(dict.fromkeys(("geometry", "compliance", name)))
+    robot = robot_file(tmp_path, "standard") if name == "gear-mesh" else Options().robot
+    s = simulate(Options(effects=chosen, robot=robot, payload=1.0, **{**LITTLE, "placements": 0}))
+    assert {p["effect"] for p in s.truth["parameters"]} >= {name, "tool"}
+    assert np.abs(s.world.residuals(s.exact) - s.shift).max() < 2e-12
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"effects": ("geometri",)}, "--effects: no effect is called 'geometri'"),
+        ({"effects": ("compliance",), "robot": "seven"}, "--effects: compliance cannot be judged"),
+        ({"effects": ("gear-mesh",)}, "--effects: gear-mesh cannot be judged: no reductions"),
+        ({"robot": "small"}, "small: four faces of a 228.6 mm cube are out of its reach"),
+        ({"robot": "nobody"}, "no robot is called"),
+        ({"noise": -1e-6}, "--noise-um: "),
+        ({"outliers": 0.7}, "--outliers: "),
+        ({"contacts": 5}, "--contacts: "),
+        ({"repeats": 200}, "--repeats: "),
+        ({"sphere_contacts": 3}, "--sphere-contacts: "),
+        ({"error_scale": 60.0}, "smaller --error-scale"),
+        ({"error_scale": float("nan")}, "--error-scale: "),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(options, words, tmp_path):
+    if options.get("robot") in ("seven", "small"):
+        options = {**options, "robot": robot_file(tmp_path, options["robot"])}
+    with pytest.raises(BayescalError) as caught:
+        simulate(replace(Options(**LITTLE), **options))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_command_replaces_only_what_it_has_written(tmp_path):
+    out = tmp_path / "made"
+    short = ["--contacts", "20", "--repeats", "0", "--later", "4", "--placements", "0"]
+    run = CliRunner().invoke
+    first = run(app, ["simulate", "--out", str(out), *short])
+    assert first.exit_code == 0, first.output
+    assert "cube.+y: 5 contacts to calibrate, 1 to validate" in first.output
+    before = (out / "measurements.csv").read_bytes()
+    assert run(app, ["simulate", "--out", str(out), *short, "--seed", "1"]).exit_code == 0
+    assert (out / "measurements.csv").read_bytes() != before
+    assert read_dataset(out).name == "made"
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "notes.txt").write_text("mine")
+    refused = run(app, ["simulate", "--out", str(other), *short])
+    assert isinstance(refused.exception, BayescalError)
+    assert [p.name for p in other.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize("options", [{"later": 0}, {"spheres": 0}, {"spheres": 1}, {"repeats": 15}])
+def test_parts_may_be_left_out(options, tmp_path):
+    s = lrmate(**options)
+    write(s, tmp_path / "out")
+    assert len(read_dataset(tmp_path / "out").measurements.ids) == len(s.shift)
+    assert summary(s).startswith("simulated: fanuc-lrmate200ic, geometry, compliance\n  cube.+y: ")
