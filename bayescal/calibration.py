@@ -36,7 +36,7 @@ WILD_SCALE = 100.0  # times the stated noise: no calibration any more
 
 
 @dataclass(frozen=True)
-class Rung:
+class ModelLevel:
     """One model of the ladder: its estimate and what it says of the held-out rows."""
 
     effects: tuple[str, ...]
@@ -52,7 +52,7 @@ class Fit:
     dataset: Dataset
     seed: int
     prior_width: float
-    ladder: tuple[Rung, ...]  # nominal first, the fitted model last
+    ladder: tuple[ModelLevel, ...]  # nominal first, the fitted model last
     draws: Draws
     identifiability: Identifiability
     faces: tuple[FaceCheck, ...]
@@ -61,7 +61,7 @@ class Fit:
     warnings: tuple[str, ...]
 
     @property
-    def final(self) -> Rung:
+    def final(self) -> ModelLevel:
         """The model that was asked for."""
         return self.ladder[-1]
 
@@ -104,7 +104,7 @@ def fit(
     check_asked(effects, prior_width)
     scene = Scene(dataset, oriented=True)
     steps = _steps(effects)
-    ladder: list[Rung] = []
+    ladder: list[ModelLevel] = []
     faces: tuple[FaceCheck, ...] = ()
     for k, step in enumerate(steps):
         progress("estimate", k / len(steps))
@@ -128,7 +128,7 @@ def fit(
                 draws = sample(found, samples, seed, lambda fraction: progress("sample", fraction))
         z, kappa = _spread(draws)
         checked = validate(found, z, kappa, left.excess, seed)
-        ladder.append(Rung(found.model.effects or NOMINAL, found, left, checked))
+        ladder.append(ModelLevel(found.model.effects or NOMINAL, found, left, checked))
     progress("done", 1.0)
     known, seen = identifiability(found), directions(found.model)
     expected = forecast(found, z, checked, left.excess, seed)
@@ -154,7 +154,7 @@ def _spread(draws: Draws) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _warnings(
-    rung: Rung, known: Identifiability, faces: tuple[FaceCheck, ...], prior_width: float
+    rung: ModelLevel, known: Identifiability, faces: tuple[FaceCheck, ...], prior_width: float
 ) -> tuple[str, ...]:
     """What a reader must know before believing a number, in words."""
     found, left = rung.estimate, rung.unexplained

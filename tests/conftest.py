@@ -255,17 +255,18 @@ def lrmate() -> Robot:
     return load_robot("fanuc-lrmate200ic")[0]
 
 
-def written_out(model, tie, z: np.ndarray) -> np.ndarray:
-    """A tie's residuals at z: of its targets' states, less what its paper is said to be wrong by."""
-    states = [model.block_of[name].state(z[model.slices[name]]) for name in tie.targets]
-    r, _ = tie.function(*states)
+def written_out(model, constraint, z: np.ndarray) -> np.ndarray:
+    """A constraint's residuals at z: of its targets' states, less what its paper is said to be wrong by."""
+    states = [model.block_of[name].state(z[model.slices[name]]) for name in constraint.targets]
+    r, _ = constraint.function(*states)
     values = dict(zip(model.names, model.physical(z), strict=True))
-    papers = model.scene.circumstances(model.scene.rows("calibrate")).papers
+    certified_values = model.scene.circumstances(model.scene.rows("calibrate")).certified_values
     entries = model.scene.dataset.certificates
     mine = [
         p
-        for p in papers
-        if (entries[p.certificate].kind, entries[p.certificate].targets) == (tie.kind, tie.targets)
+        for p in certified_values
+        if (entries[p.certificate].kind, entries[p.certificate].targets)
+        == (constraint.kind, constraint.targets)
     ]
     return r - np.array([values.get(f"artefact {p.name}", 0.0) / p.u for p in mine])
 

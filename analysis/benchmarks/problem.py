@@ -73,7 +73,9 @@ class Problem:
                 parallel.append([*faces, entry.distance, entry.u_distance, entry.u_angle])
             elif len(faces) == 2 and entry.kind == "perpendicular":
                 perpendicular.append([*faces, entry.u_angle])
-        assert len(parallel) + len(perpendicular) == len(model.ties), "a certificate that no peer knows"
+        assert len(parallel) + len(perpendicular) == len(model.constraints), (
+            "a certificate that no peer knows"
+        )
         return Walls(
             first=np.concatenate([[0], np.cumsum(counts)]),
             normal=np.stack([p.normal for p in planes]),

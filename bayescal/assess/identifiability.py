@@ -45,9 +45,9 @@ def identifiability(fitted: Estimate) -> Identifiability:
     arm = np.array([k for k, p in enumerate(model.parameters) if p.effect != FORM], int)
     j = fitted.linear.jacobian
     own, other = j[:, arm], np.delete(j, arm, axis=1)
-    taken = other.T @ own
+    shared = other.T @ own
     prior = other.T @ other + np.eye(other.shape[1])
-    information = own.T @ own - taken.T @ np.linalg.solve(prior, taken)
+    information = own.T @ own - shared.T @ np.linalg.solve(prior, shared)
     eigenvalues, vectors = np.linalg.eigh(information)
     singular = np.sqrt(np.maximum(eigenvalues, 0.0))
     names = [model.parameters[k].name for k in arm]

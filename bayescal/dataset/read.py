@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bayescal.dataset import plausible, session, turns
+from bayescal.dataset import session
+from bayescal.dataset.checks import orientation_check, plausibility
 from bayescal.dataset.rows import measurements_of
 from bayescal.dataset.schema import SCHEMA, DatasetFile
 from bayescal.dataset.table import read_table
@@ -53,8 +54,8 @@ def read_dataset(folder: Path | str, judge: bool = True) -> Dataset:
         sha256=_digest(document.content, table.content, robot_content),
     )
     if judge:
-        plausible.check(dataset, table, document)
-        turns.check(dataset, table)
+        plausibility.check(dataset, table, document)
+        orientation_check.check(dataset, table)
     return dataset
 
 

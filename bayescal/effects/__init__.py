@@ -30,10 +30,10 @@ from bayescal.effects.thermal_drift import THERMAL_DRIFT
 from bayescal.effects.tool import TOOL
 from bayescal.effects.vocabulary import (
     UNITS,
+    CertifiedValue,
     Circumstances,
     Effect,
     Face,
-    Paper,
     Parameter,
     Scan,
     Session,
@@ -82,10 +82,10 @@ __all__ = [
     "MODELS",
     "PART_OF",
     "UNITS",
+    "CertifiedValue",
     "Circumstances",
     "Effect",
     "Face",
-    "Paper",
     "Parameter",
     "Scan",
     "Session",

@@ -17,15 +17,15 @@ TIMES = {"rad": 10.0, "m": 3.0}  # the stated uncertainty
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     out = []
-    for paper in c.papers:
-        term = Term(CERTIFICATE, str(paper.certificate), paper.rows)
-        name, sd = f"artefact {paper.name}", TIMES[paper.unit] * paper.u
-        out.append(Parameter(name, paper.unit, (term,), sd, site="artefact", driver="certificate"))
+    for value in c.certified_values:
+        term = Term(CERTIFICATE, str(value.certificate), value.rows)
+        name, sd = f"artefact {value.name}", TIMES[value.unit] * value.u
+        out.append(Parameter(name, value.unit, (term,), sd, site="artefact", driver="certificate"))
     return out
 
 
 def _missing(c: Circumstances) -> str:
-    return "" if c.papers else "no certificate ties fitted targets"
+    return "" if c.certified_values else "no certificate ties fitted targets"
 
 
 ARTEFACT = Effect("artefact", "a certificate whose values are wrong", _parameters, _missing)

@@ -36,7 +36,7 @@ class Face:
 
 
 @dataclass(frozen=True)
-class Paper:
+class CertifiedValue:
     """One value that a certificate between fitted targets states, with standard uncertainty u."""
 
     name: str
@@ -90,7 +90,7 @@ class Circumstances:
     temperature: np.ndarray | None = None  # (N,) degC, of the arm or the air; None if of the artefact
     faces: tuple[Face, ...] = ()
     compliance: np.ndarray | None = None  # (n,) rad/(N m), where a fit has found them
-    papers: tuple[Paper, ...] = ()
+    certified_values: tuple[CertifiedValue, ...] = ()
     sessions: tuple[Session, ...] = ()  # where several are fitted together
     turned_tools: tuple[int, ...] = ()  # those whose orientation fitted rows read
     tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation

@@ -7,7 +7,7 @@ from bayescal.estimate.estimate import Estimate, calibrated, estimate, settled, 
 from bayescal.estimate.linear import Linear, leverages, linearise
 from bayescal.estimate.noise import STATED_WORTH
 from bayescal.estimate.outliers import TAIL
-from bayescal.estimate.solver import add_block, add_ties, solve
+from bayescal.estimate.solver import add_block, add_constraints, solve
 from bayescal.estimate.weights import Weights, unit_weights
 
 __all__ = [
@@ -17,7 +17,7 @@ __all__ = [
     "Linear",
     "Weights",
     "add_block",
-    "add_ties",
+    "add_constraints",
     "calibrated",
     "check_converged",
     "check_length",

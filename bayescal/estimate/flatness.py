@@ -42,8 +42,8 @@ def check_faces(fitted: Estimate) -> tuple[FaceCheck, ...]:
         whiten = fitted.weights.whitening(block)
         columns = np.stack([values[block.rows] for _, _, values in shapes(face)], axis=1) * whiten[:, None]
         jacobian = fitted.linear.jacobian[at]
-        taken = jacobian.T @ columns
-        information = columns.T @ columns - taken.T @ fitted.covariance @ taken
+        shared = jacobian.T @ columns
+        information = columns.T @ columns - shared.T @ fitted.covariance @ shared
         score = columns.T @ fitted.linear.residual[at]
         size, dof = len(score), fitted.dof[block.group]
         ridge = information + 1e-6 * np.trace(information) / size * np.eye(size)

@@ -14,7 +14,7 @@ import numpy as np
 
 from bayescal.arm.motion import Motion, Term
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, add_ties, linearise
+from bayescal.estimate import Estimate, add_constraints, linearise
 from bayescal.model import ARM, Block, Model
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def with_latent_readings(fitted: Estimate) -> Estimate:
                 graph.variable(name, n)
                 start[name] = np.zeros(n)
             _add_contact(graph, model, block, int(k), name, scale, joint * scale)
-    add_ties(graph, model, variables)
+    add_constraints(graph, model, variables)
     found, iterations = graph.solve(start)
     z = np.concatenate([found[name] for name in variables])
     covariance = graph.covariance(variables)

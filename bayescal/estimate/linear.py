@@ -14,7 +14,7 @@ from bayescal.model.model import Model
 
 @dataclass(frozen=True)
 class Linear:
-    """The problem linearised at z, whitened, without the prior: contacts block after block, then ties."""
+    """The problem linearised at z, whitened, without the prior: contacts by block, then constraints."""
 
     residual: np.ndarray  # (R,)
     jacobian: np.ndarray  # (R, D)
@@ -23,7 +23,7 @@ class Linear:
 
 def linearise(model: Model, z: np.ndarray, weights: Weights) -> Linear:
     """Whitened residuals and Jacobian at z, in NumPy arrays."""
-    count = sum(b.residuals for b in model.blocks) + sum(t.rows for t in model.ties)
+    count = sum(b.residuals for b in model.blocks) + sum(t.rows for t in model.constraints)
     residual, jacobian, of_block, at = np.empty(count), np.zeros((count, model.size)), {}, 0
     arm = model.slices[ARM]
     values = model.deviations(z[arm])
@@ -36,9 +36,11 @@ def linearise(model: Model, z: np.ndarray, weights: Weights) -> Linear:
         jacobian[mine, own] = by_target * whiten[:, None]
         of_block[block.name] = mine
         at = mine.stop
-    for tie in model.ties:
-        mine = slice(at, at + tie.rows)
-        residual[mine], by = model.tied(tie, {name: z[model.slices[name]] for name in tie.variables})
+    for constraint in model.constraints:
+        mine = slice(at, at + constraint.rows)
+        residual[mine], by = model.linearised(
+            constraint, {name: z[model.slices[name]] for name in constraint.variables}
+        )
         for name, slope in by.items():
             jacobian[mine, model.slices[name]] = slope
         at = mine.stop

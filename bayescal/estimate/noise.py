@@ -27,12 +27,12 @@ def rescaled_weights(
     model: Model, weights: Weights, linear: Linear, covariance: np.ndarray
 ) -> tuple[Weights, dict[str, float]]:
     """Noise scales that agree with the residuals, and the degrees of freedom they stand on."""
-    taken = leverages(linear, covariance)
+    effective_dof = leverages(linear, covariance)
     scale, dof = {}, {}
     for group, blocks in by_group(model).items():
         at = [linear.of_block[b.name] for b in blocks]
         chi2 = sum(float(np.sum(linear.residual[s] ** 2)) for s in at) * weights.scale[group] ** 2
         count = sum(float(np.sum(weights.row[b.name])) * b.kind.rows for b in blocks)
-        dof[group] = max(count - sum(float(np.sum(taken[s])) for s in at), 0.0)
+        dof[group] = max(count - sum(float(np.sum(effective_dof[s])) for s in at), 0.0)
         scale[group] = float(np.sqrt((STATED_WORTH + chi2) / (STATED_WORTH + dof[group])))
     return replace(weights, scale=scale), dof

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayescal.estimate.weights import Weights
-from bayescal.model.block import ARM, Block, Tie
+from bayescal.model.block import ARM, Block, Constraint
 from bayescal.model.model import Model
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def solve(
     variables = [name for name, own in slices.items() if own.stop > own.start]
     for block in model.blocks:
         add_block(graph, model, block, weights.whitening(block))
-    add_ties(graph, model, variables)
+    add_constraints(graph, model, variables)
     found, iterations = graph.solve({name: start[slices[name]] for name in variables})
     z = np.zeros(model.size)
     for name, value in found.items():
@@ -67,19 +67,19 @@ def add_block(graph: Graph, model: Model, block: Block, whiten: np.ndarray) -> N
     graph.factor(names, block.residuals, function)
 
 
-def add_ties(graph: Graph, model: Model, variables: list[str]) -> None:
+def add_constraints(graph: Graph, model: Model, variables: list[str]) -> None:
     """Add the certificates that join at least one variable of the graph."""
-    for tie in model.ties:
-        free = [name for name in tie.variables if name in variables]
+    for constraint in model.constraints:
+        free = [name for name in constraint.variables if name in variables]
         if free:
-            graph.factor(free, tie.rows, _tie_function(model, tie, free))
+            graph.factor(free, constraint.rows, _constraint_function(model, constraint, free))
 
 
-def _tie_function(model: Model, tie: Tie, free: list[str]) -> Function:
-    known = dict.fromkeys(tie.targets, np.zeros(0))  # but for those that are free
+def _constraint_function(model: Model, constraint: Constraint, free: list[str]) -> Function:
+    known = dict.fromkeys(constraint.targets, np.zeros(0))  # but for those that are free
 
     def function(*parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        r, by = model.tied(tie, known | dict(zip(free, parts, strict=True)))
+        r, by = model.linearised(constraint, known | dict(zip(free, parts, strict=True)))
         return r, [by[name] for name in free]
 
     return function

@@ -14,7 +14,15 @@ from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.gap.design.advise import advise
 from bayescal.gap.design.blind_spots import blind_spots, unseen
 from bayescal.gap.linear.masses import masses
-from bayescal.gap.linear.problem import Problem, Slopes, State, again, fit_state, of_paper, without_nuisance
+from bayescal.gap.linear.problem import (
+    Problem,
+    Slopes,
+    State,
+    again,
+    fit_state,
+    of_certificate,
+    without_nuisance,
+)
 from bayescal.gap.outcome.levels import ladder
 from bayescal.gap.outcome.magnitude import magnitude, noise_floor
 from bayescal.gap.outcome.margins import margins
@@ -31,7 +39,7 @@ from bayescal.gap.search.screen import screened
 from bayescal.gap.search.unknown import Pool
 from bayescal.gap.search.verdict import Decision, decide
 from bayescal.model import ORIENTATION, check_asked, with_parameters
-from bayescal.model.length_blocks import lengths, main_group
+from bayescal.model.length_blocks import length_blocks, main_group
 from bayescal.model.parts import Part, parts_of
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import HeldOut, held_out
@@ -106,7 +114,8 @@ def _weighed(
         main = main_group(fitted.model)
         scale[ORIENTATION] = scale[main] * _looseness(noise)
     slopes = Slopes.of(
-        replace(fitted, weights=replace(fitted.weights, scale=scale)), [p for p in known.pool if of_paper(p)]
+        replace(fitted, weights=replace(fitted.weights, scale=scale)),
+        [p for p in known.pool if of_certificate(p)],
     )
     p = slopes.problem(fitted.z, known.pool, nuisance)
     if any(wide(effect, c) for effect in EFFECTS.values()):
@@ -277,7 +286,7 @@ def _excess(null: State, chosen: State, noise: float) -> float:
     p = null.problem
     keep = chosen.weight[: p.lengths] > 0
     square, left = (float(np.mean((s.residual[: p.lengths] * p.sigma)[keep] ** 2)) for s in (null, chosen))
-    own = noise**2 * (1.0 - null.taken / max(float(np.sum(chosen.weight[: p.count] > 0)), 1.0))
+    own = noise**2 * (1.0 - null.effective_dof / max(float(np.sum(chosen.weight[: p.count] > 0)), 1.0))
     return max(square - min(own, left), 0.0)
 
 
@@ -357,7 +366,7 @@ def _rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:
 def _residuals(before: Estimate, after: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of the session, and lengths left before and after at each, m."""
     rows, old, new = [], [], []
-    for a, b in zip(lengths(before.model), lengths(after.model), strict=True):
+    for a, b in zip(length_blocks(before.model), length_blocks(after.model), strict=True):
         rows.append(np.tile(a.rows, a.kind.rows))
         old.append(before.residuals(a).ravel())
         new.append(after.residuals(b).ravel())

@@ -119,7 +119,7 @@ def missing(model: Model) -> str:
     thin = [block.target for block in faces.blocks if len(block.rows) < 3]
     if thin:
         return f"{', '.join(thin)}: fewer than three contacts span no plane"
-    if not any(tie.kind == "parallel" for tie in faces.ties):
+    if not any(constraint.kind == "parallel" for constraint in faces.constraints):
         return "no distance between parallel faces is certified: normals do not tell lengths"
     return ""
 

@@ -15,7 +15,8 @@ from bayescal.effects import parameters_of
 from bayescal.methods.method import Method, Solution, where_it_stands
 from bayescal.methods.solving import levenberg
 from bayescal.methods.system import System, part
-from bayescal.model import KNOWN_PLACE, Block, Model, build, with_parameters
+from bayescal.model import Block, Model, build, with_parameters
+from bayescal.model.model import KNOWN_PLACE
 from bayescal.model.scene import Scene
 from factors.plane import Plane
 
@@ -44,7 +45,7 @@ def missing(model: Model) -> str:
     if len(names) < FEWEST:
         return f"{len(names) or 'no'} planes are probed, {FEWEST} or more are needed"
     stated = {t.name for t in model.scene.dataset.targets if t.u is not None and t.u <= KNOWN_PLACE}
-    if names <= stated or bound([tie.targets for tie in faces.ties], names):
+    if names <= stated or bound([constraint.targets for constraint in faces.constraints], names):
         return ""
     return "where the planes lie to one another is not stated (u_mm, or certificates that join them)"
 

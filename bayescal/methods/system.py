@@ -82,8 +82,8 @@ class System:
         model, out = self.model, []
         parts = {name: x[own] for name, own in model.slices.items()}
         parts[ARM] = (x[: self.arm] - model.shift) / model.sd
-        for tie in model.ties:
-            r, by = model.tied(tie, parts)
+        for constraint in model.constraints:
+            r, by = model.linearised(constraint, parts)
             slope = np.zeros((len(r), self.size))
             for name, columns in by.items():
                 slope[:, model.slices[name]] = columns / model.sd if name == ARM else columns
@@ -98,4 +98,6 @@ def part(model: Model, wanted: Callable[[Block], bool]) -> Model:
     """A model with some of its blocks only, and the certificates between those."""
     blocks = tuple(block for block in model.blocks if wanted(block))
     names = {block.target for block in blocks}
-    return replace(model, blocks=blocks, ties=tuple(t for t in model.ties if names.issuperset(t.targets)))
+    return replace(
+        model, blocks=blocks, constraints=tuple(t for t in model.constraints if names.issuperset(t.targets))
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bayescal.model.block import ARM, Block, Tie, Turned
+from bayescal.model.block import ARM, Block, Constraint, Turned
 from bayescal.model.model import ORIENTATION, Model, build, check_asked, with_parameters
 from bayescal.model.scene import Scene
 
@@ -10,9 +10,9 @@ __all__ = [
     "ARM",
     "ORIENTATION",
     "Block",
+    "Constraint",
     "Model",
     "Scene",
-    "Tie",
     "Turned",
     "build",
     "check_asked",

@@ -1,4 +1,4 @@
-"""Blocks and ties: the rows of one target, and what a certificate states, as residuals of arm and targets."""
+"""Blocks, the rows of one target, and constraints, what a certificate states, as residuals."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ class Turned(Block):
 
 
 @dataclass(frozen=True)
-class Tie:
+class Constraint:
     """A certificate between fitted targets: whitened residuals of their states.
 
     `shift` (P', rows) is by how many of its stated uncertainties `u` (rows,) a unit of each of the

@@ -16,7 +16,7 @@ from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Motion, Term
 from bayescal.dataset import Certificate as CertificateEntry
 from bayescal.effects import PART_OF, UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
-from bayescal.model.block import ARM, Block, Tie, Turned
+from bayescal.model.block import ARM, Block, Constraint, Turned
 from bayescal.model.orientations import sigma
 from bayescal.model.parts import Part, kept
 from bayescal.model.scene import Scene, u_of
@@ -48,7 +48,7 @@ class Model:
     effects: tuple[str, ...]
     parameters: tuple[Parameter, ...]
     blocks: tuple[Block, ...]
-    ties: tuple[Tie, ...]
+    constraints: tuple[Constraint, ...]
 
     @cached_property
     def slices(self) -> Mapping[str, slice]:
@@ -119,24 +119,26 @@ class Model:
         """Whether anything but the priors says how long the arm is."""
         stated = {t.name for t in self.scene.dataset.targets if t.u is not None and t.u <= KNOWN_PLACE}
         return (
-            any(t.kind in LENGTHS and self._looseness(t) <= KNOWN_PLACE for t in self.ties)
+            any(t.kind in LENGTHS and self._looseness(t) <= KNOWN_PLACE for t in self.constraints)
             or any(isinstance(b.kind, Instrument | Distance) for b in self.blocks)
             or sum(b.target in stated for b in self.blocks) > 1
         )
 
-    def _looseness(self, tie: Tie) -> float:
-        """Standard uncertainty, m, that parameters add to the length, its last value, that a tie states."""
-        return float(tie.u[-1] * np.linalg.norm(tie.shift[:, -1] * self.sd[tie.index]))
+    def _looseness(self, constraint: Constraint) -> float:
+        """Standard uncertainty, m, that parameters add to the length (last value) of a constraint."""
+        return float(constraint.u[-1] * np.linalg.norm(constraint.shift[:, -1] * self.sd[constraint.index]))
 
-    def tied(self, tie: Tie, parts: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """A tie's residuals (rows,) and gradients (rows, size) by each of its variables' parts of z."""
-        blocks = [self.block_of[name] for name in tie.targets]
-        values = self.deviations(parts[ARM]) if ARM in tie.variables else np.zeros(0)
-        r, slopes = tie.linearise(values, *(b.state(parts[b.target]) for b in blocks))
+    def linearised(
+        self, constraint: Constraint, parts: Mapping[str, np.ndarray]
+    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Residuals (rows,) of a constraint, and gradients (rows, size) by each variable of z."""
+        blocks = [self.block_of[name] for name in constraint.targets]
+        values = self.deviations(parts[ARM]) if ARM in constraint.variables else np.zeros(0)
+        r, slopes = constraint.linearise(values, *(b.state(parts[b.target]) for b in blocks))
         by = {b.target: b.by_z(s) for b, s in zip(blocks, slopes, strict=True)}
-        if ARM in tie.variables:
-            by[ARM] = np.zeros((tie.rows, len(self.parameters)))
-            by[ARM][:, tie.index] = -(tie.shift.T * self.sd[tie.index])
+        if ARM in constraint.variables:
+            by[ARM] = np.zeros((constraint.rows, len(self.parameters)))
+            by[ARM][:, constraint.index] = -(constraint.shift.T * self.sd[constraint.index])
         return r, by
 
     def driven(self, frame: int, axis: str, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -266,11 +268,15 @@ def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Pa
     of_turns = [(int(t), scene.rows_of(int(t), rows[scene.posed[rows]])) for t in present]
     blocks += tuple(bare.turned(t, own) for t, own in of_turns if len(own))
     numbered = enumerate(scene.dataset.certificates)
-    ties = tuple(tie for k, entry in numbered if (tie := _tie(bare, k, entry, kinds)) is not None)
-    return Model(scene, effects, parameters, blocks, ties)
+    constraints = tuple(
+        constraint for k, entry in numbered if (constraint := _constraint(bare, k, entry, kinds)) is not None
+    )
+    return Model(scene, effects, parameters, blocks, constraints)
 
 
-def _tie(model: Model, number: int, entry: CertificateEntry, kinds: Mapping[str, Kind]) -> Tie | None:
+def _constraint(
+    model: Model, number: int, entry: CertificateEntry, kinds: Mapping[str, Kind]
+) -> Constraint | None:
     """A certificate as a factor, or None where one of its targets is not fitted."""
     if any(name not in kinds for name in entry.targets):
         return None
@@ -280,7 +286,7 @@ def _tie(model: Model, number: int, entry: CertificateEntry, kinds: Mapping[str,
     function = _function(model.scene, entry, [kinds[name] for name in entry.targets])
     u = u_of(entry, stated)
     index, drivers = model.driven(CERTIFICATE, str(number), len(u))
-    return Tie(entry.kind, entry.targets, function, u, index, drivers / u)
+    return Constraint(entry.kind, entry.targets, function, u, index, drivers / u)
 
 
 def _function(scene: Scene, entry: CertificateEntry, of: Sequence[Kind]) -> certificate.Certificate:

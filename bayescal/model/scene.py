@@ -14,7 +14,7 @@ from bayescal.arm.statics import gravity_moments
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Target
 from bayescal.dataset.joins import forms_of
-from bayescal.effects import Circumstances, Face, Paper, Session
+from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
 from bayescal.model import orientations
 from factors.certificate import RELATIONS, ordered
@@ -174,7 +174,7 @@ class Scene:
             time=m.time,
             temperature=None if d.temperature_of == "artefact" else m.temperature,
             faces=self._faces(fitted),
-            papers=self._papers({t.name for t in targets}),
+            certified_values=self._certified_values({t.name for t in targets}),
             sessions=self._sessions(targets),
             turned_tools=turned,
             tool_u_angle=tuple(tool.u_angle for tool in d.tools),
@@ -237,15 +237,15 @@ class Scene:
         relations = RELATIONS[entry.kind][ordered(self.forms(entry))]
         return tuple(words for r in relations for words in STATED[entry.kind][r])
 
-    def _papers(self, fitted: set[str]) -> tuple[Paper, ...]:
+    def _certified_values(self, fitted: set[str]) -> tuple[CertifiedValue, ...]:
         """All values stated of the targets of these names."""
-        out: list[Paper] = []
+        out: list[CertifiedValue] = []
         for number, entry in enumerate(self.dataset.certificates):
             if not fitted.issuperset(entry.targets):
                 continue
             stated = self.stated(entry)
             for (what, unit), u, rows in zip(stated, u_of(entry, stated), np.eye(len(stated)), strict=True):
-                out.append(Paper(f"{' '.join(entry.targets)} {what}", unit, float(u), number, rows))
+                out.append(CertifiedValue(f"{' '.join(entry.targets)} {what}", unit, float(u), number, rows))
         return tuple(out)
 
     def _sessions(self, fitted: Sequence[Target]) -> tuple[Session, ...]:

@@ -63,8 +63,8 @@ class Density:
             r = r * inverse
             contacts += np.einsum("wkc,wkc->w", r, r)
         rest = np.einsum("wd,wd->w", z, z)
-        for tie in model.ties:
-            r, _ = tie.linearise(values, *(states[name] for name in tie.targets))
+        for constraint in model.constraints:
+            r, _ = constraint.linearise(values, *(states[name] for name in constraint.targets))
             rest += np.einsum("wk,wk->w", r, r)
         return contacts, rest
 

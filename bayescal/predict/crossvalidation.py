@@ -16,7 +16,7 @@ from scipy.stats import t as student
 
 from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.model import ARM, Block
-from bayescal.model.length_blocks import lengths
+from bayescal.model.length_blocks import length_blocks
 from bayescal.model.scene import Scene
 from bayescal.predict.located_targets import Distances, Found, against, distances, locate, root
 from factors.sphere import Sphere
@@ -152,7 +152,7 @@ def _against_fit(estimate: Estimate, rows: np.ndarray) -> list[_Part]:
     model, scene = estimate.model, estimate.model.scene
     present = np.unique(scene.dataset.measurements.target[rows])
     own = tuple(model.block(int(t), scene.rows_of(int(t), rows)) for t in present)
-    sub = replace(model, blocks=own, ties=())
+    sub = replace(model, blocks=own, constraints=())
     at = np.concatenate([np.r_[model.slices[name]] for name in sub.slices]).astype(int)
     weights = replace(unit_weights(sub, estimate.z[at]), scale=estimate.weights.scale)
     linear, factor = linearise(sub, estimate.z[at], weights), root(estimate.covariance)[at]
@@ -175,7 +175,7 @@ def left_out(estimate: Estimate) -> list[_Part]:
     full = {name: np.ones_like(row) for name, row in estimate.weights.row.items()}
     linear = linearise(model, estimate.z, replace(estimate.weights, row=full))
     factor, out = root(estimate.covariance), []
-    for b in lengths(model):
+    for b in length_blocks(model):
         mine, k, c = linear.of_block[b.target], b.kind.rows, len(b.rows)
         noise = 1.0 / replace(estimate.weights, row=full).whitening(b)
         by = (linear.jacobian[mine] @ factor).reshape(k, c, -1)

@@ -86,7 +86,7 @@ def root(covariance: np.ndarray) -> np.ndarray:
 
 def noise_of(estimate: Estimate, block: Block) -> np.ndarray:
     """Noise (R,), m, of a block that is not fitted, by its group's scale; as stated where that has none."""
-    sub = replace(estimate.model, blocks=(block,), ties=())
+    sub = replace(estimate.model, blocks=(block,), constraints=())
     z = np.concatenate([estimate.z[estimate.model.slices[ARM]], np.zeros(block.size)])
     scale = {block.group: estimate.weights.scale.get(block.group, 1.0)}
     return 1.0 / replace(unit_weights(sub, z), scale=scale).whitening(block)

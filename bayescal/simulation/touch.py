@@ -69,15 +69,15 @@ def misstated(world: World, dataset: Dataset) -> World:
     arm = world.model(dataset)
     model = with_parameters(Scene(dataset), arm.effects, arm.parameters)
     values = world.deviations(model)
-    wrong = [tie for tie in model.ties if len(tie.index)]
+    wrong = [constraint for constraint in model.constraints if len(constraint.index)]
     faces = [b.target for b in model.blocks if isinstance(b.kind, Plane)]
     true = {t.name: t for t in world.targets}
     z = {name: _state_of(true[name], model.block_of[name]) for name in faces}
     z |= {ARM: -model.shift / model.sd}
-    right = [model.tied(tie, z)[0] for tie in wrong]
+    right = [model.linearised(constraint, z)[0] for constraint in wrong]
     z |= {ARM: (values - model.shift) / model.sd}
     for _ in range(CORRECTIONS if wrong else 0):
-        told = [model.tied(tie, z) for tie in wrong]
+        told = [model.linearised(constraint, z) for constraint in wrong]
         off = np.concatenate([r - before for (r, _), before in zip(told, right, strict=True)])
         by = [[slopes.get(name, np.zeros((len(r), 3))) for name in faces] for r, slopes in told]
         steps = np.linalg.lstsq(np.block(by), off, rcond=None)[0].reshape(-1, 3)

@@ -97,11 +97,15 @@ def fitted(world: World, readings: np.ndarray, stiffness: bool) -> Fitted:
         out += [lever @ sc.across[f, 0], lever @ sc.across[f, 1], -on.astype(float)]
         prior += [0.2, 0.2, 0.05]
     return Fitted(
-        np.stack(out, axis=1), normal, _papers(world, arm_count), np.array(prior), world.session.phase == 0
+        np.stack(out, axis=1),
+        normal,
+        _certificates(world, arm_count),
+        np.array(prior),
+        world.session.phase == 0,
     )
 
 
-def _papers(world: World, before: int) -> np.ndarray:
+def _certificates(world: World, before: int) -> np.ndarray:
     """Return the certificates' rows by tilts and offsets of faces; unknowns of the arm stand before them."""
     sc, rows = world.scene, []
     size = np.zeros(before + 12)

@@ -20,7 +20,7 @@ def whole():
 
 
 def test_mixed_is_its_parts(whole):
-    """Block by block the same residuals and slopes by the arm, and no further ones but ties."""
+    """Block by block the same residuals and slopes by the arm, and no further ones but constraints."""
     model = build(Scene(whole), EFFECTS)
     values = model.deviations(np.full(len(model.parameters), 0.1))
     blocks = 0
@@ -38,7 +38,9 @@ def test_mixed_is_its_parts(whole):
     assert blocks == len(model.blocks)
     z = np.zeros(model.size)
     linear = linearise(model, z, unit_weights(model, z))
-    assert len(linear.residual) == sum(b.residuals for b in model.blocks) + sum(t.rows for t in model.ties)
+    assert len(linear.residual) == sum(b.residuals for b in model.blocks) + sum(
+        t.rows for t in model.constraints
+    )
     assert model.slices[ARM].stop == len(model.parameters)
 
 

@@ -124,8 +124,8 @@ def test_columns_are_slopes(model):
         slope = (block.residual(alone, own + step) - block.residual(alone, own - step)) / 2e-4
         np.testing.assert_allclose(by_target, slope.reshape(block.size, -1).T, atol=1e-9)
         felt = np.maximum(felt, np.max(np.abs(by_arm * scale), axis=0))
-    for tie in model.ties:
-        _, by = model.tied(tie, {name: z[own] for name, own in model.slices.items()})
+    for constraint in model.constraints:
+        _, by = model.linearised(constraint, {name: z[own] for name, own in model.slices.items()})
         felt = np.maximum(felt, np.max(np.abs(by.get(ARM, 0.0)), axis=0))
     assert np.all(felt > 1e-9), "a parameter that moves nothing"
 
@@ -134,23 +134,25 @@ def test_ties_have_their_slopes(model):
     """The Jacobian of every certificate, and that draws are worked on as one by one."""
     rng = np.random.default_rng(0)
     parts = {name: rng.standard_normal(own.stop - own.start) for name, own in model.slices.items()}
-    for tie in model.ties:
-        r, by = model.tied(tie, parts)
-        assert r.shape == (tie.rows,)
-        assert set(by) == set(tie.variables)
+    for constraint in model.constraints:
+        r, by = model.linearised(constraint, parts)
+        assert r.shape == (constraint.rows,)
+        assert set(by) == set(constraint.variables)
         for name, slope in by.items():
             steps = 1e-4 * np.eye(len(parts[name]))
             up, down = (
-                np.array([model.tied(tie, parts | {name: parts[name] + way * s})[0] for s in steps])
+                np.array(
+                    [model.linearised(constraint, parts | {name: parts[name] + way * s})[0] for s in steps]
+                )
                 for way in (1, -1)
             )
             atol = 1e-6 * max(1.0, np.max(np.abs(r)))
             np.testing.assert_allclose(slope, (up - down).T / 2e-4, rtol=1e-5, atol=atol)
         draws = {name: part + 0.1 * rng.standard_normal((4, len(part))) for name, part in parts.items()}
-        states = [model.block_of[name].state(draws[name]) for name in tie.targets]
-        many, _ = tie.linearise(model.deviations(draws[ARM]), *states)
+        states = [model.block_of[name].state(draws[name]) for name in constraint.targets]
+        many, _ = constraint.linearise(model.deviations(draws[ARM]), *states)
         for k in range(4):
-            one, _ = model.tied(tie, {name: part[k] for name, part in draws.items()})
+            one, _ = model.linearised(constraint, {name: part[k] for name, part in draws.items()})
             np.testing.assert_allclose(many[k], one, rtol=1e-12)
 
 

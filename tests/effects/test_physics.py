@@ -461,7 +461,7 @@ def test_a_paper_that_is_wrong_by_so_much_is_one_that_is_right(dataset):
         plain, free = build(Scene(right), ()), build(Scene(wrong), ("artefact",))
         value = np.array([40e-6 if p.name == f"artefact {name}" else 0.0 for p in free.parameters])
         assert np.count_nonzero(value) == 1
-        for honest, loose in zip(plain.ties, free.ties, strict=True):
+        for honest, loose in zip(plain.constraints, free.constraints, strict=True):
             states = [1e-3 * rng.standard_normal(len(plain.block_of[t].kind.sd)) for t in honest.targets]
             expected, _ = honest.linearise(np.zeros(3), *states)
             np.testing.assert_allclose(loose.linearise(value, *states)[0], expected, atol=1e-9)

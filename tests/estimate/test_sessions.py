@@ -38,15 +38,15 @@ def pair_of_one_arm():
 
 
 def whitened(model, weights, z):
-    """Residuals of blocks and ties by themselves, not by `linearise`."""
+    """Residuals of blocks and constraints by themselves, not by `linearise`."""
     at = model.slices
     values = model.deviations(z[at[ARM]])
     parts = []
     for b in model.blocks:
         r = b.residual(values, z[at[b.target]]).ravel()
         parts.append(r / (weights.sigma[b.name] * weights.scale[b.group]))
-    for tie in model.ties:
-        parts.append(tie.function(*(model.block_of[t].state(z[at[t]]) for t in tie.targets))[0])
+    for constraint in model.constraints:
+        parts.append(constraint.function(*(model.block_of[t].state(z[at[t]]) for t in constraint.targets))[0])
     return np.concatenate(parts)
 
 

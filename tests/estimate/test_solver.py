@@ -52,13 +52,15 @@ def test_same_optimum_and_covariance_as_scipy(case, cube, tracker, tie_residuals
     z, covariance, _ = solve(model, weights, np.zeros(model.size))
 
     def residuals(z):
-        """By blocks and ties alone, not by `linearise`, which shares its gradients with the graph."""
+        """By blocks and constraints alone, not by `linearise`, which shares its gradients with the graph."""
         parts = []
         for b in model.blocks:
             r = b.residual(model.deviations(z[model.slices["arm"]]), z[model.slices[b.target]]).ravel()
             row = np.tile(weights.row[b.target], b.kind.rows)
             parts.append(r * np.sqrt(row) / (1.3 * weights.sigma[b.target]))
-        return np.concatenate([*parts, *(tie_residuals(model, tie, z) for tie in model.ties), z])
+        return np.concatenate(
+            [*parts, *(tie_residuals(model, constraint, z) for constraint in model.constraints), z]
+        )
 
     def jacobian(z):
         return np.vstack([linearise(model, z, weights).jacobian, np.eye(model.size)])
@@ -99,7 +101,7 @@ def test_no_length_is_refused(cube):
 def test_a_length_is_enough(cube):
     session = cube(seed=2)
     certified = estimate(build(Scene(session.dataset), BOTH, prior_width=1000.0))
-    assert certified.model.ties
+    assert certified.model.constraints
     narrow = estimate(build(Scene(session.dataset), BOTH))
     told = [k for k, name in enumerate(narrow.model.names[:19]) if name not in ("d2", "d3")]
     physical = certified.model.physical(certified.z)[told] - narrow.model.physical(narrow.z)[told]

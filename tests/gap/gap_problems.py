@@ -11,7 +11,7 @@ from bayescal.effects import Circumstances
 from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.masses import masses
-from bayescal.gap.linear.problem import Problem, Slopes, State, fit_state, of_paper
+from bayescal.gap.linear.problem import Problem, Slopes, State, fit_state, of_certificate
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, candidates
 from bayescal.gap.search.cells import cells
@@ -90,7 +90,7 @@ class Bench:
         scene = fitted.model.scene
         c = scene.circumstances(scene.rows("calibrate"))
         known, generic = candidates(c, BASELINE), cells(c)
-        slopes = Slopes.of(fitted, [p for p in known.pool if of_paper(p)])
+        slopes = Slopes.of(fitted, [p for p in known.pool if of_certificate(p)])
         pool = Pool.of(
             generic,
             slopes.columns([q for cell in generic for own in cell.sets for q in own]),

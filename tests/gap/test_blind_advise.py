@@ -243,16 +243,16 @@ def test_lambda_grows_as_if_the_contacts_had_been_made(what):
         s.hypothesis(("bending", "link 2"), ("backlash", "")),
         s.hypothesis(("encoder-scale", "joint 2")),
     )
-    levers = possibilities(s.fitted, s.known, [*true.members, *rival.members])
-    lever = next(v for v in levers if what in v.what)
-    side = lever.side(true, rival)
+    interventions = possibilities(s.fitted, s.known, [*true.members, *rival.members])
+    intervention = next(v for v in interventions if what in v.what)
+    side = intervention.side(true, rival)
     before = side.strength
-    order, after = advising.choose([side], lever.contact, lever.pose, 12)
-    assert len({int(lever.pose[k]) for k in order}) == 12
+    order, after = advising.choose([side], intervention.contact, intervention.pose, 12)
+    assert len({int(intervention.pose[k]) for k in order}) == 12
     if what == SPHERES:
-        dataset, rows = s.dataset, lever.pose
+        dataset, rows = s.dataset, intervention.pose
     else:
-        dataset, appended = widened(s.scene, np.unique(levers[0].pose))
+        dataset, appended = widened(s.scene, np.unique(interventions[0].pose))
         rows = next(v.rows for v in appended if what in v.what)
     chosen = rows[order]
     role = np.where(
@@ -270,17 +270,21 @@ def test_lambda_grows_as_if_the_contacts_had_been_made(what):
 def test_the_first_contact_is_the_best_of_all():
     s = spheres()
     a, b = s.hypothesis(("bending", "link 2")), s.hypothesis(("encoder-scale", "joint 2"))
-    lever = next(v for v in possibilities(s.fitted, s.known, [*a.members, *b.members]) if "kg" in v.what)
+    intervention = next(
+        v for v in possibilities(s.fitted, s.known, [*a.members, *b.members]) if "kg" in v.what
+    )
     reached = []
-    for k in range(len(lever.pose)):
+    for k in range(len(intervention.pose)):
         ends = []
         for pair in ((a, b), (b, a)):
-            side = lever.side(*pair)
-            for row in np.flatnonzero(lever.contact == k):
+            side = intervention.side(*pair)
+            for row in np.flatnonzero(intervention.contact == k):
                 side.add(int(row))
             ends.append(side.strength)
         reached.append(min(ends))
-    order, after = advising.choose([lever.side(a, b), lever.side(b, a)], lever.contact, lever.pose, 1)
+    order, after = advising.choose(
+        [intervention.side(a, b), intervention.side(b, a)], intervention.contact, intervention.pose, 1
+    )
     assert order == [int(np.argmax(reached))]
     assert after == pytest.approx(max(reached))
 
@@ -334,8 +338,10 @@ def test_points_of_an_instrument_are_judged_too(tracker):
     assert spots
     assert all(b.distance_error >= 0 for b in spots)
     a, b = s.hypothesis(("bending", "link 2")), s.hypothesis(("encoder-scale", "joint 2"))
-    lever = next(v for v in possibilities(s.fitted, s.known, [*a.members, *b.members]) if v.what == AGAIN)
-    side = lever.side(a, b)
-    _, after = advising.choose([side], lever.contact, lever.pose, 10_000)
-    assert after > 1.5 * lever.side(a, b).strength
+    intervention = next(
+        v for v in possibilities(s.fitted, s.known, [*a.members, *b.members]) if v.what == AGAIN
+    )
+    side = intervention.side(a, b)
+    _, after = advising.choose([side], intervention.contact, intervention.pose, 10_000)
+    assert after > 1.5 * intervention.side(a, b).strength
     assert advising.advise(s.fitted, s.known, [(large(a), large(b))])

@@ -15,7 +15,7 @@ from bayescal.estimate import STATED_WORTH, linearise
 from bayescal.gap import evidence
 from bayescal.gap import masses as mass_errors
 from bayescal.gap.linear.evidence import SCALES, log_bayes, project
-from bayescal.gap.linear.problem import Problem, Slopes, fit_state, of_paper, problem, without_nuisance
+from bayescal.gap.linear.problem import Problem, Slopes, fit_state, of_certificate, problem, without_nuisance
 from bayescal.gap.search.candidates import at_setting, candidates
 from bayescal.gap.search.screen import screened
 from bayescal.model import ARM, ORIENTATION, Turned, with_parameters
@@ -57,7 +57,7 @@ def test_columns_are_those_of_a_model_that_has_the_parameters(kinds, session, mi
     assert {p.effect for p in extra} >= (
         {"step", "bending"} if kinds in ("points", "poses") else set(EFFECTS) - set(BASELINE)
     )
-    found = Slopes.of(fitted, [p for p in extra if of_paper(p)])
+    found = Slopes.of(fitted, [p for p in extra if of_certificate(p)])
 
     wide = with_parameters(scene, model.effects, (*model.parameters, *extra))
     own, last = len(model.parameters), len(wide.parameters)
@@ -117,12 +117,12 @@ def test_rows_of_a_contact_stay_together(mixed):
     assert sorted(p.rows.tolist()) == list(range(len(mixed.measurements.ids)))
 
 
-def random_problem(seed=0, rows=60, ties=4, size=7, pool=6, amplitude=0.0):
-    """A problem without a robot: contacts, ties, a model's columns and a pool of unit size."""
+def random_problem(seed=0, rows=60, constraints=4, size=7, pool=6, amplitude=0.0):
+    """A problem without a robot: contacts, constraints, a model's columns and a pool of unit size."""
     rng = np.random.default_rng(seed)
-    jacobian = 3 * rng.standard_normal((rows + ties, size))
-    columns = rng.standard_normal((rows + ties, pool)) + 0.2 * jacobian[:, :1]
-    residual = 1.3 * rng.standard_normal(rows + ties) + jacobian @ rng.standard_normal(size)
+    jacobian = 3 * rng.standard_normal((rows + constraints, size))
+    columns = rng.standard_normal((rows + constraints, pool)) + 0.2 * jacobian[:, :1]
+    residual = 1.3 * rng.standard_normal(rows + constraints) + jacobian @ rng.standard_normal(size)
     residual += amplitude * columns[:, 0]
     z = rng.standard_normal(size)
     return Problem(residual, jacobian, columns, z, np.arange(rows), np.arange(rows), np.full(rows, 1e-6))
@@ -184,7 +184,7 @@ def test_evidence_at_one_noise_is_the_ratio_of_two_normal_densities(state, colum
 
 @pytest.mark.parametrize("amplitude", [0.0, 1.5])
 def test_evidence_over_the_noise_is_its_integral(amplitude):
-    state = fit_state(random_problem(rows=100, ties=0, amplitude=amplitude), (), (), robust=False)
+    state = fit_state(random_problem(rows=100, constraints=0, amplitude=amplitude), (), (), robust=False)
     y, _, _ = covariance_of(state, [0], 1.0)
     (table,) = log_bayes(project(state, state.problem.pool), [np.array([0])])
     worth = STATED_WORTH / state.kappa**2
@@ -221,7 +221,7 @@ def test_state_is_the_linear_fit_of_the_rows_that_it_kept():
     np.testing.assert_allclose(found.covariance, np.linalg.inv(design.T @ design), atol=1e-9)
     contacts = design[: p.count][found.weight[: p.count] > 0]
     taken = np.trace(contacts @ found.covariance @ contacts.T)
-    assert found.taken == pytest.approx(taken, abs=1e-6)
+    assert found.effective_dof == pytest.approx(taken, abs=1e-6)
     chi2 = np.sum((found.residual * (whiten > 0))[: p.count] ** 2)
     dof = 60 - 3 - taken + STATED_WORTH
     assert found.dof == pytest.approx(dof, abs=1e-6)

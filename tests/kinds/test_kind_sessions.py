@@ -143,12 +143,14 @@ def test_certificates_between_kinds(cube, tmp_path):
     assert read_dataset(tmp_path / "kinds").certificates == papers
     found = calibrated(Scene(told), FULL)
     assert found.model.knows_length
-    assert len(found.model.ties) == 2
+    assert len(found.model.constraints) == 2
     check_truth(session, found)
     bare = calibrated(Scene(replace(told, certificates=())), FULL)
-    for tie in found.model.ties:
+    for constraint in found.model.constraints:
         left, free = (
-            tie.linearise(np.zeros(0), *(m.block_of[n].state(z[m.slices[n]]) for n in tie.targets))[0]
+            constraint.linearise(
+                np.zeros(0), *(m.block_of[n].state(z[m.slices[n]]) for n in constraint.targets)
+            )[0]
             for m, z in ((found.model, found.z), (bare.model, bare.z))
         )
         assert abs(left[0]) < 3

@@ -47,8 +47,8 @@ def test_density_is_the_written_out_posterior(fitted, more, tie_residuals):
             kept = fitted.weights.row[block.target] > 0
             sigma = fitted.weights.sigma[block.target]
             total += np.sum((-0.5 * (r / (kappa * sigma)) ** 2 - np.log(kappa))[kept])
-        for tie in model.ties:
-            total -= 0.5 * np.sum(tie_residuals(model, tie, z) ** 2)
+        for constraint in model.constraints:
+            total -= 0.5 * np.sum(tie_residuals(model, constraint, z) ** 2)
         expected.append(total)
     actual = density(x)
     np.testing.assert_allclose(actual - actual[0], np.array(expected) - expected[0], rtol=1e-9, atol=1e-6)

@@ -1,6 +1,6 @@
 """Advice: what to probe next, so that two explanations of the gap can be told apart.
 
-Contacts that were made are thought to be made again under other circumstances (`levers`). How well A shows
+Contacts that were made are repeated in thought under other circumstances (`interventions`). How well A shows
 once the model *and* B are free to absorb it, lambda, grows by e^2 / (1 + v) with each contact, where e is
 what B predicts wrongly of it and v how uncertain B's prediction is: closed form, no simulation, no refit.
 """
@@ -59,7 +59,7 @@ def advise(
     pairs: Sequence[tuple[Hypothesis, Hypothesis]],
     contacts: int = CONTACTS,
 ) -> tuple[Advice, ...]:
-    """What to probe next to tell apart each pair of hypotheses: the best lever, or the best two.
+    """What to probe next to tell apart each pair of hypotheses: the best intervention, or the best two.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def advise(
     Returns
     -------
     tuple of Advice
-        Where no lever is much better than the same poses once more, those; nothing for a pair whose
+        Where no intervention is much better than the same poses once more, those; nothing for a pair whose
         lambda no lever brings to `LEAST`.
 
     Notes
@@ -86,7 +86,7 @@ def advise(
     members = [m for pair in pairs for h in pair for m in h.members]
     if not members:
         return ()
-    levers = possibilities(fitted, known, members)
+    interventions = possibilities(fitted, known, members)
     readings = fitted.model.scene.dataset.measurements.readings
     out: list[Advice] = []
     for a, b in pairs:
@@ -95,16 +95,16 @@ def advise(
             for own, other in ((a, b), (b, a))
         ]
         tried: list[Advice] = []
-        for lever in levers:
-            if lever is not levers[0] and not lever.differs(levers[0], a, b):
+        for intervention in interventions:
+            if intervention is not interventions[0] and not intervention.differs(interventions[0], a, b):
                 continue
-            sides = [s for own, other in ((a, b), (b, a)) if (s := lever.side(own, other)) is not None]
+            sides = [s for own, other in ((a, b), (b, a)) if (s := intervention.side(own, other)) is not None]
             if not sides:
                 break
             before = min(s.strength for s in sides)
-            order, after = choose(sides, lever.contact, lever.pose, contacts)
-            poses = tuple(tuple(pose) for pose in readings[lever.pose[order]].tolist())
-            tried.append(Advice((names[0], names[1]), lever.what, poses, before, after))
+            order, after = choose(sides, intervention.contact, intervention.pose, contacts)
+            poses = tuple(tuple(pose) for pose in readings[intervention.pose[order]].tolist())
+            tried.append(Advice((names[0], names[1]), intervention.what, poses, before, after))
         if max((t.lambda_after for t in tried), default=0.0) < LEAST:
             continue
         better = [t for t in tried[1:] if t.lambda_after > BETTER * tried[0].lambda_after]

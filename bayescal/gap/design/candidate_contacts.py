@@ -14,12 +14,12 @@ from scipy.linalg import block_diag
 from bayescal.effects import EFFECTS, Circumstances, Parameter, parameters_of
 from bayescal.estimate import Estimate
 from bayescal.gap.design.blind_spots import located
-from bayescal.gap.design.interventions import Lever, widened
+from bayescal.gap.design.interventions import Intervention, widened
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.search.beam import Hypothesis, Member
 from bayescal.gap.search.candidates import Candidates, at_setting, in_proportion
 from bayescal.model import ARM, Block, Model
-from bayescal.model.length_blocks import lengths, main_group
+from bayescal.model.length_blocks import length_blocks, main_group
 from bayescal.model.scene import Scene
 from factors.fixed_point import FixedPoint
 from factors.sphere import Sphere
@@ -43,13 +43,13 @@ class Side:
 
     strength: float  # lambda
     covariance: np.ndarray  # (D, D)
-    taken: np.ndarray  # (D,) what the rival takes up of what is true
+    absorbed: np.ndarray  # (D,) what the rival takes up of what is true
     design: np.ndarray
     x: np.ndarray
 
     def __post_init__(self) -> None:
         self.variance = np.sum(self.design @ self.covariance * self.design, axis=1)
-        self.error = self.x - self.design @ self.taken
+        self.error = self.x - self.design @ self.absorbed
 
     def add(self, row: int) -> None:
         """Take in one residual."""
@@ -64,7 +64,7 @@ class Side:
 
 @dataclass(frozen=True)
 class Possible:
-    """The contacts of a lever, linearised: R residuals whitened by their stated noise.
+    """The contacts of an intervention, linearised: R residuals whitened by their stated noise.
 
     `own` (R, E) are slopes by the states of targets that the fitted model has not, `spread` (E, E) what is
     known of these beforehand.
@@ -99,7 +99,7 @@ class Possible:
         )
 
     def differs(self, other: Possible, a: Hypothesis, b: Hypothesis) -> bool:
-        """Whether a pair could see the lever, against the same contacts of another."""
+        """Whether a pair could see the intervention, against the same contacts of another."""
         count = len(other.contact)
         if len(self.spread) or len(self.contact) < count:
             return True
@@ -109,10 +109,10 @@ class Possible:
 
 
 def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]) -> list[Possible]:
-    """All levers, linearised at the estimate; the first is `levers.AGAIN`."""
+    """All interventions, linearised at the estimate; the first is `interventions.AGAIN`."""
     model = fitted.model
-    dataset, levers = widened(model.scene, _poses(fitted))
-    scene = Scene(dataset, _stands(model.scene, levers), model.scene.oriented)
+    dataset, interventions = widened(model.scene, _poses(fitted))
+    scene = Scene(dataset, _stands(model.scene, interventions), model.scene.oriented)
     c = scene.circumstances(scene.rows("calibrate"))
     own = _again(model.parameters, parameters_of(model.effects, c))
     fresh: dict[int, Parameter] = {}
@@ -126,25 +126,25 @@ def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]
     values = np.append(model.deviations(fitted.z[model.slices[ARM]]), np.zeros(len(used)))
     main = main_group(model)
     return [
-        *(_linear(fitted, wide, values, lever, used, main) for lever in levers),
+        *(_linear(fitted, wide, values, intervention, used, main) for intervention in interventions),
         *_spheres(fitted, wide, values, used, main),
     ]
 
 
 def _linear(
-    fitted: Estimate, wide: Model, values: np.ndarray, lever: Lever, used: np.ndarray, main: str
+    fitted: Estimate, wide: Model, values: np.ndarray, intervention: Intervention, used: np.ndarray, main: str
 ) -> Possible:
     model, target = fitted.model, wide.scene.dataset.measurements.target
     count, contact, designs, pools = len(model.parameters), [], [], []
-    for fit in lengths(model):
-        at = np.flatnonzero(np.isin(lever.source, fit.rows))
+    for fit in length_blocks(model):
+        at = np.flatnonzero(np.isin(intervention.source, fit.rows))
         if not len(at):
             continue
-        rows = lever.rows[at]
+        rows = intervention.rows[at]
         block = wide.block(int(target[rows[0]]), rows)
         _, by_arm, by_own = block.linearise(values, fitted.z[model.slices[fit.target]])
         sigma = fitted.weights.sigma[fit.name].reshape(fit.kind.rows, -1)
-        sigma = sigma[:, np.searchsorted(fit.rows, lever.source[at])].reshape(-1, 1)
+        sigma = sigma[:, np.searchsorted(fit.rows, intervention.source[at])].reshape(-1, 1)
         sigma = sigma * fitted.weights.scale[fit.group] / fitted.weights.scale[main]
         by_arm = by_arm * wide.sd / sigma
         design = np.zeros((block.residuals, len(fitted.z)))
@@ -155,7 +155,7 @@ def _linear(
         pools.append(by_arm[:, count:])
     none = np.zeros((sum(map(len, contact)), 0)), np.zeros((0, 0))
     own, pool = np.concatenate(designs), np.concatenate(pools)
-    return Possible(lever.what, lever.source, np.concatenate(contact), own, used, pool, *none)
+    return Possible(intervention.what, intervention.source, np.concatenate(contact), own, used, pool, *none)
 
 
 def _spheres(
@@ -186,11 +186,11 @@ def _spheres(
     for c in certified:
         if all(name in found for name in c.targets):
             apart = np.subtract(*(_centre(*found[n]) for n in c.targets))
-            tie = np.zeros(size)
+            constraint = np.zeros(size)
             for name, way in zip(c.targets, (1.0, -1.0), strict=True):
                 sd = (found[name][0].sd * _tighter(found[name][0]))[:3]
-                tie[starts[name] : starts[name] + 3] = way * apart / np.linalg.norm(apart) * sd
-            information += np.outer(tie, tie) / max(c.u_distance or 0.0, LEAST_U) ** 2
+                constraint[starts[name] : starts[name] + 3] = way * apart / np.linalg.norm(apart) * sd
+            information += np.outer(constraint, constraint) / max(c.u_distance or 0.0, LEAST_U) ** 2
     arm = np.concatenate(arms)
     design = np.zeros((len(arm), len(fitted.z)))
     design[:, :count] = arm[:, :count]
@@ -212,11 +212,11 @@ def _tighter(block: Block) -> np.ndarray:
     return np.minimum(block.sd, ROUGHLY) / block.sd
 
 
-def _stands(scene: Scene, levers: Sequence[Lever]) -> np.ndarray | None:
-    """Where the frames stand in the rows of a session and of all levers: as at the poses that these have."""
+def _stands(scene: Scene, interventions: Sequence[Intervention]) -> np.ndarray | None:
+    """Where the frames stand in the rows of a session and of all interventions: at their poses."""
     if scene.delta is None:
         return None
-    return scene.delta[np.concatenate([np.arange(len(scene.delta)), *(lever.source for lever in levers)])]
+    return scene.delta[np.concatenate([np.arange(len(scene.delta)), *(v.source for v in interventions)])]
 
 
 def _again(old: Sequence[Parameter], new: Sequence[Parameter]) -> list[Parameter]:

@@ -20,7 +20,7 @@ STILL = 1e-6
 
 
 @dataclass(frozen=True)
-class Lever:
+class Intervention:
     """Contacts that could be made: rows of the session whose poses they have (C,), their own rows (C,)."""
 
     what: str
@@ -28,10 +28,10 @@ class Lever:
     rows: np.ndarray
 
 
-def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Lever]]:
-    """The session with contacts appended that could be made at the poses of some rows, lever by lever.
+def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]]:
+    """The session with contacts appended, by intervention, that could be made at the poses of some rows.
 
-    The first lever, `AGAIN`, changes nothing. All but those from a cold start come at the end of the
+    The first intervention, `AGAIN`, changes nothing. All but those from a cold start come at the end of the
     session; none reaches beyond its times and temperatures, by whose range drifts are told. Their role
     is not to calibrate, so that nothing that follows from the fitted rows is shifted.
     """
@@ -62,20 +62,20 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Lever]]:
     table = {f.name: getattr(m, f.name) for f in fields(Measurements)}
     if m.payload is None:
         table["payload"] = np.zeros(len(m.role))
-    levers, count = [], len(m.role)
+    interventions, count = [], len(m.role)
     for what, source, changed in choices:
-        levers.append(Lever(what, source, count + np.arange(len(source))))
+        interventions.append(Intervention(what, source, count + np.arange(len(source))))
         count += len(source)
         for name, column in table.items():
             if name == "ids":
-                table[name] = (*column, *(f"possible {k}" for k in levers[-1].rows))
+                table[name] = (*column, *(f"possible {k}" for k in interventions[-1].rows))
             elif column is not None:
                 more = column[source]
                 if name in changed:
                     more = np.broadcast_to(changed[name], more.shape)
                 table[name] = np.concatenate([column, more])
     table["role"][len(m.role) :] = "validate"
-    return replace(scene.dataset, measurements=Measurements(**table)), levers
+    return replace(scene.dataset, measurements=Measurements(**table)), interventions
 
 
 def turns(scene: Scene, rows: np.ndarray) -> list[np.ndarray]:

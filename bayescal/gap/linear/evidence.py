@@ -72,18 +72,18 @@ class Bank:
 
     @cached_property
     def groups(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """By size k: numbers of sets (B,), columns (B, k), X'X over contacts and over ties (B, k, k)."""
+        """By size k: sets (B,), columns (B, k), X'X over contacts and constraints (B, k, k)."""
         by_size: dict[int, list[int]] = {}
         for i, own in enumerate(self.sets):
             by_size.setdefault(len(own), []).append(i)
         out = []
         for members in by_size.values():
             at = np.array([self.sets[i] for i in members], int).reshape(len(members), -1)
-            contacts, ties = (
+            contacts, constraints = (
                 np.stack([x.T @ x for x in (part[:, own] for own in at)])
                 for part in (self.columns[: self.count], self.columns[self.count :])
             )
-            out.append((np.array(members), at, contacts, ties))
+            out.append((np.array(members), at, contacts, constraints))
         return out
 
 
@@ -97,9 +97,9 @@ def weigh_sets(state: State, bank: Bank) -> np.ndarray:
     score = -(bank.columns.T @ (state.residual * weight))
     left = np.flatnonzero(state.weight[:count] == 0)
     out = np.empty((len(bank.sets), len(SCALES)))
-    for members, at, contacts, ties in bank.groups:
+    for members, at, contacts, constraints in bank.groups:
         gone = bank.columns[left[:, None, None], at]  # (rows left out, B, k)
-        information = (contacts - np.einsum("rbi,rbj->bij", gone, gone)) / state.kappa**2 + ties
+        information = (contacts - np.einsum("rbi,rbj->bij", gone, gone)) / state.kappa**2 + constraints
         a, s = across.T[at], solved.T[at]
         out[members] = _factors(state, information - a @ np.swapaxes(s, 1, 2), score[at])
     return out

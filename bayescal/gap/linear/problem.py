@@ -18,7 +18,7 @@ from bayescal.arm.transforms import AXES
 from bayescal.effects import Parameter
 from bayescal.estimate import STATED_WORTH, TAIL, Estimate, linearise
 from bayescal.model import ARM, with_parameters
-from bayescal.model.length_blocks import lengths, main_group
+from bayescal.model.length_blocks import length_blocks, main_group
 
 OUTLIERS = 0.02
 """Expected share of gross contacts."""
@@ -32,7 +32,7 @@ TURNS = ("rx", "ry", "rz")
 
 @dataclass(frozen=True)
 class Problem:
-    """Residuals (R,), Jacobian (R, D) and pool of candidate columns (R, K), contacts first, then ties.
+    """Residuals (R,), Jacobian (R, D) and pool of candidate columns (R, K), contacts first, then constraints.
 
     Contacts are whitened by their stated noise, columns scaled by their prior standard deviations. `z` (D,)
     is where the problem was linearised: the prior pulls it to 0. `contact` (C,) numbers the contact of each
@@ -65,7 +65,7 @@ def problem(fitted: Estimate, extra: Sequence[Parameter], nuisance: Sequence[Par
 
     `nuisance` parameters join the model's own in the Jacobian: every hypothesis may use them.
     """
-    slopes = Slopes.of(fitted, [p for p in (*nuisance, *extra) if of_paper(p)])
+    slopes = Slopes.of(fitted, [p for p in (*nuisance, *extra) if of_certificate(p)])
     return slopes.problem(fitted.z, extra, nuisance)
 
 
@@ -79,19 +79,19 @@ class Slopes:
     residual: np.ndarray  # (R,)
     jacobian: np.ndarray  # (R, D) of the model's own parameters
     axes: np.ndarray  # (C, 6 (n + 2) + 3): of every frame, then of the tool turned about its own point
-    papers: Mapping[str, np.ndarray]  # columns (R,) of parameters of certificates, by name
+    certified_values: Mapping[str, np.ndarray]  # columns (R,) of parameters of certificates, by name
     contact: np.ndarray  # (C,)
     rows: np.ndarray  # (contacts,)
     sigma: np.ndarray  # (L,) m
 
     @classmethod
-    def of(cls, fitted: Estimate, papers: Sequence[Parameter] = ()) -> Slopes:
+    def of(cls, fitted: Estimate, certified_values: Sequence[Parameter] = ()) -> Slopes:
         """Linearise at an estimate, every contact fully."""
         model = fitted.model
         frames = model.scene.chain.n + 2
         sites = [*((f, axis) for f in range(frames) for axis in AXES), *((TURN, axis) for axis in TURNS)]
         units = [Parameter("", "1", (Term(*site),), 1.0) for site in sites]
-        wide = with_parameters(model.scene, model.effects, (*model.parameters, *units, *papers))
+        wide = with_parameters(model.scene, model.effects, (*model.parameters, *units, *certified_values))
         own, last = len(model.parameters), len(wide.parameters)
         shift = wide.shift[own:] / wide.sd[own:]
         z = np.concatenate([fitted.z[model.slices[ARM]], -shift, fitted.z[own:]])
@@ -113,10 +113,10 @@ class Slopes:
             linear.residual,
             linear.jacobian[:, np.r_[0:own, last : wide.size]],
             np.asfortranarray(linear.jacobian[:count, own : own + len(units)]),
-            {p.name: linear.jacobian[:, own + len(units) + k] for k, p in enumerate(papers)},
+            {p.name: linear.jacobian[:, own + len(units) + k] for k, p in enumerate(certified_values)},
             np.concatenate(contact),
             np.concatenate(rows),
-            np.concatenate([weights.sigma[b.name] * weights.scale[b.group] for b in lengths(model)]),
+            np.concatenate([weights.sigma[b.name] * weights.scale[b.group] for b in length_blocks(model)]),
         )
 
     def problem(self, z: np.ndarray, extra: Sequence[Parameter], nuisance: Sequence[Parameter]) -> Problem:
@@ -140,7 +140,7 @@ class Slopes:
             for term in p.terms:
                 driver = np.asarray(term.driver, float)
                 if term.frame == CERTIFICATE:
-                    out[:, k] += self.papers[p.name] / p.sd
+                    out[:, k] += self.certified_values[p.name] / p.sd
                     break
                 driver = driver if driver.ndim == 0 else driver[at]
                 if term.frame == CONTACT:
@@ -153,7 +153,7 @@ class Slopes:
         return out
 
 
-def of_paper(p: Parameter) -> bool:
+def of_certificate(p: Parameter) -> bool:
     """Whether a parameter is one of a certificate."""
     return any(term.frame == CERTIFICATE for term in p.terms)
 
@@ -170,13 +170,13 @@ class State:
     problem: Problem
     columns: np.ndarray  # (k,) of the pool
     scales: np.ndarray  # (k,) prior scale of each
-    weight: np.ndarray  # (R,) 0 for rows left out; ties 1
+    weight: np.ndarray  # (R,) 0 for rows left out; constraints 1
     kappa: float  # noise scale
     residual: np.ndarray  # (R,) at the optimum
     step: np.ndarray  # (D + k,) from the linearisation
     design: np.ndarray  # (R, D + k)
     covariance: np.ndarray  # (D + k, D + k)
-    taken: float  # degrees of freedom that the fit takes up
+    effective_dof: float  # degrees of freedom that the fit takes up
     log_evidence: float
     robust: bool  # whether outliers were looked for
 
@@ -188,7 +188,7 @@ class State:
     @property
     def dof(self) -> float:
         """Degrees of freedom left to the noise, its prior among them."""
-        return float(np.sum(self.weight[: self.problem.count])) - self.taken + STATED_WORTH
+        return float(np.sum(self.weight[: self.problem.count])) - self.effective_dof + STATED_WORTH
 
     @property
     def amplitudes(self) -> np.ndarray:
@@ -255,10 +255,10 @@ def fit_state(
                 break
     for _ in range(ROUNDS):
         step, r, info, factor = solve(weight, kappa)
-        taken = float(np.trace(cho_solve(factor, info)))
+        effective_dof = float(np.trace(cho_solve(factor, info)))
         chi2 = float(np.sum(weight[:count] * r[:count] ** 2))
         kept = float(np.sum(weight[:count]))
-        dof = max(kept - taken, 0.0) + STATED_WORTH
+        dof = max(kept - effective_dof, 0.0) + STATED_WORTH
         before, kappa = kappa, float(np.sqrt((chi2 + STATED_WORTH) / dof))
         old = weight.copy()
         if robust:
@@ -270,7 +270,7 @@ def fit_state(
     step, r, info, factor = solve(weight, kappa)
     chi2 = float(np.sum(weight[:count] * r[:count] ** 2))
     kept = float(np.sum(weight[:count]))
-    taken = float(np.trace(cho_solve(factor, info)))
+    effective_dof = float(np.trace(cho_solve(factor, info)))
     z = pull + step
     log_evidence = (
         -(kept + STATED_WORTH) * np.log(kappa)
@@ -278,10 +278,12 @@ def fit_state(
         - 0.5 * (r[count:] @ r[count:] + z @ z)
         - float(np.sum(np.log(np.diag(factor[0]))))
         + (count - kept) * GROSS
-        - 0.5 * np.log(2.0 * (kept - taken + STATED_WORTH))
+        - 0.5 * np.log(2.0 * (kept - effective_dof + STATED_WORTH))
     )
     covariance = cho_solve(factor, np.eye(len(z)))
-    return State(p, columns, scales, weight, kappa, r, step, design, covariance, taken, log_evidence, robust)
+    return State(
+        p, columns, scales, weight, kappa, r, step, design, covariance, effective_dof, log_evidence, robust
+    )
 
 
 def again(state: State, p: Problem) -> State:

@@ -11,7 +11,7 @@ from scipy.stats import t as student
 
 from bayescal.estimate import Estimate, linearise
 from bayescal.gap.result import Margin
-from bayescal.model.length_blocks import lengths
+from bayescal.model.length_blocks import length_blocks
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import KEPT_BACK, HeldOut
 from bayescal.predict.located_targets import root
@@ -104,7 +104,7 @@ def residuals(
     estimate: Estimate, held: HeldOut, noise: float | None = None, noise_dof: float | None = None
 ) -> Residuals:
     """All lengths of fitted rows, and of held-out ones where any were kept back; as for `margins`."""
-    model, blocks = estimate.model, lengths(estimate.model)
+    model, blocks = estimate.model, length_blocks(estimate.model)
     weights = replace(estimate.weights, row={k: np.ones_like(w) for k, w in estimate.weights.row.items()})
     linear, factor = linearise(model, estimate.z, weights), root(estimate.covariance)
     count = sum(b.residuals for b in blocks)

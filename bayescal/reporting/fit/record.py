@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.calibration import Fit, Rung
+from bayescal.calibration import Fit, ModelLevel
 from bayescal.estimate import Estimate
 from bayescal.model import Block
 from bayescal.predict import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
@@ -92,7 +92,7 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _noise(rung: Rung) -> dict[str, Any]:
+def _noise(rung: ModelLevel) -> dict[str, Any]:
     left, found = rung.unexplained, rung.estimate
     return {
         "group": left.group,
@@ -106,7 +106,7 @@ def _noise(rung: Rung) -> dict[str, Any]:
     }
 
 
-def _residuals(rung: Rung) -> list[dict[str, Any]]:
+def _residuals(rung: ModelLevel) -> list[dict[str, Any]]:
     found = rung.estimate
     scene, out = found.model.scene, []
     for k, target in enumerate(scene.dataset.targets):
@@ -282,7 +282,7 @@ def _turns(checks: tuple[TurnCheck, ...]) -> dict[str, Any]:
     }
 
 
-def _rung(rung: Rung) -> dict[str, Any]:
+def _rung(rung: ModelLevel) -> dict[str, Any]:
     v = rung.validation
     planes = [p.residuals for p in v.planes]
     distances = np.array([d.error for d in v.distances])
