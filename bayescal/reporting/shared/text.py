@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayescal.effects import UNITS
+from bayescal.reporting.shared.table import FigureTable
 
 UM = 1e6
 MM = 1e3
@@ -61,10 +62,6 @@ def facts(rows: Iterable[tuple[str, str, str]]) -> Table:
     return table
 
 
-def plain_table(title: str, *headings: str) -> Table:
-    """A table without lines: its first column is headed by its title, the others stand to the right."""
-    table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
-    table.add_column(title, no_wrap=True, min_width=15)
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    return table
+def plain_table(title: str, *headings: str) -> FigureTable:
+    """A table without lines, headed by its title; its figures are never cut off."""
+    return FigureTable(title, *headings)
