@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bayescal.estimate import Estimate, estimate, solve
-from bayescal.gap import advise as advising
+from bayescal.gap.design import advise as advising
 from bayescal.gap.design.blind_spots import NAMED, blind_spots, distances, located, sites, unseen
 from bayescal.gap.design.candidate_contacts import SPHERES, possibilities
 from bayescal.gap.design.interventions import AGAIN, turns, widened

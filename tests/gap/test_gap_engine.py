@@ -12,8 +12,8 @@ from bayescal.arm.statics import gravity_moments
 from bayescal.effects import EFFECTS
 from bayescal.effects.compliance import expected
 from bayescal.estimate import STATED_WORTH, linearise
-from bayescal.gap import evidence
-from bayescal.gap import masses as mass_errors
+from bayescal.gap.linear import evidence
+from bayescal.gap.linear import masses as mass_errors
 from bayescal.gap.linear.evidence import SCALES, log_bayes, project
 from bayescal.gap.linear.problem import Problem, Slopes, fit_state, of_certificate, problem, without_nuisance
 from bayescal.gap.search.candidates import at_setting, candidates
