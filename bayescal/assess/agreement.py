@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from bayescal.dataset import Dataset
-from bayescal.effects import EFFECTS
+from bayescal.effects import MODELS
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, calibrated
 from bayescal.model.scene import Scene
@@ -130,7 +130,7 @@ def _possible(session: Dataset, effects: tuple[str, ...]) -> tuple[str, ...]:
     """The effects for which a session has what they need."""
     scene = Scene(session)
     circumstances = scene.circumstances(scene.rows("calibrate"))
-    return tuple(e for e in effects if not EFFECTS[e.partition("@")[0]].missing(circumstances))
+    return tuple(e for e in effects if not MODELS[e.partition("@")[0]].missing(circumstances))
 
 
 def _arm(found: Estimate) -> frozenset[str]:

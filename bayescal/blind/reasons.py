@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from bayescal.blind.judge import CRASHED, FLAGGED, Record, false_names, leader, missing
-from bayescal.gap.search.verdict import MATES
+from bayescal.effects import confusable
 
 WEAK = 30.0
 """Lambda below which an effect is called weak: about half of these can be named at all."""
@@ -32,7 +32,7 @@ def mate(r: Record) -> tuple[str, str]:
 
 
 def _mates(said: list[str], true: list[str]) -> tuple[str, str]:
-    pairs = ((a, b) for a in said for b in true for group in MATES if {a, b} <= set(group))
+    pairs = ((a, b) for a in said for b in true if confusable(a, b))
     return next(pairs, ("", ""))
 
 

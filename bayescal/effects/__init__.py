@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections import ChainMap
+from collections.abc import Mapping
 
 import numpy as np
 
+from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
 from bayescal.effects.artefact import ARTEFACT
 from bayescal.effects.backlash import BACKLASH
 from bayescal.effects.ball_radius import BALL_RADIUS
@@ -24,6 +26,7 @@ from bayescal.effects.latency import LATENCY
 from bayescal.effects.lobing import LOBING
 from bayescal.effects.payload import PAYLOAD
 from bayescal.effects.plane_form import PLANE_FORM
+from bayescal.effects.registry import Vocabulary
 from bayescal.effects.second_harmonic import SECOND_HARMONIC
 from bayescal.effects.step import STEP
 from bayescal.effects.thermal_drift import THERMAL_DRIFT
@@ -40,9 +43,11 @@ from bayescal.effects.vocabulary import (
 )
 from bayescal.errors import BayescalError
 
-EFFECTS = {
-    effect.name: effect
-    for effect in (
+LEVELS = {JOINT.name: JOINT}
+"""Less than a cause: simpler models to set against the others, which no diagnosis names."""
+
+EFFECTS = Vocabulary(
+    (
         GEOMETRY,
         COMPLIANCE,
         HARDENING,
@@ -63,24 +68,24 @@ EFFECTS = {
         PLANE_FORM,
         ARTEFACT,
         BALL_RADIUS,
-    )
-}
+    ),
+    reserved=(*LEVELS, TOOL.name, "null", "unknown", "nominal"),
+)
 """Causes of error that a model may have and a diagnosis may name. The tool belongs to every model."""
 
-LEVELS = {JOINT.name: JOINT}
-"""Less than a cause: simpler models to set against the others, which no diagnosis names."""
-
-MODELS = EFFECTS | LEVELS
+MODELS: Mapping[str, Effect] = ChainMap(LEVELS, EFFECTS)  # type: ignore[arg-type]
 """What `--model` may name."""
 
-PART_OF = {JOINT.name: (GEOMETRY.name, ENCODER_SCALE.name)}
-"""Levels that other effects hold already, and which."""
+register = EFFECTS.register
+unregister = EFFECTS.unregister
 
 __all__ = [
+    "CERTIFICATE",
+    "CONTACT",
     "EFFECTS",
     "LEVELS",
     "MODELS",
-    "PART_OF",
+    "TURN",
     "UNITS",
     "CertifiedValue",
     "Circumstances",
@@ -89,7 +94,11 @@ __all__ = [
     "Parameter",
     "Scan",
     "Session",
+    "Term",
+    "confusable",
     "parameters_of",
+    "register",
+    "unregister",
 ]
 
 
@@ -108,12 +117,14 @@ def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple
         if lacks and (setting is None or effect.scan is None or not len(effect.scan.values(circumstances))):
             remedy = "leave it out, or add what is missing"
             raise BayescalError(f"{effect.name} cannot be judged: {lacks}", "--model", remedy)
-        if setting is None or effect.scan is None:
-            found = effect.parameters(circumstances)
-        else:
-            found = effect.scan.parameters(circumstances, setting)
-        out += [replace(p, effect=effect.name) for p in found]
+        out += effect.at(circumstances, setting)
     return tuple(out)
+
+
+def confusable(one: str, other: str) -> bool:
+    """Whether the true form of one effect may look like that of another; it is enough that one says so."""
+    pairs = ((one, other), (other, one))
+    return any(a in EFFECTS and b in EFFECTS[a].confusable_with for a, b in pairs)
 
 
 def _named(name: str) -> tuple[Effect, float | None]:

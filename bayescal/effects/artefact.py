@@ -28,4 +28,10 @@ def _missing(c: Circumstances) -> str:
     return "" if c.certified_values else "no certificate ties fitted targets"
 
 
-ARTEFACT = Effect("artefact", "a certificate whose values are wrong", _parameters, _missing)
+ARTEFACT = Effect(
+    "artefact",
+    "a certified value is in error",
+    _parameters,
+    _missing,
+    phrase=("the artefact", "is not as its certificate says"),
+)

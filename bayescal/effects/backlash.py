@@ -29,4 +29,10 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     return out
 
 
-BACKLASH = Effect("backlash", "play in the gears, by the way of approach", _parameters, without_velocity)
+BACKLASH = Effect(
+    "backlash",
+    "lost motion on reversal of joint k, half-width b",
+    _parameters,
+    without_velocity,
+    phrase=("every joint", "has lost motion on reversal"),
+)

@@ -29,4 +29,10 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     return out
 
 
-BALL_RADIUS = Effect("ball-radius", "the ball's radius, a constant pre-travel", _parameters, without_surface)
+BALL_RADIUS = Effect(
+    "ball-radius",
+    "effective stylus-ball radius differs from its stated value",
+    _parameters,
+    without_surface,
+    phrase=("the ball", "is not of the radius stated"),
+)

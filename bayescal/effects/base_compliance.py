@@ -39,5 +39,10 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
 
 BASE_COMPLIANCE = Effect(
-    "base-compliance", "a stand that yields to the arm's gravity moment", _parameters, without_masses
+    "base-compliance",
+    "the base deflects under the gravity moment of the arm",
+    _parameters,
+    without_masses,
+    phrase=("the base", "yields to the arm's weight"),
+    requires=("compliance",),
 )

@@ -46,5 +46,11 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
 
 BENDING = Effect(
-    "bending", "bearings and links that yield across their axis by gravity", _parameters, without_masses
+    "bending",
+    "transverse (bending) compliance of link k",
+    _parameters,
+    without_masses,
+    phrase=("every link", "yields across its axis"),
+    confusable_with=("coupling",),
+    requires=("compliance",),
 )

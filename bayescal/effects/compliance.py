@@ -52,4 +52,10 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     ]  # fmt: skip
 
 
-COMPLIANCE = Effect("compliance", "joints that yield to gravity torque", _parameters, without_masses)
+COMPLIANCE = Effect(
+    "compliance",
+    "joint k yields elastically to its gravity torque",
+    _parameters,
+    without_masses,
+    phrase=("every joint", "yields to gravity torque"),
+)

@@ -27,4 +27,10 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     ]  # fmt: skip
 
 
-COUPLING = Effect("coupling", "joints that turn with their neighbours", _parameters)
+COUPLING = Effect(
+    "coupling",
+    "joint k turns when a neighbouring joint turns",
+    _parameters,
+    phrase=("every joint", "turns with the joint before"),
+    confusable_with=("bending",),
+)

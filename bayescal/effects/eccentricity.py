@@ -16,4 +16,10 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     return [p for j in range(1, c.robot.n + 1) for p in waves(c, "eccentricity", j, 1, SD)]
 
 
-ECCENTRICITY = Effect("eccentricity", "gears and scales off their centre: once a turn", _parameters)
+ECCENTRICITY = Effect(
+    "eccentricity",
+    "error once per revolution of joint k",
+    _parameters,
+    phrase=("every joint", "errs once per revolution"),
+    confusable_with=("second-harmonic", "encoder-scale"),
+)

@@ -21,4 +21,10 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     ]
 
 
-ENCODER_SCALE = Effect("encoder-scale", "joints that turn more or less than they read", _parameters)
+ENCODER_SCALE = Effect(
+    "encoder-scale",
+    "joint k turns by more or less than its reading says",
+    _parameters,
+    phrase=("every joint", "turns more or less than it reads"),
+    confusable_with=("eccentricity", "second-harmonic"),
+)

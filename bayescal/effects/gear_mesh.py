@@ -49,8 +49,9 @@ def _missing(c: Circumstances) -> str:
 
 GEAR_MESH = Effect(
     "gear-mesh",
-    "the reducer's ripple: once and twice a motor turn",
+    "error at the gear-mesh frequency of joint k (n per revolution)",
     _parameters,
     _missing,
     Scan("motor turns a joint turn", "{:g} motor turns a joint turn", _ratios, _at),
+    phrase=("every joint", "ripples at its gear-mesh frequency"),
 )

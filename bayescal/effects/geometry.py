@@ -64,4 +64,9 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     return out
 
 
-GEOMETRY = Effect("geometry", "lengths, twists and joint zeros of the DH rows", _parameters)
+GEOMETRY = Effect(
+    "geometry",
+    "lengths, twists and joint zeros of the kinematic model differ from nominal",
+    _parameters,
+    phrase=("the arm", "differs from its nominal geometry"),
+)

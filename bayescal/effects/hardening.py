@@ -45,10 +45,13 @@ def _at(c: Circumstances, knee: float) -> list[Parameter]:
 
 HARDENING = Effect(
     "hardening",
-    "gears that stiffen as they wind up",
+    "torque-dependent stiffness of joint k",
     _parameters,
     without_masses,
     Scan(
         "knee as a share of the usual torque", "soft up to {:.0%} of the usual torque", lambda c: KNEES, _at
     ),
+    phrase=("every joint", "stiffens as its gear winds up"),
+    confusable_with=("hysteresis",),
+    requires=("compliance",),
 )

@@ -36,7 +36,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
 HYSTERESIS = Effect(
     "hysteresis",
-    "joints that rest on a flank, by the sign of gravity torque",
+    "torque-reversal hysteresis of joint k",
     _parameters,
     without_masses,
     Scan(
@@ -45,4 +45,7 @@ HYSTERESIS = Effect(
         lambda c: SHARES,
         _at,
     ),
+    phrase=("every joint", "rests on one flank or the other, by the sign of its torque"),
+    confusable_with=("hardening",),
+    requires=("compliance",),
 )

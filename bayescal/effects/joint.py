@@ -22,4 +22,9 @@ def _reads(p: Parameter) -> bool:
     return p.site.startswith("base") or (p.site.startswith("joint") and p.unit == "rad")
 
 
-JOINT = Effect("joint", "zeros and scales of the joints, lengths and twists as drawn", _parameters)
+JOINT = Effect(
+    "joint",
+    "zeros and scales of the joints, lengths and twists nominal",
+    _parameters,
+    part_of=("geometry", "encoder-scale"),
+)

@@ -27,4 +27,10 @@ def _missing(c: Circumstances) -> str:
     return without_surface(c) or without_velocity(c)
 
 
-LATENCY = Effect("latency", "joints that are read late, by the speed of contact", _parameters, _missing)
+LATENCY = Effect(
+    "latency",
+    "joint readings delayed by t",
+    _parameters,
+    _missing,
+    phrase=("every joint", "is read late"),
+)

@@ -30,4 +30,10 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     ]
 
 
-LOBING = Effect("lobing", "a probe that gives way by direction, in three lobes", _parameters, without_surface)
+LOBING = Effect(
+    "lobing",
+    "three-lobe pre-travel variation of the probe",
+    _parameters,
+    without_surface,
+    phrase=("the probe", "gives way by direction, in three lobes"),
+)

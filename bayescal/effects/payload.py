@@ -34,4 +34,11 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     return [Parameter("payload mass", "kg", terms, SD, site="tool", driver="mass")] if terms else []
 
 
-PAYLOAD = Effect("payload", "a mass on the flange that was not stated", _parameters, without_masses)
+PAYLOAD = Effect(
+    "payload",
+    "payload mass or centre of mass differs from what was stated",
+    _parameters,
+    without_masses,
+    phrase=("the tool", "carries a mass that was not stated"),
+    requires=("compliance",),
+)

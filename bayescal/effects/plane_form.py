@@ -49,4 +49,10 @@ def _missing(c: Circumstances) -> str:
     return "" if c.faces else "no plane is fitted"
 
 
-PLANE_FORM = Effect("plane-form", "faces that are not flat", _parameters, _missing)
+PLANE_FORM = Effect(
+    "plane-form",
+    "a face is not flat",
+    _parameters,
+    _missing,
+    phrase=("every face", "is not flat"),
+)

@@ -16,4 +16,10 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     return [p for j in range(1, c.robot.n + 1) for p in waves(c, "second-harmonic", j, 2, SD)]
 
 
-SECOND_HARMONIC = Effect("second-harmonic", "oval gears and tilted scales: twice a turn", _parameters)
+SECOND_HARMONIC = Effect(
+    "second-harmonic",
+    "error twice per revolution of joint k",
+    _parameters,
+    phrase=("every joint", "errs twice per revolution"),
+    confusable_with=("eccentricity", "encoder-scale"),
+)

@@ -64,8 +64,10 @@ def _missing(c: Circumstances) -> str:
 
 STEP = Effect(
     "step",
-    "a base that was bumped at some moment of the session",
+    "sudden shift of the base at row n",
     lambda c: apart(c, _middle),
     _missing,
     Scan("first row after it", "from row {:.0f} on", moments, _at),
+    phrase=("the base", "shifted suddenly"),
+    confusable_with=("thermal-drift",),
 )

@@ -103,9 +103,11 @@ def _missing(c: Circumstances) -> str:
 
 THERMAL_DRIFT = Effect(
     "thermal-drift",
-    "lengths, base and joint zeros that drift",
+    "lengths, base and joint zeros drift with temperature or time",
     lambda c: apart(c, _parameters),
     _missing,
     Scan("time constant of warming up, s", "warming up in {:.0f} s", _constants, _warming),
     whole=True,
+    phrase=("the arm", "drifts as it warms"),
+    confusable_with=("step",),
 )

@@ -54,4 +54,8 @@ def _turns(c: Circumstances) -> list[Parameter]:
     return out
 
 
-TOOL = Effect("tool", "the ball's centre in the flange frame", _parameters)
+TOOL = Effect(
+    "tool",
+    "position of the stylus tip in the flange frame, and orientation of the tool",
+    _parameters,
+)

@@ -9,8 +9,9 @@ from typing import TypedDict
 import numpy as np
 
 from bayescal.arm.chain import Chain
-from bayescal.arm.motion import Term
+from bayescal.arm.motion import CERTIFICATE, Term
 from bayescal.arm.robot import Robot
+from bayescal.errors import BayescalError
 
 UNITS = {
     "m": ("mm", 1e3),
@@ -133,6 +134,20 @@ class Parameter:
         """The prior's mean."""
         return self.nominal if self.mean is None else self.mean
 
+    def fault(self, rows: int) -> str:
+        """What forbids it in a model of a session of so many rows, or ""."""
+        if self.unit not in UNITS:
+            return f"the unit '{self.unit}' is unknown; known: {', '.join(UNITS)}"
+        if not 0 < self.sd < np.inf or not np.isfinite(self.centre):
+            return f"its prior, {self.centre:g} with standard deviation {self.sd:g}, is not normal"
+        for term in self.terms:
+            shape = np.shape(term.driver)
+            if term.frame != CERTIFICATE and shape not in ((), (rows,)):
+                return f"a driver is a number or one value per row, ({rows},), not {shape}"
+            if not np.all(np.isfinite(term.driver)):
+                return "a driver has values that are not finite"
+        return ""
+
     def widened(self, factor: float) -> Parameter:
         """The same parameter with a prior `factor` times as wide."""
         return replace(self, sd=self.sd * factor)
@@ -154,9 +169,30 @@ class Scan:
 
 @dataclass(frozen=True)
 class Effect:
-    """A cause of error: its name and the parameters it brings to a session.
+    """A cause of error: its name, the parameters that it brings to a session, and how it relates to others.
 
-    `missing` says in words what the session or the robot lacks for it, or "".
+    Parameters
+    ----------
+    name : str
+        As options and files name it: small letters, digits and hyphens.
+    summary : str
+        One line: what happens.
+    parameters : callable
+        The parameters that it brings to a session, given its circumstances.
+    missing : callable
+        What the session or the robot lacks for it, in words, or "".
+    scan : Scan, optional
+        A setting that it is not linear in.
+    whole : bool
+        It acts on the whole arm at once; at one site alone it would be another effect.
+    phrase : (str, str)
+        For a verdict in a sentence: who, where the verdict gives no site, and what it does.
+    confusable_with : tuple of str
+        Effects whose true form may look like that of this one.
+    requires : tuple of str
+        Effects that must be in the model before this one can be named: it acts through them.
+    part_of : tuple of str
+        Effects that hold the same parameters; a model has this one or them.
     """
 
     name: str
@@ -164,4 +200,25 @@ class Effect:
     parameters: Callable[[Circumstances], list[Parameter]]
     missing: Callable[[Circumstances], str] = lambda circumstances: ""
     scan: Scan | None = None
-    whole: bool = False  # of the whole arm at once: at one site alone it is something else
+    whole: bool = False
+    phrase: tuple[str, str] = ("the arm", "errs")
+    confusable_with: tuple[str, ...] = ()
+    requires: tuple[str, ...] = ()
+    part_of: tuple[str, ...] = ()
+
+    def at(self, circumstances: Circumstances, setting: float | None = None) -> list[Parameter]:
+        """Its parameters in a session, at a setting or at its usual one, checked and marked as its own.
+
+        Raises
+        ------
+        BayescalError
+            For a parameter that no model can hold.
+        """
+        if setting is None or self.scan is None:
+            found = self.parameters(circumstances)
+        else:
+            found = self.scan.parameters(circumstances, setting)
+        for p in found:
+            if fault := p.fault(len(circumstances.q)):
+                raise BayescalError(fault, f"parameter '{p.name}' of {self.name}", "correct the effect")
+        return [replace(p, effect=self.name) for p in found]

@@ -14,7 +14,7 @@ import numpy as np
 
 from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Motion, Term
 from bayescal.dataset import Certificate as CertificateEntry
-from bayescal.effects import PART_OF, UNITS, Parameter, parameters_of
+from bayescal.effects import MODELS, UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.model.block import ARM, Block, Constraint, Turned
 from bayescal.model.orientations import sigma
@@ -223,10 +223,10 @@ def check_asked(effects: tuple[str, ...], prior_width: float) -> None:
     plain = {name.partition("@")[0] for name in effects}
     if len(plain) < len(effects):
         raise BayescalError("an effect is named twice", "--model", "name it once")
-    for level, wholes in PART_OF.items():
-        if level in plain and (held := plain.intersection(wholes)):
-            what = f"{level} is part of {' and of '.join(sorted(held))}"
-            raise BayescalError(what, "--model", f"leave {level} out")
+    for name in plain & MODELS.keys():
+        if held := plain.intersection(MODELS[name].part_of):
+            what = f"{name} is part of {' and of '.join(sorted(held))}"
+            raise BayescalError(what, "--model", f"leave {name} out")
 
 
 def build(

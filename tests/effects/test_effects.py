@@ -10,7 +10,7 @@ from bayescal.arm.motion import CERTIFICATE, CONTACT
 from bayescal.arm.statics import gravity_moments
 from bayescal.arm.transforms import AXES
 from bayescal.dataset import Noise, Tool
-from bayescal.effects import EFFECTS, UNITS, parameters_of
+from bayescal.effects import EFFECTS, UNITS, Effect, confusable, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
@@ -298,10 +298,18 @@ def test_unknown_effect(cube):
         parameters_of(("geometrie",), scene.circumstances(scene.rows("calibrate")))
 
 
-def test_summary_of_every_effect():
-    for name, effect in EFFECTS.items():
-        assert effect.name == name
-        assert effect.summary
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_says_what_it_is(name):
+    """A summary, a sentence of its own, and relations to effects that exist; confusion is mutual."""
+    effect = EFFECTS[name]
+    assert effect.name == name
+    assert effect.summary
+    assert effect.phrase != Effect.phrase
+    for other in effect.confusable_with:
+        assert name in EFFECTS[other].confusable_with
+        assert confusable(name, other)
+    assert name not in (*effect.confusable_with, *effect.requires, *effect.part_of)
+    assert {*effect.requires, *effect.part_of} <= set(EFFECTS)
 
 
 def test_compliance_is_that_of_the_drawing(cube):

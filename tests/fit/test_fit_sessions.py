@@ -91,3 +91,11 @@ def test_gap_takes_several_sessions(folders):
     assert [s["name"] for s in record["dataset"]["sessions"]] == ["may", "june"]
     assert record["gap"]["heldout_rms_um"] < 12
     assert "may and june: chi-squared" in done.output
+
+
+def test_the_joint_level_of_two_sessions_is_compared(folders, tmp_path):
+    """`joint` is a level and no cause, and still a model whose sessions are compared."""
+    out = tmp_path / "run"
+    done = run("fit", folders / "may", folders / "june", "--model", "joint", "--samples", "0", "--out", out)
+    assert done.exit_code == 0, done.output
+    assert json.loads((out / "fit.json").read_text())["agreement"]["pairs"]

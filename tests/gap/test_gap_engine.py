@@ -16,7 +16,7 @@ from bayescal.gap.linear import evidence
 from bayescal.gap.linear import masses as mass_errors
 from bayescal.gap.linear.evidence import SCALES, log_bayes, project
 from bayescal.gap.linear.problem import Problem, Slopes, fit_state, of_certificate, problem, without_nuisance
-from bayescal.gap.search.candidates import at_setting, candidates
+from bayescal.gap.search.candidates import candidates
 from bayescal.gap.search.screen import screened
 from bayescal.model import ARM, ORIENTATION, Turned, with_parameters
 from bayescal.model.scene import Scene
@@ -40,7 +40,7 @@ def every_candidate(c, baseline):
             continue
         settings = [None] if effect.scan is None else [None, *effect.scan.values(c)[:1]]
         for value in settings:
-            out += [replace(p, name=f"{p.name} {value}") for p in at_setting(effect, value, c)]
+            out += [replace(p, name=f"{p.name} {value}") for p in effect.at(c, value)]
     return out
 
 
@@ -299,7 +299,7 @@ def test_screening_finds_the_ratio_of_a_gear(session):
     bench = Bench.of(dataset)
     c = bench.circumstances
     assert "gear-mesh" not in candidates(c, BASELINE).variants
-    own = [p for p in at_setting(EFFECTS["gear-mesh"], 77.0, c) if p.site == "joint 3"]
+    own = [p for p in EFFECTS["gear-mesh"].at(c, 77.0) if p.site == "joint 3"]
     p = bench.made_up(1, bench.visible(bench.slopes.columns(own), 150.0, 2))
     known = screened(bench.known, bench.slopes, [fit_state(p, (), ())], c, BASELINE)
     settings = {v.setting for v in known.variants["gear-mesh"]}

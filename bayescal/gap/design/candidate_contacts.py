@@ -17,7 +17,7 @@ from bayescal.gap.design.blind_spots import located
 from bayescal.gap.design.interventions import Intervention, widened
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.search.beam import Hypothesis, Member
-from bayescal.gap.search.candidates import Candidates, at_setting, in_proportion
+from bayescal.gap.search.candidates import Candidates, in_proportion
 from bayescal.model import ARM, Block, Model
 from bayescal.model.length_blocks import length_blocks, main_group
 from bayescal.model.scene import Scene
@@ -226,7 +226,7 @@ def _again(old: Sequence[Parameter], new: Sequence[Parameter]) -> list[Parameter
 
 
 def _candidates(name: str, setting: float | None, c: Circumstances) -> list[Parameter]:
-    found = at_setting(EFFECTS[name], setting, c)
+    found = EFFECTS[name].at(c, setting)
     return [*found, *in_proportion(EFFECTS[name], found)]
 
 

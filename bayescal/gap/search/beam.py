@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bayescal.effects import EFFECTS
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, project, weigh_sets
 from bayescal.gap.linear.problem import Problem, State, fit_state
 from bayescal.gap.search.candidates import Candidates, Variant
@@ -22,8 +23,6 @@ SEEN = 9.0
 WORTH = 2.0
 """Nats that a further effect must bring to be tried."""
 COMPLIANCE = "compliance"
-AFTER_COMPLIANCE = ("payload", "hardening", "hysteresis", "bending", "base-compliance")
-"""Effects of gravity: named only once the joints' compliance is in the model, which every arm has."""
 
 
 @dataclass(frozen=True)
@@ -126,10 +125,10 @@ class Search:
         return self.bank
 
     def allowed(self, names: Sequence[str]) -> bool:
-        """Whether a set respects the order in which effects may be named."""
-        c = self.candidates
-        waits = COMPLIANCE in c.variants and COMPLIANCE not in (*names, *c.partly)
-        return not (waits and any(n in AFTER_COMPLIANCE for n in names))
+        """Whether a set has all that its effects require, as far as it can be had."""
+        c, there = self.candidates, {*names, *self.candidates.partly}
+        required = {r for n in names if n in EFFECTS for r in EFFECTS[n].requires}
+        return not any(r in c.variants and r not in there for r in required)
 
     def extend(self, base: Hypothesis, least: float) -> list[Hypothesis]:
         """Every hypothesis of one effect more that brings at least so many nats."""

@@ -99,7 +99,7 @@ def extended(
     known: Candidates, effect: Effect, settings: Sequence[float | None], c: Circumstances, lacks: str = ""
 ) -> Candidates:
     """Candidates with some settings of one effect more; each weighs as one of all that the scan has."""
-    found = [(value, parameters) for value in settings if (parameters := at_setting(effect, value, c))]
+    found = [(value, parameters) for value in settings if (parameters := effect.at(c, value))]
     if not found:
         return replace(known, missing=known.missing | {effect.name: lacks or NOTHING})
     count = max(len(found), 0 if effect.scan is None else len(effect.scan.values(c)))
@@ -130,12 +130,6 @@ def in_proportion(effect: Effect, parameters: Sequence[Parameter]) -> list[Param
             driver=parameters[0].driver.split(" ")[0], effect=effect.name,
         )
     ]  # fmt: skip
-
-
-def at_setting(effect: Effect, value: float | None, c: Circumstances) -> list[Parameter]:
-    """Parameters of an effect at a setting, or at its usual one."""
-    found = effect.parameters(c) if value is None or effect.scan is None else effect.scan.parameters(c, value)
-    return [replace(p, effect=effect.name) for p in found]
 
 
 def _subsets(

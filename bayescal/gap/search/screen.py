@@ -9,7 +9,7 @@ import numpy as np
 from bayescal.effects import EFFECTS, Circumstances
 from bayescal.gap.linear.evidence import Bank, weigh_sets
 from bayescal.gap.linear.problem import Slopes, State
-from bayescal.gap.search.candidates import Candidates, at_setting, extended, wide
+from bayescal.gap.search.candidates import Candidates, extended, wide
 
 KEPT = 12
 """Settings that are kept."""
@@ -29,7 +29,7 @@ def screened(
         best = np.full(len(values), -np.inf)
         for first in range(0, len(values), CHUNK):
             chunk = values[first : first + CHUNK]
-            tables = [at_setting(effect, float(v), c) for v in chunk]
+            tables = [effect.at(c, float(v)) for v in chunk]
             columns = slopes.columns([p for table in tables for p in table])
             sets, owner, at = [], [], 0
             for k, table in enumerate(tables):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayescal.effects import confusable
 from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.outcome.where import unabsorbed, visible
 from bayescal.gap.search.beam import UNKNOWN, Hypothesis, Member, Search
@@ -31,17 +32,10 @@ FOOTNOTE = 0.05
 """Share of the named variance below which an effect is a footnote."""
 KEPT = 5.0
 """Nats that a name must be worth beside something else to be kept."""
-MATES = (
-    ("eccentricity", "second-harmonic", "encoder-scale"),
-    ("bending", "coupling"),
-    ("hardening", "hysteresis"),
-    ("thermal-drift", "step"),
-)
-"""Effects whose true form may look like each other's: together in a set unless far apart."""
 FAR = 4.0
-"""Nats, softened, that mates must be apart for one of them to leave the set."""
+"""Nats, softened, that confusable effects must be apart for one of them to leave the set."""
 SOFT = 0.6
-"""Share of the nats between mates that counts."""
+"""Share of the nats between confusable effects that counts."""
 
 
 @dataclass(frozen=True)
@@ -131,21 +125,22 @@ def given_away(cell: Cell, ranked: Sequence[Hypothesis]) -> float:
 
 
 def softened(weighed: Sequence[Weighed]) -> list[Weighed]:
-    """Scores of sets that swap one effect of the leading set for its mate, moved towards the leader's.
+    """Scores of sets that swap one effect of the leader for a confusable one, moved towards the leader's.
 
-    An effect's form is known to 10 or 20 %: that is worth a few nats, and mates are told apart by form alone.
+    An effect's form is known to 10 or 20 %: that is worth a few nats, and only form
+    distinguishes such effects.
     """
     leader = max(weighed, key=lambda w: w.score)
     return [
-        replace(w, score=leader.score - SOFT * (leader.score - w.score)) if mates(leader, w) else w
+        replace(w, score=leader.score - SOFT * (leader.score - w.score)) if confusable_sets(leader, w) else w
         for w in weighed
     ]
 
 
-def mates(a: Weighed, b: Weighed) -> bool:
-    """Whether two sets differ by one effect in the place of its mate."""
+def confusable_sets(a: Weighed, b: Weighed) -> bool:
+    """Whether two sets differ by one effect in the place of a confusable one."""
     swapped = set(a.effects) ^ set(b.effects)
-    return len(swapped) == 2 and any(swapped <= set(group) for group in MATES)
+    return len(swapped) == 2 and confusable(*swapped)
 
 
 def probabilities(weighed: Sequence[Weighed], effects: Sequence[str]) -> dict[str, float]:
@@ -158,7 +153,7 @@ def probabilities(weighed: Sequence[Weighed], effects: Sequence[str]) -> dict[st
 
 
 def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
-    """Effects of the weightiest hypotheses that together hold 90 %, and mates not far behind them."""
+    """Effects of the weightiest hypotheses that together hold 90 %, and confusable ones close behind."""
     out: dict[str, None] = {}
     mass = 0.0
     for w in weighed:
@@ -167,7 +162,7 @@ def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
         if mass >= SET:
             break
     for w in weighed:
-        if mates(weighed[0], w) and weighed[0].score - w.score < FAR:
+        if confusable_sets(weighed[0], w) and weighed[0].score - w.score < FAR:
             out |= dict.fromkeys(w.effects)
     return tuple(out)
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from bayescal.effects import EFFECTS
 from bayescal.gap.result import Gap, Named, Place
 from bayescal.model.orientations import posed
 
@@ -14,30 +15,6 @@ LOOSE = 4.0
 """Times the noise that a model must expect of held-out contacts for 'nothing' to mean: not to be seen."""
 POSSIBLE, PLAIN = 0.05, 0.05
 """Probability from which on noise alone is told among the rivals; p-value below which a place is told."""
-
-PHRASES = {
-    "geometry": ("the arm", "is not as drawn"),
-    "compliance": ("every joint", "yields to gravity torque"),
-    "hardening": ("every joint", "stiffens as its gear winds up"),
-    "bending": ("every link", "yields across its axis"),
-    "base-compliance": ("the base", "yields to the arm's weight"),
-    "payload": ("the flange", "carries a mass that was not stated"),
-    "eccentricity": ("every joint", "errs once a turn"),
-    "second-harmonic": ("every joint", "errs twice a turn"),
-    "gear-mesh": ("every joint", "ripples with its motor's turns"),
-    "backlash": ("every joint", "turns by its play"),
-    "hysteresis": ("every joint", "rests on one flank or the other, by the sign of its torque"),
-    "encoder-scale": ("every joint", "turns more or less than it reads"),
-    "coupling": ("every joint", "turns with the joint before"),
-    "thermal-drift": ("the arm", "drifts as it warms"),
-    "step": ("the base", "was bumped"),
-    "lobing": ("the probe", "gives way by direction, in three lobes"),
-    "latency": ("every joint", "is read late"),
-    "plane-form": ("every face", "is not flat"),
-    "artefact": ("the artefact", "is not as its certificate says"),
-    "ball-radius": ("the ball", "is not of the radius stated"),
-}
-"""Of every effect: who, where the verdict gives no site, and what it does."""
 
 ONE_OF_A_KIND = ("base", "tool", "probe", "arm", "artefact")
 
@@ -48,9 +25,9 @@ def place(where: Place) -> str:
 
 
 def named(effect: Named) -> str:
-    """A named effect as a sentence: ``joint 3 turns by its play: backlash (probability 0.99)``."""
-    who, does = PHRASES.get(effect.effect, ("something", "errs"))
-    if effect.site and effect.effect != "payload":
+    """A named effect as a sentence: ``joint 3 has lost motion on reversal: backlash (probability 0.99)``."""
+    who, does = EFFECTS[effect.effect].phrase
+    if effect.site:
         who = f"the {effect.site}" if effect.site in ONE_OF_A_KIND else effect.site
     setting = f", {effect.setting}" if effect.setting else ""
     return f"{who} {does}{setting}: {effect.effect} (probability {probability(effect.probability)})"
