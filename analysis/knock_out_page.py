@@ -7,7 +7,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from bayescal.gap.search.beam import MOST
+from bayescal.gap.settings import SEARCH
 
 BEGIN, END = "<!-- knock-out: begin -->", "<!-- knock-out: end -->"
 SEEN = 30.0
@@ -50,8 +50,8 @@ RULES: dict[str, Callable[[Record], bool]] = {
         bool(r["named"]) and main_kind(r)["after_um"] < MISSED * main_kind(r)["whole_um"]
     ),
     "other names are preferred": lambda r: bool(r["named"]),
-    f"{MOST} others, as many names as a set may hold, explain more": lambda r: (
-        len(set(r["leading"]) - {"unknown"}) == MOST
+    f"{SEARCH.largest} others, as many names as a set may hold, explain more": lambda r: (
+        len(set(r["leading"]) - {"unknown"}) == SEARCH.largest
     ),
     "put down to something else": lambda r: r["verdict"] == "unknown",
 }

@@ -38,18 +38,13 @@ from bayescal.gap.search.refit import model_name, refit
 from bayescal.gap.search.screen import screened
 from bayescal.gap.search.unknown import Pool
 from bayescal.gap.search.verdict import Decision, decide
+from bayescal.gap.settings import VERDICT
 from bayescal.model import ORIENTATION, check_asked, with_parameters
 from bayescal.model.length_blocks import length_blocks, main_group
 from bayescal.model.parts import Part, parts_of
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import HeldOut, held_out
 
-PROMOTED = 3.0
-"""Nats that compliance must bring for a model without it to be judged with it."""
-ALIKE = 1.1
-"""Factor up to which two noise scales are one."""
-ADVISED = 3
-"""Pairs that advice is given for."""
 UNSEEN = "no contact of this session would show it at any size worth trying"
 Progress = Callable[[str, float], None]
 
@@ -137,7 +132,7 @@ def _looseness(fitted: Estimate) -> float:
 
 def _alike(a: Estimate, b: Estimate) -> bool:
     """Whether orientations are as noisy by both: an error that they alone see passes for noise at first."""
-    return bool(abs(np.log(_looseness(a) / _looseness(b))) < np.log(ALIKE))
+    return bool(abs(np.log(_looseness(a) / _looseness(b))) < np.log(VERDICT.alike))
 
 
 @dataclass(frozen=True)
@@ -297,7 +292,7 @@ def _promoted(first: Examined) -> bool:
     sets = first.search.hypotheses
     own = sets.get(frozenset((COMPLIANCE,)))
     best = max(sets.values(), key=lambda h: h.score)
-    gained = own is not None and own.score - sets[frozenset()].score > PROMOTED
+    gained = own is not None and own.score - sets[frozenset()].score > VERDICT.promoted
     return gained and COMPLIANCE in best.names
 
 
@@ -320,7 +315,7 @@ def _verdict(e: Examined, without: Decision | None) -> Verdict:
         tuple(named),
         probability,
         credible,
-        tuple(Hypothetical(w.effects, w.probability, w.log_evidence) for w in d.weighed[:12]),
+        tuple(Hypothetical(w.effects, w.probability, w.log_evidence) for w in d.weighed[: VERDICT.listed]),
         d.footnotes,
         e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
         (*play_or_late(d.alone, e.pool, d.credible), *cautions(e.fitted.model.scene.dataset)),
@@ -359,8 +354,12 @@ def _rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:
     """Pairs of hypotheses that the data cannot tell apart: the leader and those with a share of the doubt."""
     named = [w for w in e.decision.weighed if w.cell is None]
     leader = named[0]
-    rivals = [w for w in named[1:] if w.probability > 0.05 and w.hypothesis.names != leader.hypothesis.names]
-    return [(leader.hypothesis, w.hypothesis) for w in rivals[:ADVISED]]
+    rivals = [
+        w
+        for w in named[1:]
+        if w.probability > VERDICT.doubt and w.hypothesis.names != leader.hypothesis.names
+    ]
+    return [(leader.hypothesis, w.hypothesis) for w in rivals[: VERDICT.advised]]
 
 
 def _residuals(before: Estimate, after: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

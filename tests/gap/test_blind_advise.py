@@ -8,13 +8,14 @@ import pytest
 
 from bayescal.estimate import Estimate, estimate, solve
 from bayescal.gap.design import advise as advising
-from bayescal.gap.design.blind_spots import NAMED, blind_spots, distances, located, sites, unseen
+from bayescal.gap.design.blind_spots import blind_spots, distances, located, sites, unseen
 from bayescal.gap.design.candidate_contacts import SPHERES, possibilities
 from bayescal.gap.design.interventions import AGAIN, turns, widened
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import fit_state, problem
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.candidates import candidates
+from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
@@ -186,7 +187,7 @@ def test_the_smallest_amplitude_that_is_named():
         left = x - j @ np.linalg.lstsq(j, x, rcond=None)[0]
         strength = np.sum(left**2)
         if strength > 1e-8 * np.sum(x**2):
-            assert (spot.smallest / spot.plausible) ** 2 * strength == pytest.approx(NAMED, rel=1e-3)
+            assert (spot.smallest / spot.plausible) ** 2 * strength == pytest.approx(DESIGN.named, rel=1e-3)
 
 
 def test_what_is_named_no_longer_hides_and_absorbs():
@@ -308,7 +309,7 @@ def test_more_load_tells_a_bent_link_and_turning_tells_play(cubes):
     load = next(a for a in found if a.separates == ("bending", "encoder-scale"))
     assert "kg more" in load.what
     assert load.lambda_after > 3 * load.lambda_before
-    assert len(load.poses) == advising.CONTACTS
+    assert len(load.poses) == DESIGN.contacts
     readings = {tuple(r) for r in cubes.dataset.measurements.readings.tolist()}
     assert set(load.poses) <= readings
     assert any(a.separates == ("eccentricity", "nothing") for a in found)

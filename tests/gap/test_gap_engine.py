@@ -18,6 +18,7 @@ from bayescal.gap.linear.evidence import SCALES, log_bayes, project
 from bayescal.gap.linear.problem import Problem, Slopes, fit_state, of_certificate, problem, without_nuisance
 from bayescal.gap.search.candidates import candidates
 from bayescal.gap.search.screen import screened
+from bayescal.gap.settings import LINEAR
 from bayescal.model import ARM, ORIENTATION, Turned, with_parameters
 from bayescal.model.scene import Scene
 
@@ -266,16 +267,16 @@ def test_columns_of_masses_are_differences_of_gravity_moments(cube):
         axis = "xyz".find(words[-1])
         if words[2] == "load":
             if axis < 0:
-                after = torque(load=c.load_mass * (1 + mass_errors.LOAD_SHARE))
+                after = torque(load=c.load_mass * (1 + LINEAR.load_share))
             else:
-                after = torque(at=c.load_centre + mass_errors.OFF * np.eye(3)[axis])
+                after = torque(at=c.load_centre + LINEAR.centre_off * np.eye(3)[axis])
         else:
             i = int(words[3]) - 1
             masses, centres = robot.masses.copy(), robot.centres_of_mass.copy()
             if axis < 0:
-                masses[i] *= 1 + mass_errors.SHARE
+                masses[i] *= 1 + LINEAR.mass_share
             else:
-                centres[i, axis] += mass_errors.SHARE * abs(centres[i, axis]) + mass_errors.OFF
+                centres[i, axis] += LINEAR.mass_share * abs(centres[i, axis]) + LINEAR.centre_off
             after = torque(masses, centres)
         turns = np.zeros((24, 6))
         for term in p.terms:

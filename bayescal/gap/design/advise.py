@@ -16,12 +16,8 @@ from bayescal.gap.design.candidate_contacts import Side, possibilities
 from bayescal.gap.result import Advice
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.candidates import Candidates
+from bayescal.gap.settings import DESIGN
 
-CONTACTS = 40
-BETTER = 1.2
-"""Times the lambda of the same poses once more, that a lever must reach to be worth its trouble."""
-LEAST = 2.0
-"""Lambda that the best lever must reach: below, the two cannot be told apart at their size by any of them."""
 NOTHING = "nothing"
 
 
@@ -57,7 +53,7 @@ def advise(
     fitted: Estimate,
     known: Candidates,
     pairs: Sequence[tuple[Hypothesis, Hypothesis]],
-    contacts: int = CONTACTS,
+    contacts: int = DESIGN.contacts,
 ) -> tuple[Advice, ...]:
     """What to probe next to tell apart each pair of hypotheses: the best intervention, or the best two.
 
@@ -76,7 +72,7 @@ def advise(
     -------
     tuple of Advice
         Where no intervention is much better than the same poses once more, those; nothing for a pair whose
-        lambda no lever brings to `LEAST`.
+        lambda no lever brings to `DESIGN.least`.
 
     Notes
     -----
@@ -105,9 +101,9 @@ def advise(
             order, after = choose(sides, intervention.contact, intervention.pose, contacts)
             poses = tuple(tuple(pose) for pose in readings[intervention.pose[order]].tolist())
             tried.append(Advice((names[0], names[1]), intervention.what, poses, before, after))
-        if max((t.lambda_after for t in tried), default=0.0) < LEAST:
+        if max((t.lambda_after for t in tried), default=0.0) < DESIGN.least:
             continue
-        better = [t for t in tried[1:] if t.lambda_after > BETTER * tried[0].lambda_after]
+        better = [t for t in tried[1:] if t.lambda_after > DESIGN.better * tried[0].lambda_after]
         better.sort(key=lambda t: -t.lambda_after)
         out += [t for t in better[:2] if t.lambda_after > 0.5 * better[0].lambda_after] or tried[:1]
     return tuple(out)

@@ -17,17 +17,11 @@ from bayescal.gap.linear.evidence import Projected, project
 from bayescal.gap.linear.problem import Problem, State
 from bayescal.gap.result import BlindSpot
 from bayescal.gap.search.candidates import Candidates
+from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
 from bayescal.predict.locate import find
 from factors.fixed_point import FixedPoint
 from factors.sphere import Sphere
-
-NAMED = 50.0
-"""Visible strength, lambda, from which on an effect is named nearly always."""
-ROUNDING = 1e-11
-"""Share of a column's square that is no more than rounding once it is projected."""
-PAIRS, APART, POINTS = 200, 50e-3, 64
-"""Pairs of points that stand in for certified distances, how far apart at least, m, among how many points."""
 
 
 @dataclass(frozen=True)
@@ -96,14 +90,14 @@ def blind_spots(
     used = np.union1d(np.concatenate([s.columns for s in judged]), free)
     seen = project(state, p.pool[:, used])
     raw = np.sum(seen.weighted**2, axis=0)
-    strength = np.maximum(raw - np.sum(seen.across * seen.solved, axis=0), ROUNDING * raw)
+    strength = np.maximum(raw - np.sum(seen.across * seen.solved, axis=0), DESIGN.rounding * raw)
     moved = distances(fitted, [known.pool[k] for k in used], state, used, seen)
     harm = np.mean(moved**2, axis=0) if len(moved) else np.full(len(used), np.nan)
     best: dict[str, tuple[tuple[bool, float], BlindSpot]] = {}
     for s in judged:
         at = np.searchsorted(used, s.columns)
         total = float(np.sum(strength[at]))
-        ratio = np.sqrt(NAMED / total) if total > 0 else np.inf
+        ratio = np.sqrt(DESIGN.named / total) if total > 0 else np.inf
         plausible = float(np.sqrt(np.mean([known.pool[k].sd ** 2 for k in s.columns])))
         error = float(np.sqrt(np.sum(harm[at])))
         spot = BlindSpot(s.effect, s.name, float(ratio) * plausible, plausible, s.unit, error)
@@ -222,15 +216,15 @@ def _centre(
 def _points(
     wide: Model, values: np.ndarray, off: np.ndarray
 ) -> list[tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]]:
-    """Pairs of ball centres of the session at least `APART` apart, and how far off each is believed, m."""
+    """Pairs of ball centres at least `DESIGN.apart` apart, and how far off each is believed, m."""
     rng = np.random.default_rng(0)
     rows = wide.scene.rows("calibrate")
-    rows = np.sort(rng.permutation(rows)[:POINTS])
+    rows = np.sort(rng.permutation(rows)[: DESIGN.points])
     motion = wide.motion(rows)
     p = motion.points(values)
     by = [motion.columns(values, p, np.repeat(np.eye(3)[[k]].T, len(rows), axis=1)) for k in range(3)]
     shift = np.stack([b.T @ off for b in by], axis=1)  # (points, 3, K)
     a, b = np.triu_indices(len(rows), 1)
-    far = np.flatnonzero(np.linalg.norm(p[:, a] - p[:, b], axis=0) >= APART)
-    chosen = rng.permutation(far)[:PAIRS]
+    far = np.flatnonzero(np.linalg.norm(p[:, a] - p[:, b], axis=0) >= DESIGN.apart)
+    chosen = rng.permutation(far)[: DESIGN.pairs]
     return [((p[:, i], shift[i]), (p[:, j], shift[j])) for i, j in zip(a[chosen], b[chosen], strict=True)]

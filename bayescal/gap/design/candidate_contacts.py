@@ -18,20 +18,14 @@ from bayescal.gap.design.interventions import Intervention, widened
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.search.beam import Hypothesis, Member
 from bayescal.gap.search.candidates import Candidates, in_proportion
+from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
 from bayescal.model.length_blocks import length_blocks, main_group
 from bayescal.model.scene import Scene
 from factors.fixed_point import FixedPoint
 from factors.sphere import Sphere
 
-POSES = 120
-"""Poses of the session among which new contacts are chosen, at most."""
 SPHERES = "contacts on the certified spheres, fitted too"
-LEAST_U = 1e-7  # m, of a certified distance
-ROUGHLY = 1e-3
-"""Prior standard deviation of a held-out centre, m: it has been found, and rounding loses less so."""
-SEEN = 1e-9
-"""Change of a whitened column that counts as one."""
 
 
 @dataclass
@@ -105,7 +99,7 @@ class Possible:
             return True
         at = np.searchsorted(self.used, np.union1d(a.state.columns, b.state.columns))
         changed = (self.pool[:count] - other.pool)[:, at], self.design[:count] - other.design
-        return any(np.max(np.abs(d), initial=0.0) > SEEN for d in changed)
+        return any(np.max(np.abs(d), initial=0.0) > DESIGN.changed for d in changed)
 
 
 def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]) -> list[Possible]:
@@ -190,7 +184,7 @@ def _spheres(
             for name, way in zip(c.targets, (1.0, -1.0), strict=True):
                 sd = (found[name][0].sd * _tighter(found[name][0]))[:3]
                 constraint[starts[name] : starts[name] + 3] = way * apart / np.linalg.norm(apart) * sd
-            information += np.outer(constraint, constraint) / max(c.u_distance or 0.0, LEAST_U) ** 2
+            information += np.outer(constraint, constraint) / max(c.u_distance or 0.0, DESIGN.least_u) ** 2
     arm = np.concatenate(arms)
     design = np.zeros((len(arm), len(fitted.z)))
     design[:, :count] = arm[:, :count]
@@ -208,8 +202,8 @@ def _centre(block: Block, z: np.ndarray) -> np.ndarray:
 
 
 def _tighter(block: Block) -> np.ndarray:
-    """Factors (size,) on a target's prior standard deviations, so that none exceeds `ROUGHLY`."""
-    return np.minimum(block.sd, ROUGHLY) / block.sd
+    """Factors (size,) on a target's prior standard deviations, so that none exceeds `DESIGN.roughly`."""
+    return np.minimum(block.sd, DESIGN.roughly) / block.sd
 
 
 def _stands(scene: Scene, interventions: Sequence[Intervention]) -> np.ndarray | None:
@@ -231,9 +225,9 @@ def _candidates(name: str, setting: float | None, c: Circumstances) -> list[Para
 
 
 def _poses(fitted: Estimate) -> np.ndarray:
-    """Fitted rows that count, no pose twice, evenly over the session and at most `POSES`."""
+    """Fitted rows that count, no pose twice, evenly over the session and at most `DESIGN.poses`."""
     scene = fitted.model.scene
     rows = np.setdiff1d(scene.rows("calibrate"), fitted.rejected)
     _, first = np.unique(scene.dataset.measurements.readings[rows].round(3), axis=0, return_index=True)
     rows = rows[np.sort(first)]
-    return rows[np.unique(np.linspace(0, len(rows) - 1, POSES).round().astype(int))]
+    return rows[np.unique(np.linspace(0, len(rows) - 1, DESIGN.poses).round().astype(int))]

@@ -10,13 +10,10 @@ import numpy as np
 
 from bayescal.arm.chain import wrenches
 from bayescal.dataset import Dataset, Measurements
+from bayescal.gap.settings import DESIGN
 from bayescal.model.scene import Scene
 
 AGAIN = "these poses once more"
-PAYLOAD = 2.0  # kg
-FASTER, TURNING = 4.0, 4.0  # times the recorded velocities
-STILL = 1e-6
-"""Share of a wish to turn below which an arm cannot turn about its ball."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +38,9 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
         late["time"] = m.time.max()
     choices: list[tuple[str, np.ndarray, Mapping[str, Any]]] = [(AGAIN, rows, late)]
     if scene.dataset.robot.masses is not None:
-        load = PAYLOAD + (0.0 if m.payload is None else m.payload[rows])
+        load = DESIGN.payload + (0.0 if m.payload is None else m.payload[rows])
         choices.append(
-            (f"these poses with {PAYLOAD:g} kg more on the flange", rows, late | {"payload": load})
+            (f"these poses with {DESIGN.payload:g} kg more on the flange", rows, late | {"payload": load})
         )
     if m.velocity is not None:
         ways = turns(scene, rows)
@@ -51,8 +48,8 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
             what = "these poses, turning about the ball's centre as it touches, one way and the other"
             velocity = np.concatenate([m.velocity[rows] + way for way in ways])
             choices.append((what, np.tile(rows, len(ways)), late | {"velocity": velocity}))
-        what = f"these poses, touched {FASTER:g} times as fast"
-        choices.append((what, rows, late | {"velocity": FASTER * m.velocity[rows]}))
+        what = f"these poses, touched {DESIGN.faster:g} times as fast"
+        choices.append((what, rows, late | {"velocity": DESIGN.faster * m.velocity[rows]}))
     if m.time is not None and np.ptp(m.time) > 0:
         time = np.random.default_rng(0).uniform(m.time.min(), m.time.max(), len(rows))
         mixed = {"time": time}
@@ -93,13 +90,13 @@ def turns(scene: Scene, rows: np.ndarray) -> list[np.ndarray]:
     jacobian = np.stack(by, axis=1)  # (C, 3, n)
     free = np.eye(robot.n) - np.linalg.pinv(jacobian) @ jacobian
     own = m.velocity[rows]
-    size = TURNING * np.linalg.norm(own, axis=1, keepdims=True)
+    size = DESIGN.turning * np.linalg.norm(own, axis=1, keepdims=True)
     out: list[np.ndarray] = []
     for wish in (-np.sign(own), np.random.default_rng(1).standard_normal(own.shape)):
         way = (free @ wish[..., None])[..., 0]
         length = np.linalg.norm(way, axis=1, keepdims=True)
-        if np.median(length) < STILL:
+        if np.median(length) < DESIGN.still:
             return []
-        way = size * way / np.maximum(length, STILL)
+        way = size * way / np.maximum(length, DESIGN.still)
         out += [way, -way]
     return out

@@ -10,15 +10,14 @@ import numpy as np
 
 from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.problem import State
+from bayescal.gap.settings import LINEAR
 
-SCALES = 2.0 ** np.arange(-3, 4)
+SCALES = np.array(LINEAR.scales)
 """Factors on the prior standard deviations over which evidence is averaged."""
-SPREAD = np.log(3.0)
-"""How far the prior standard deviations are thought to be off: a factor of 3, one sigma."""
-SCALE_PRIOR = -0.5 * (np.log(SCALES) / SPREAD) ** 2
+SCALE_PRIOR = -0.5 * (np.log(SCALES) / np.log(LINEAR.scale_spread)) ** 2
 SCALE_PRIOR = SCALE_PRIOR - np.log(np.sum(np.exp(SCALE_PRIOR)))
 """Log weights of the factors."""
-NOISE = np.exp(np.linspace(-1.6, 0.25, 40))
+NOISE = np.exp(np.linspace(LINEAR.noise_lowest, LINEAR.noise_highest, LINEAR.noise_nodes))
 """Noise scales over the state's own, on which it is integrated."""
 
 

@@ -16,10 +16,7 @@ from bayescal.arm.motion import Term
 from bayescal.effects import Circumstances, Parameter
 from bayescal.effects.compliance import expected
 from bayescal.effects.joints import carries
-
-SHARE = 0.05  # of a link's mass, and of each coordinate of its centre
-LOAD_SHARE = 0.005
-OFF = 2e-4  # m, beside the share of a centre's coordinate
+from bayescal.gap.settings import LINEAR
 
 
 def masses(c: Circumstances, delta: np.ndarray | None = None) -> list[Parameter]:
@@ -53,11 +50,11 @@ def masses(c: Circumstances, delta: np.ndarray | None = None) -> list[Parameter]
 
     def add_body(name: str, body: int, place: np.ndarray, centre: np.ndarray, mass: np.ndarray) -> None:
         """Add the mass and the centre (N, 3) of what stands at `place` (N, 4, 4)."""
-        share = LOAD_SHARE if name == "load" else SHARE
+        share = LINEAR.load_share if name == "load" else LINEAR.mass_share
         at = (place[:, :3, :3] @ centre[..., None])[..., 0] + place[:, :3, 3]
         add(f"mass of {name}", body, share * mass, at[:, None] - origins)
         for k, axis in enumerate("xyz"):
-            off = OFF if name == "load" else SHARE * np.abs(centre[:, k]) + OFF
+            off = LINEAR.centre_off + (0.0 if name == "load" else LINEAR.mass_share) * np.abs(centre[:, k])
             way = np.broadcast_to(place[:, None, :3, k], origins.shape)
             add(f"centre of {name} {axis}", body, off * mass, way)
 

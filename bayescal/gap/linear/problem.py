@@ -17,16 +17,14 @@ from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
 from bayescal.arm.transforms import AXES
 from bayescal.effects import Parameter
 from bayescal.estimate import STATED_WORTH, TAIL, Estimate, linearise
+from bayescal.gap.settings import LINEAR
 from bayescal.model import ARM, with_parameters
 from bayescal.model.length_blocks import length_blocks, main_group
 
-OUTLIERS = 0.02
-"""Expected share of gross contacts."""
-GROSS_WIDTH = 200.0
-"""Stated standard deviations over which a gross contact may lie anywhere."""
-GROSS = float(np.log(OUTLIERS / (1 - OUTLIERS)) + 0.5 * np.log(2 * np.pi) - np.log(GROSS_WIDTH))
+GROSS = float(
+    np.log(LINEAR.outliers / (1 - LINEAR.outliers)) + 0.5 * np.log(2 * np.pi) - np.log(LINEAR.gross_width)
+)
 """Log density of a gross contact, over that of a good one at its centre and noise scale 1."""
-ROUNDS = 30
 TURNS = ("rx", "ry", "rz")
 
 
@@ -245,7 +243,7 @@ def fit_state(
 
     kappa = 1.0
     if robust and start is None:
-        for k in range(ROUNDS):  # Student t, with a scale from the middle of the residuals
+        for k in range(LINEAR.rounds):  # Student t, with a scale from the middle of the residuals
             step, r, info, factor = solve(weight, kappa)
             square = np.bincount(p.contact, r[:count] ** 2) / size
             before, kappa = kappa, _scatter(square, size, design.shape[1])
@@ -253,7 +251,7 @@ def fit_state(
             weight[:count] = per[p.contact]
             if k > 2 and abs(np.log(kappa / before)) < 3e-3:
                 break
-    for _ in range(ROUNDS):
+    for _ in range(LINEAR.rounds):
         step, r, info, factor = solve(weight, kappa)
         effective_dof = float(np.trace(cho_solve(factor, info)))
         chi2 = float(np.sum(weight[:count] * r[:count] ** 2))

@@ -8,12 +8,8 @@ import numpy as np
 
 from bayescal.estimate import Estimate
 from bayescal.gap.result import Step
+from bayescal.gap.settings import OUTCOME
 from bayescal.predict.crossvalidation import HeldOut, held_out, kept
-
-GROSS_SHARE = 0.02
-"""Share of held-out contacts that may lie anywhere, under every model alike."""
-GROSS_WIDTH = 1e-2
-"""Width over which they may, m a residual."""
 
 
 def ladder(
@@ -59,8 +55,8 @@ def log_predictive(held: HeldOut) -> tuple[np.ndarray, np.ndarray]:
     rows, contact = np.unique(held.rows, return_inverse=True)
     sd = held.sd
     normal = -0.5 * (held.residual / sd) ** 2 - np.log(np.sqrt(2 * np.pi) * sd)
-    good = np.bincount(contact, normal) + np.log1p(-GROSS_SHARE)
-    gross = -np.bincount(contact) * np.log(GROSS_WIDTH) + np.log(GROSS_SHARE)
+    good = np.bincount(contact, normal) + np.log1p(-OUTCOME.gross_share)
+    gross = -np.bincount(contact) * np.log(OUTCOME.gross_width) + np.log(OUTCOME.gross_share)
     label = np.zeros(len(rows), int)
     label[contact] = held.block
     return np.logaddexp(good, gross), label

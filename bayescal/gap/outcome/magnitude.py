@@ -10,12 +10,8 @@ from scipy.stats import chi2
 from bayescal.estimate import STATED_WORTH, Estimate
 from bayescal.estimate.unexplained import P_VALUE, STATED_FACTOR, repeat_scatter
 from bayescal.gap.result import Magnitude, Measured
+from bayescal.gap.settings import OUTCOME
 from bayescal.predict.crossvalidation import LEFT_OUT, RESAMPLES, HeldOut, interval, kept, resampled
-
-FEWEST_DOF = 5.0
-"""Degrees of freedom below which a fit's residuals say nothing about the noise."""
-NUMBERS = 2_000_000
-"""Normals drawn at most for a posterior predictive."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +56,7 @@ def noise_floor(final: Estimate, group: str) -> Noise:
         if repeats is not None:
             return Noise(repeats, float(count), "repeats")
     stated, scale, dof = stated_noise(final, group), final.weights.scale[group], final.dof[group]
-    if dof < FEWEST_DOF or chi2.sf(dof * (scale / STATED_FACTOR) ** 2, dof) < P_VALUE:
+    if dof < OUTCOME.fewest_dof or chi2.sf(dof * (scale / STATED_FACTOR) ** 2, dof) < P_VALUE:
         return Noise(stated, STATED_WORTH, "stated")
     return Noise(scale * stated, dof, "fit")
 
@@ -119,7 +115,7 @@ def _contacts(
     """Held-out residuals beside simulated ones: parameters of the posterior, noise of its floor."""
     by, residual = held.by_parameters[mine], held.residual[mine]
     own = held.noise[mine] * np.where(held.group[mine] == held.main, factor, 1.0)
-    count = int(np.clip(NUMBERS // len(residual), 100, 2000))
+    count = int(np.clip(OUTCOME.normals // len(residual), 100, 2000))
     scale = noise.draws(rng)[:count] / noise.sd
     simulated = rng.standard_normal((count, by.shape[1])) @ by.T
     simulated += scale[:, None] * own * rng.standard_normal((count, len(own)))

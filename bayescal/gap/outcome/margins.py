@@ -11,20 +11,12 @@ from scipy.stats import t as student
 
 from bayescal.estimate import Estimate, linearise
 from bayescal.gap.result import Margin
+from bayescal.gap.settings import OUTCOME
 from bayescal.model.length_blocks import length_blocks
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import KEPT_BACK, HeldOut
 from bayescal.predict.located_targets import root
 
-FEWEST = 4  # contacts that make a bin
-JOINT_BINS, JOINTS_SHOWN = 4, 2  # of a joint's reading; the most deviant ones are shown
-TIME_BINS = 8
-SMALLEST_SPAN = 20e-3
-"""Extent of the contacts along a base axis, m, below which the workspace is not halved along it."""
-GATHERED = 0.25
-"""Share of a bin's contacts from which on rejected ones are no slips there, and count."""
-ABSORBED = 0.05
-"""Share of a bin's mean that must survive the fit for the mean to be tested."""
 AXES = "xyz"
 Bin = tuple[str, np.ndarray]  # a label and a mask (R,) of residuals
 
@@ -87,7 +79,7 @@ def _most_deviant(pairs: list[tuple[str, Margin]]) -> list[tuple[str, Margin]]:
     out = []
     for family in dict.fromkeys(name for name, _ in pairs):
         own = sorted((p for p in pairs if p[0] == family), key=lambda p: (p[1].p_value, -p[1].rms))
-        out += own[:JOINTS_SHOWN]
+        out += own[: OUTCOME.joints_shown]
     return out
 
 
@@ -155,10 +147,10 @@ def _directions(scene: Scene, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def judge(r: Residuals, label: str, mask: np.ndarray) -> Margin | None:
     """One bin, or None where it is too small; its p-value, uncorrected, is twice the smaller of two."""
     # slips lie anywhere; where rejected contacts gather, they are what is looked for
-    if np.sum(r.suspect[mask]) < max(GATHERED * np.sum(mask), 3):
+    if np.sum(r.suspect[mask]) < max(OUTCOME.gathered * np.sum(mask), 3):
         mask = mask & ~r.suspect
     contacts = len(np.unique(r.rows[mask]))
-    if contacts < FEWEST:
+    if contacts < OUTCOME.fewest_in_bin:
         return None
     e, s, fitted = r.white[mask], r.spread[mask], r.fitted[mask]
     taken, added = s[fitted], s[~fitted]
@@ -167,9 +159,9 @@ def judge(r: Residuals, label: str, mask: np.ndarray) -> Margin | None:
     square = len(e) - 2 * float(np.sum(taken**2)) + 2 * float(np.sum(added**2))
     square += float(np.sum((taken.T @ taken) ** 2)) + float(np.sum((added.T @ added) ** 2))
     p = [1.0]
-    if trace > ABSORBED * len(e):  # a sum of squares of this mean and variance is nearly chi-squared
+    if trace > OUTCOME.absorbed * len(e):  # a sum of squares of this mean and variance is nearly chi-squared
         p.append(float(f_distribution.sf(np.sum(e**2) / trace, max(trace**2 / square, 1.0), r.dof)))
-    if variance > ABSORBED * len(e):
+    if variance > OUTCOME.absorbed * len(e):
         p.append(2 * float(student.sf(abs(np.sum(e)) / np.sqrt(variance), r.dof)))
     rms, mean = float(np.sqrt(np.mean(r.residual[mask] ** 2))), float(np.mean(r.residual[mask]))
     return Margin(label, contacts, rms, mean, min(2 * min(p), 1.0))
@@ -199,14 +191,14 @@ def _cut(x: np.ndarray, bins: int) -> Iterator[tuple[float, float, np.ndarray]]:
 def _joints(scene: Scene, rows: np.ndarray) -> Iterator[tuple[str, Bin]]:
     readings = np.degrees(scene.dataset.measurements.readings[rows])
     for j, x in enumerate(readings.T, start=1):
-        for low, high, mask in _cut(x, JOINT_BINS):
+        for low, high, mask in _cut(x, OUTCOME.joint_bins):
             yield str(j), (f"joint {j}: {low:.0f} to {high:.0f} deg", mask)
 
 
 def _regions(points: np.ndarray) -> Iterator[Bin]:
     """Octants of the workspace about the middle of the contacts."""
     low, middle, high = (1e3 * np.quantile(points, q, axis=0) for q in (0.0, 0.5, 1.0))
-    halved = [k for k in range(3) if high[k] - low[k] > 1e3 * SMALLEST_SPAN]
+    halved = [k for k in range(3) if high[k] - low[k] > 1e3 * OUTCOME.smallest_span]
     for octant in range(2 ** len(halved)):
         mask, parts = np.ones(len(points), bool), []
         for bit, k in enumerate(halved):
@@ -221,8 +213,8 @@ def _regions(points: np.ndarray) -> Iterator[Bin]:
 def _times(time: np.ndarray) -> Iterator[Bin]:
     span = float(np.ptp(time))
     unit, size = ("h", 3600.0) if span > 4 * 3600 else ("min", 60.0) if span > 4 * 60 else ("s", 1.0)
-    digits = 0 if span / size > 4 * TIME_BINS else 1
-    for low, high, mask in _cut(time - time.min(), TIME_BINS):
+    digits = 0 if span / size > 4 * OUTCOME.time_bins else 1
+    for low, high, mask in _cut(time - time.min(), OUTCOME.time_bins):
         yield f"{low / size:.{digits}f} to {high / size:.{digits}f} {unit}", mask
 
 

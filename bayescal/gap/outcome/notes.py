@@ -10,12 +10,9 @@ from bayescal.dataset import Dataset
 from bayescal.estimate import Estimate
 from bayescal.gap.outcome.magnitude import stated_noise
 from bayescal.gap.search.unknown import Found, Pool
+from bayescal.gap.settings import OUTCOME
 from bayescal.predict.crossvalidation import LEFT_OUT, HeldOut, kept
 
-APART = 3.0
-"""Nats from which on the data favour one of two readings of a fact."""
-PLAIN = 8.0
-"""Nats from which on an error by the way of approach is worth a word."""
 DIRECTED = ("backlash", "latency", "unknown")
 
 
@@ -32,12 +29,12 @@ def play_or_late(alone: tuple[Found, ...], pool: Pool, credible: tuple[str, ...]
     for (site, driver), by_sign in gain.items():
         word, _, joint = driver.partition(" ")
         by_speed = gain.get((site, f"speed {joint}"))
-        if word != "approach" or by_speed is None or max(by_sign, by_speed) < PLAIN:
+        if word != "approach" or by_speed is None or max(by_sign, by_speed) < OUTCOME.plain:
             continue
         apart = by_sign - by_speed
-        if apart > APART:
+        if apart > OUTCOME.apart:
             says = f"by its sign, {apart:.0f} nats better than by its speed: play, not unsettled readings"
-        elif apart < -APART:
+        elif apart < -OUTCOME.apart:
             says = (
                 f"by its speed, {-apart:.0f} nats better than by its sign: readings not settled, or "
                 "commanded, rather than play"
@@ -57,12 +54,6 @@ def cautions(dataset: Dataset) -> Iterator[str]:
         )
 
 
-LOOSE = 4.0
-"""Times the noise that a model must expect of held-out contacts for its arm to be called uncertain."""
-WORSE = 1.02
-"""Factor on held-out errors from which on they have grown."""
-
-
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
@@ -78,12 +69,12 @@ def warnings(before: Estimate, after: Estimate, first: HeldOut, last: HeldOut) -
     out = []
     model, fair = after.model, kept(first, last)
     expected, noise = _rms(first.sd[fair]), _rms(_noise(before, first)[fair])
-    if expected > LOOSE * noise:
+    if expected > OUTCOME.loose * noise:
         out.append(
             f"these contacts leave the arm uncertain: the model itself expects {1e6 * expected:.0f} um held "
             "out, and no gap below that shows"
         )
-    if last is not first and _rms(last.residual[fair]) > WORSE * _rms(first.residual[fair]):
+    if last is not first and _rms(last.residual[fair]) > OUTCOME.grown * _rms(first.residual[fair]):
         out.append(
             "held-out errors grow with what was added: it fits the calibrated rows alone, so do not build "
             "on it"

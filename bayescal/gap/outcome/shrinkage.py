@@ -6,13 +6,10 @@ import numpy as np
 from scipy.stats import f as f_distribution
 
 from bayescal.gap.result import Shrinkage
+from bayescal.gap.settings import OUTCOME
 from bayescal.predict.crossvalidation import RESAMPLES, HeldOut, interval, kept, resampled
 
 NAN = float("nan")
-NO_EXCESS = 0.05
-"""Probability of a ratio where there was no excess, counting every block as one observation."""
-MANY = 1e6
-"""Degrees of freedom of a noise that is known."""
 
 
 def shrinkage(
@@ -108,7 +105,7 @@ def compare(
     excess = draws[:, 0] - draws[:, 2]
     removed, ends = NAN, (NAN, NAN)
     # where these rows could show no excess at all, the ratio would be one of two noises
-    if old > floor * f_distribution.isf(NO_EXCESS, number, min(noise_dof, MANY)):
+    if old > floor * f_distribution.isf(OUTCOME.no_excess, number, min(noise_dof, OUTCOME.many)):
         removed = min((old - new) / (old - floor), 1.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(excess > 0, (draws[:, 0] - draws[:, 1]) / excess, np.nan)

@@ -13,11 +13,7 @@ from bayescal.gap.linear.problem import State, fit_state, without_nuisance
 from bayescal.gap.result import Curve, Place
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.unknown import Found, Pool, found, with_set
-
-MOST, LEFT = 6, 2
-"""Places that are listed, and how many of them at least are of what was not named."""
-SIGNIFICANT = 0.01
-"""Family p-value up to which a further place is looked for beside those found."""
+from bayescal.gap.settings import OUTCOME
 
 
 def places(
@@ -47,7 +43,7 @@ def places(
     out = list(places_named(hypothesis, named, c, excess, size))
     state, tests = hypothesis.state, len(pool.sets)
     seen = {(p.site, p.driver) for p in out}
-    most = max(MOST, len(out) + LEFT)  # what was named never hides what is left
+    most = max(OUTCOME.places, len(out) + OUTCOME.places_left)  # what was named never hides what is left
     while len(out) < most:
         ranked = sorted(found(state, pool), key=lambda f: -f.gain)
         ranked = [f for f in ranked if (pool.cells[f.cell].site, pool.cells[f.cell].driver) not in seen]
@@ -56,7 +52,7 @@ def places(
         place, wider = _of_cell(state, pool, ranked[0], c, excess, size, tests)
         out.append(place)
         seen.add((place.site, place.driver))
-        if place.family_p_value > SIGNIFICANT:
+        if place.family_p_value > OUTCOME.significant:
             for other in ranked[1 : 1 + most - len(out)]:
                 out.append(_of_cell(state, pool, other, c, excess, size, tests)[0])
             break
@@ -159,7 +155,7 @@ def places_named(
                     len(groups), gain, member.effect,
                 )
             )  # fmt: skip
-        out += sorted(mine, key=lambda place: (place.site != "arm", -place.rms))[:3]
+        out += sorted(mine, key=lambda place: (place.site != "arm", -place.rms))[: OUTCOME.places_named]
     return tuple(out)
 
 

@@ -11,17 +11,8 @@ from bayescal.effects import EFFECTS
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, project, weigh_sets
 from bayescal.gap.linear.problem import Problem, State, fit_state
 from bayescal.gap.search.candidates import Candidates, Variant
+from bayescal.gap.settings import SEARCH
 
-NULL, SINGLE, UNKNOWN = 0.15, 0.65, 0.2
-"""Prior probabilities: nothing is left out, one effect of the vocabulary, something else."""
-FURTHER = 0.2
-"""Factor on the prior of each further effect."""
-BEAM = 5
-MOST = 6
-SEEN = 9.0
-"""Lambda that an effect must reach at the largest size worth trying, or no contact could show it."""
-WORTH = 2.0
-"""Nats that a further effect must bring to be tried."""
 COMPLIANCE = "compliance"
 
 
@@ -83,10 +74,10 @@ class Search:
         """Log prior of a set of that many effects."""
         count = max(len(self.candidates.variants), 1)
         if self.further:
-            return float(size * np.log(FURTHER / count))
+            return float(size * np.log(SEARCH.further / count))
         if size == 0:
-            return float(np.log(NULL))
-        return float(np.log(SINGLE / count) + (size - 1) * np.log(FURTHER / count))
+            return float(np.log(SEARCH.null))
+        return float(np.log(SEARCH.single / count) + (size - 1) * np.log(SEARCH.further / count))
 
     def hypothesis(
         self, members: Sequence[Member], starts: Sequence[np.ndarray | None] = (None,)
@@ -165,7 +156,7 @@ class Search:
             name: max(float(np.sum(seen[v.columns])) for v in variants)
             for name, variants in self.candidates.variants.items()
         }
-        self.unseen = tuple(name for name, size in most.items() if size * SCALES[-1] ** 2 < SEEN)
+        self.unseen = tuple(name for name, size in most.items() if size * SCALES[-1] ** 2 < SEARCH.detectable)
         kept = {n: v for n, v in self.candidates.variants.items() if n not in self.unseen}
         self.candidates, self.bank = replace(self.candidates, variants=kept), None
 
@@ -174,12 +165,12 @@ class Search:
         null = self.hypothesis(())
         self._leave_out_unseen(null.state)
         self.hypotheses[frozenset()] = null
-        level = self.extend(null, -5.0)
-        for _ in range(MOST - 1):
-            beam = sorted({id(h): h for h in level}.values(), key=lambda h: -h.score)[:BEAM]
-            beam = [h for h in beam if h.score > null.score - 3.0]
-            level = [new for h in beam for new in self.extend(h, WORTH)]
+        level = self.extend(null, SEARCH.first_gain)
+        for _ in range(SEARCH.largest - 1):
+            beam = sorted({id(h): h for h in level}.values(), key=lambda h: -h.score)[: SEARCH.width]
+            beam = [h for h in beam if h.score > null.score - SEARCH.below_null]
+            level = [new for h in beam for new in self.extend(h, SEARCH.further_gain)]
             top = max(h.score for h in self.hypotheses.values())
-            level = [h for h in level if h.score > top - 12.0]
+            level = [h for h in level if h.score > top - SEARCH.below_best]
             if not level:
                 break

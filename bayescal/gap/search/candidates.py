@@ -12,10 +12,9 @@ import numpy as np
 
 from bayescal.effects import EFFECTS, Circumstances, Effect, Parameter, parameters_of
 from bayescal.effects.compliance import SPREAD
+from bayescal.gap.settings import SEARCH
 from bayescal.model.parts import Part
 
-WIDE = 64
-"""Settings up to which a scan is carried along whole."""
 NOTHING = "nothing in this session varies with it"
 
 
@@ -92,7 +91,7 @@ def with_parts(known: Candidates, name: str, parts: Sequence[Part], c: Circumsta
 
 def wide(effect: Effect, c: Circumstances) -> bool:
     """Whether an effect has more settings than one would carry along."""
-    return effect.scan is not None and len(effect.scan.values(c)) > WIDE
+    return effect.scan is not None and len(effect.scan.values(c)) > SEARCH.whole_scan
 
 
 def extended(

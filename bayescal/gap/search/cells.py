@@ -18,21 +18,7 @@ from bayescal.effects import Circumstances, Parameter
 from bayescal.effects.backlash import STANDSTILL
 from bayescal.effects.joints import moved
 from bayescal.effects.plane_form import shapes
-
-WAVES = 4  # half periods of a smooth function over the session
-LENGTH, ANGLE = 1e-5, 1e-4  # m, rad: prior standard deviation of a wave
-BUMP_WIDTHS = (0.04, 0.1)  # rad, of a defect at one place of a turn
-MOMENTS = 16  # that a change may have, by cell
-TURNS = tuple(np.arange(2.0, 20.5, 0.75))  # of a swinging base, a session
-GRID, SPOT = (-1.0, -0.5, 0.0, 0.5, 1.0), 0.5  # of the workspace's half width
-SPOTS = (
-    (0.2, tuple(np.linspace(-0.9, 0.9, 7))),
-    (0.4, tuple(np.linspace(-0.8, 0.8, 4))),
-)  # width, centres, a face
-FEWEST_ON_SPOT = 3
-BENDS = (0.2, 0.4, 0.6, 0.8)  # of the contacts lie below the angle beyond which something sets in
-MEMORY = (50.0, 150.0)  # s, of a joint that goes on yielding
-FEWEST = 12  # contacts that a defect or a change must move
+from bayescal.gap.settings import CELLS
 
 
 @dataclass(frozen=True)
@@ -45,7 +31,7 @@ class Cell:
     known: bool = False  # to the vocabulary, as this very function: no rival of its name
 
 
-def smooth(x: np.ndarray, fitted: np.ndarray, waves: int = WAVES) -> list[np.ndarray]:
+def smooth(x: np.ndarray, fitted: np.ndarray, waves: int = CELLS.waves) -> list[np.ndarray]:
     """Cosines of 1 to `waves` half periods over the range of a coordinate x (N,)."""
     mine = x[fitted]
     low, high = float(np.min(mine)), float(np.max(mine))
@@ -66,7 +52,7 @@ def cells(c: Circumstances) -> list[Cell]:
 
 
 def _at_joint(c: Circumstances, j: int, drivers: list[np.ndarray]) -> tuple[Parameter, ...]:
-    return tuple(Parameter("", "rad", moved(c, j, d), ANGLE) for d in drivers)
+    return tuple(Parameter("", "rad", moved(c, j, d), CELLS.angle) for d in drivers)
 
 
 def _joints(c: Circumstances) -> Iterator[Cell]:
@@ -97,11 +83,11 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
 
 def _beyond(x: np.ndarray, fitted: np.ndarray) -> Iterator[np.ndarray]:
     """Lines that set in at one place of a coordinate x (N,), on either side of it."""
-    for at in np.quantile(x[fitted], BENDS):
+    for at in np.quantile(x[fitted], CELLS.bends):
         for side in (1.0, -1.0):
             line = np.maximum(side * (x - at), 0.0)
             most = float(np.max(line[fitted]))
-            if most > 0 and np.sum(line[fitted] > 0) >= FEWEST:
+            if most > 0 and np.sum(line[fitted] > 0) >= CELLS.fewest:
                 yield 2.0 * line / most
 
 
@@ -110,7 +96,7 @@ def _past(c: Circumstances, load: np.ndarray) -> Iterator[np.ndarray]:
     if c.time is None or not np.ptp(c.time) > 0:
         return
     wait = np.maximum(np.diff(c.time, prepend=c.time[0]), 0.0)
-    for memory in MEMORY:
+    for memory in CELLS.memory:
         lag, keep = np.zeros(len(load)), np.exp(-wait / memory)
         for k in range(1, len(load)):
             lag[k] = keep[k] * (lag[k - 1] + load[k - 1] - load[k])
@@ -123,11 +109,11 @@ def _bumps(c: Circumstances, j: int) -> Iterator[tuple[Parameter, ...]]:
     """Defects at one place of a turn: a bump each, on the link-relative angle."""
     angle = c.q[:, j - 1]
     mine = angle[c.fitted]
-    for width in BUMP_WIDTHS:
+    for width in CELLS.bump_widths:
         for centre in np.arange(np.min(mine), np.max(mine) + width, width):
             driver = np.exp(-0.5 * ((angle - centre) / width) ** 2)
-            if np.sum(driver[c.fitted] > 0.5) >= FEWEST / 2:
-                yield (Parameter("", "rad", (Term(j, "rz", driver),), ANGLE),)
+            if np.sum(driver[c.fitted] > 0.5) >= CELLS.fewest / 2:
+                yield (Parameter("", "rad", (Term(j, "rz", driver),), CELLS.angle),)
 
 
 def _bending(c: Circumstances) -> Iterator[Cell]:
@@ -138,7 +124,9 @@ def _bending(c: Circumstances) -> Iterator[Cell]:
             f"angle {j}",
             (
                 tuple(
-                    Parameter("", "rad", (Term(j, axis, w),), ANGLE) for axis in ("rx", "ry") for w in waves
+                    Parameter("", "rad", (Term(j, axis, w),), CELLS.angle)
+                    for axis in ("rx", "ry")
+                    for w in waves
                 ),
             ),
         )
@@ -147,7 +135,7 @@ def _bending(c: Circumstances) -> Iterator[Cell]:
     for axis in range(3):
         waves = smooth(c.moments[:, 0, axis], c.fitted, 3)
         if waves and np.ptp(c.moments[c.fitted, 0, axis]) > 1e-3:
-            turns = [Parameter("", "rad", (Term(0, f"r{'xyz'[axis]}", w),), ANGLE) for w in waves]
+            turns = [Parameter("", "rad", (Term(0, f"r{'xyz'[axis]}", w),), CELLS.angle) for w in waves]
             yield Cell("base", "base moment", (tuple(turns),))
 
 
@@ -163,16 +151,16 @@ def movers(c: Circumstances) -> dict[str, Mover]:
                 "",
                 "m" if a[0] == "t" else "rad",
                 (Term(f, a, d),),
-                LENGTH if a[0] == "t" else ANGLE / 2,
+                CELLS.length if a[0] == "t" else CELLS.angle / 2,
             )
             for a in axes
         ]
 
     def joint(j: int) -> Mover:
-        return lambda d: [Parameter("", "rad", moved(c, j, d), ANGLE)]
+        return lambda d: [Parameter("", "rad", moved(c, j, d), CELLS.angle)]
 
     def contact(rows: np.ndarray) -> Mover:
-        return lambda d: [Parameter("", "m", (Term(CONTACT, "normal", d * rows),), LENGTH)]
+        return lambda d: [Parameter("", "m", (Term(CONTACT, "normal", d * rows),), CELLS.length)]
 
     out = {"base": frame(0, ("tx", "ty", "tz", "rx", "ry", "rz"))}
     out |= {f"joint {j}": joint(j) for j in range(1, c.robot.n + 1)}
@@ -189,10 +177,11 @@ def _time(c: Circumstances) -> Iterator[Cell]:
         clocks.append(("temperature", c.temperature))
     order = np.arange(len(c.q))
     count = len(c.fitted)
-    at = np.linspace(FEWEST, count - FEWEST, MOMENTS if count > 3 * FEWEST else 0).round().astype(int)
+    moments = CELLS.moments if count > 3 * CELLS.fewest else 0
+    at = np.linspace(CELLS.fewest, count - CELLS.fewest, moments).round().astype(int)
     for site, move in movers(c).items():
         for name, clock in clocks:
-            waves = smooth(clock, c.fitted, 3 if site == "base" else WAVES)
+            waves = smooth(clock, c.fitted, 3 if site == "base" else CELLS.waves)
             yield Cell(site, name, (tuple(p for w in waves for p in move(w)),) if waves else ())
         steps = [tuple(move((order >= c.fitted[k]).astype(float))) for k in at]
         yield Cell(site, "moment", tuple(steps), known=site == "base")
@@ -205,7 +194,7 @@ def _sway(c: Circumstances) -> Iterator[Cell]:
     if not span > 0:
         return
     base, sets = movers(c)["base"], []
-    for turns in TURNS:
+    for turns in CELLS.swings:
         phase = 2 * np.pi * turns * clock / span
         every = [*base(np.sin(phase)), *base(np.cos(phase))]
         sets += [tuple(every), tuple(p for p in every if p.terms[0].axis in ("rx", "ry"))]
@@ -224,9 +213,10 @@ def _region(c: Circumstances) -> Iterator[Cell]:
     products = [u[:, i] * u[:, j] for i in range(3) for j in range(i, 3)]
     yield Cell("probe", "place in the workspace", (_contact(on, [*u.T, *products]),))
     spots = [
-        1.0 / (1.0 + (np.linalg.norm(u - at, axis=1) / SPOT) ** 3) for at in itertools.product(GRID, repeat=3)
+        1.0 / (1.0 + (np.linalg.norm(u - at, axis=1) / CELLS.region_size) ** 3)
+        for at in itertools.product(CELLS.region_grid, repeat=3)
     ]
-    seen = [s for s in spots if np.sum(s[c.fitted] > 0.5) >= FEWEST / 2]
+    seen = [s for s in spots if np.sum(s[c.fitted] > 0.5) >= CELLS.fewest / 2]
     yield Cell("probe", "place in the workspace, one region", tuple(_contact(on, [s]) for s in seen))
 
 
@@ -251,16 +241,16 @@ def _probe(c: Circumstances) -> Iterator[Cell]:
 
 
 def _contact(on: np.ndarray, drivers: list[np.ndarray]) -> tuple[Parameter, ...]:
-    return tuple(Parameter("", "m", (Term(CONTACT, "normal", on * d),), LENGTH) for d in drivers)
+    return tuple(Parameter("", "m", (Term(CONTACT, "normal", on * d),), CELLS.length) for d in drivers)
 
 
 def _faces(c: Circumstances) -> Iterator[Cell]:
     for face in c.faces:
         spots = []
-        for width, grid in SPOTS:
-            for at in itertools.product(grid, repeat=2):
+        for width, end, count in CELLS.face_spots:
+            for at in itertools.product(np.linspace(-end, end, count), repeat=2):
                 spot = np.exp(-0.5 * np.sum(((face.place - at) / width) ** 2, axis=1)) * face.rows
-                if np.sum(spot[c.fitted] > 0.5) >= FEWEST_ON_SPOT:
+                if np.sum(spot[c.fitted] > 0.5) >= CELLS.fewest_on_spot:
                     spots.append(_contact(face.rows, [spot]))
         yield Cell(face.name, "place on the face, one spot", tuple(spots))
         yield Cell(

@@ -5,12 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.gap.outcome.levels import difference, log_predictive
+from bayescal.gap.settings import GATE
 from bayescal.predict.crossvalidation import LEFT_OUT, HeldOut, kept
-
-LOSS, ERRORS = 3.0, 2.0
-"""Nats, and standard errors of them, by which held-out contacts have become less likely."""
-WORSE, GROWN = 1.1, 1.5
-"""Factors by which contacts, and distances (over what was expected too), must have grown."""
 
 
 def worse(before: HeldOut, after: HeldOut) -> str:
@@ -19,12 +15,12 @@ def worse(before: HeldOut, after: HeldOut) -> str:
         gain, se = difference(log_predictive(after)[0] - log_predictive(before)[0], log_predictive(before)[1])
         fair = kept(before, after)
         old, new = (float(np.sqrt(np.mean(h.residual[fair] ** 2))) for h in (before, after))
-        unlikely = gain < -LOSS and (np.isnan(se) or gain < -ERRORS * se) and new > old
-        if unlikely or new > WORSE * old:
+        unlikely = gain < -GATE.loss and (np.isnan(se) or gain < -GATE.errors * se) and new > old
+        if unlikely or new > GATE.worse * old:
             return f"held-out contacts from {1e6 * old:.1f} to {1e6 * new:.1f} um rms"
     if len(before.distances.error):
         old, new = (float(np.sqrt(np.mean(h.distances.error**2))) for h in (before, after))
         expected = float(np.sqrt(np.mean(before.distances.predicted_sd() ** 2)))
-        if new > GROWN * max(old, expected):
+        if new > GATE.grown * max(old, expected):
             return f"distances from {1e6 * old:.1f} to {1e6 * new:.1f} um rms"
     return ""

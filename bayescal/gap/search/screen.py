@@ -10,11 +10,7 @@ from bayescal.effects import EFFECTS, Circumstances
 from bayescal.gap.linear.evidence import Bank, weigh_sets
 from bayescal.gap.linear.problem import Slopes, State
 from bayescal.gap.search.candidates import Candidates, extended, wide
-
-KEPT = 12
-"""Settings that are kept."""
-CHUNK = 24
-"""Settings whose columns are held at a time."""
+from bayescal.gap.settings import SEARCH
 
 
 def screened(
@@ -27,8 +23,8 @@ def screened(
             continue
         values = effect.scan.values(c)
         best = np.full(len(values), -np.inf)
-        for first in range(0, len(values), CHUNK):
-            chunk = values[first : first + CHUNK]
+        for first in range(0, len(values), SEARCH.chunk):
+            chunk = values[first : first + SEARCH.chunk]
             tables = [effect.at(c, float(v)) for v in chunk]
             columns = slopes.columns([p for table in tables for p in table])
             sets, owner, at = [], [], 0
@@ -40,6 +36,6 @@ def screened(
             bank = Bank(columns, tuple(sets), len(slopes.contact))
             for state in states:
                 np.maximum.at(best, owner, weigh_sets(state, bank).max(axis=1))
-        leading = np.sort(values[np.argsort(-best)[:KEPT]])
+        leading = np.sort(values[np.argsort(-best)[: SEARCH.screened]])
         known = extended(known, effect, [float(v) for v in leading], c)
     return known

@@ -12,15 +12,7 @@ from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, wei
 from bayescal.gap.linear.problem import State, fit_state
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.cells import Cell
-
-SITES = {"joint": 0.35, "link": 0.1, "base": 0.15, "tool": 0.1, "probe": 0.2}
-"""Where something unknown may sit, before one looks."""
-FACES = 0.1
-"""The rest: faces, one after another."""
-TRIED = 3
-"""Cells that are fitted with outliers of their own."""
-LARGE = 50.0
-"""Nats from which a cell is fitted: it lets the noise fall, and priors then weigh less than was reckoned."""
+from bayescal.gap.settings import UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -41,9 +33,9 @@ class Pool:
     @cached_property
     def log_prior(self) -> np.ndarray:
         """Log weight of every cell among what may be unknown, (cells,): -inf for what has a name."""
-        kinds = [next((k for k in SITES if cell.site.startswith(k)), "") for cell in self.cells]
+        kinds = [next((k for k in UNKNOWN.sites if cell.site.startswith(k)), "") for cell in self.cells]
         known = np.array([cell.known for cell in self.cells])
-        weight = np.array([SITES.get(k, FACES) / kinds.count(k) for k in kinds])
+        weight = np.array([UNKNOWN.sites.get(k, UNKNOWN.faces) / kinds.count(k) for k in kinds])
         weight[known] = 0.0
         with np.errstate(divide="ignore"):
             return np.log(weight / np.sum(weight))
@@ -77,7 +69,7 @@ def found(state: State, pool: Pool) -> list[Found]:
     fitted: set[int] = set()
     while out:
         top = max(out, key=lambda f: f.gain)
-        if top.gain < LARGE or top.cell in fitted:
+        if top.gain < UNKNOWN.large or top.cell in fitted:
             break
         out[top.cell] = refitted(state, pool, top, state.weight)
         fitted.add(top.cell)
@@ -126,7 +118,7 @@ def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[Found]]:
     cells = found(state, pool)
     if state.gross:
         whole = fit_state(state.problem, state.columns, state.scales, robust=False)
-        for rank in sorted(reckoned(whole, pool), key=lambda f: -f.gain)[:TRIED]:
+        for rank in sorted(reckoned(whole, pool), key=lambda f: -f.gain)[: UNKNOWN.tried]:
             anew = refitted(state, pool, rank)
             if anew.gain > cells[rank.cell].gain:
                 cells[rank.cell] = anew

@@ -10,32 +10,10 @@ import numpy as np
 from bayescal.effects import confusable
 from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.outcome.where import unabsorbed, visible
-from bayescal.gap.search.beam import UNKNOWN, Hypothesis, Member, Search
+from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.cells import Cell
 from bayescal.gap.search.unknown import Found, Pool, course, unknown, with_set
-
-LEADERS = 4
-"""Hypotheses beside which 'something else' is tried."""
-BESIDE = 0.1
-"""Prior odds of something else beside named effects."""
-NULL_ENOUGH = 0.2
-"""Probability of 'nothing' from which on nothing is named."""
-SURE = 0.5
-"""Probability from which on an effect is named."""
-SET = 0.9
-FORM, SAME_COURSE, SAME_PLACE = 0.04, 0.06, 0.15
-"""Shares of its nats that something else gives away: a smooth cell also fits what a named form gets wrong.
-
-More where a leading hypothesis names an effect that acts there along that very coordinate.
-"""
-FOOTNOTE = 0.05
-"""Share of the named variance below which an effect is a footnote."""
-KEPT = 5.0
-"""Nats that a name must be worth beside something else to be kept."""
-FAR = 4.0
-"""Nats, softened, that confusable effects must be apart for one of them to leave the set."""
-SOFT = 0.6
-"""Share of the nats between confusable effects that counts."""
+from bayescal.gap.settings import SEARCH, VERDICT
 
 
 @dataclass(frozen=True)
@@ -96,7 +74,7 @@ def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[Found]]
     """All hypotheses with their probabilities, the weightiest first; and every cell beside nothing."""
     ranked = sorted(search.hypotheses.values(), key=lambda h: -h.score)
     null = search.hypotheses[frozenset()]
-    leaders = list({id(h): h for h in (null, *ranked[:LEADERS])}.values())
+    leaders = list({id(h): h for h in (null, *ranked[: VERDICT.leaders])}.values())
     out = [Weighed(h, None, h.log_evidence - null.log_evidence, h.score) for h in ranked]
     alone: list[Found] = []
     for h in leaders:
@@ -106,7 +84,7 @@ def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[Found]]
             continue
         best = max((f for f in cells if f.rival), key=lambda f: f.gain + pool.log_prior[f.cell])
         beside = bool(h.members) or search.further
-        prior = h.log_prior + float(np.log(BESIDE)) if beside else float(np.log(UNKNOWN))
+        prior = h.log_prior + float(np.log(VERDICT.beside)) if beside else float(np.log(SEARCH.unknown))
         evidence = h.log_evidence + gain - given_away(pool.cells[best.cell], ranked) * max(gain, 0.0)
         out.append(Weighed(h, best, evidence - null.log_evidence, evidence + prior))
     out = softened(out)
@@ -117,11 +95,11 @@ def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[Found]]
 
 def given_away(cell: Cell, ranked: Sequence[Hypothesis]) -> float:
     """Share of its nats that a cell gives away to the forms that leading hypotheses have for its place."""
-    members = [m for h in ranked[: LEADERS + 1] for m in h.members]
+    members = [m for h in ranked[: VERDICT.leaders + 1] for m in h.members]
     named = {(site, course(driver)) for m in members for site, driver in m.variant.places}
     if (cell.site, cell.driver) in named:
-        return SAME_PLACE
-    return SAME_COURSE if (cell.site, course(cell.driver)) in named else FORM
+        return VERDICT.same_place
+    return VERDICT.same_course if (cell.site, course(cell.driver)) in named else VERDICT.form
 
 
 def softened(weighed: Sequence[Weighed]) -> list[Weighed]:
@@ -131,10 +109,11 @@ def softened(weighed: Sequence[Weighed]) -> list[Weighed]:
     distinguishes such effects.
     """
     leader = max(weighed, key=lambda w: w.score)
-    return [
-        replace(w, score=leader.score - SOFT * (leader.score - w.score)) if confusable_sets(leader, w) else w
-        for w in weighed
-    ]
+
+    def soft(w: Weighed) -> Weighed:
+        return replace(w, score=leader.score - VERDICT.soft * (leader.score - w.score))
+
+    return [soft(w) if confusable_sets(leader, w) else w for w in weighed]
 
 
 def confusable_sets(a: Weighed, b: Weighed) -> bool:
@@ -159,10 +138,10 @@ def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
     for w in weighed:
         out |= dict.fromkeys(w.effects)
         mass += w.probability
-        if mass >= SET:
+        if mass >= VERDICT.credible:
             break
     for w in weighed:
-        if confusable_sets(weighed[0], w) and weighed[0].score - w.score < FAR:
+        if confusable_sets(weighed[0], w) and weighed[0].score - w.score < VERDICT.far:
             out |= dict.fromkeys(w.effects)
     return tuple(out)
 
@@ -170,16 +149,16 @@ def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
 def judge(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
     """Kind of verdict and the effects that it would commit to."""
     best = weighed[0]
-    if probability["null"] >= NULL_ENOUGH:
+    if probability["null"] >= VERDICT.null_enough:
         return "null", ()
-    sure = tuple(n for n in best.hypothesis.names if probability[n] >= SURE)
+    sure = tuple(n for n in best.hypothesis.names if probability[n] >= VERDICT.sure)
     if best.cell is not None and not best.hypothesis.names:
-        return ("unknown" if probability["unknown"] >= SURE else "ambiguous"), ()
+        return ("unknown" if probability["unknown"] >= VERDICT.sure else "ambiguous"), ()
     if best.cell is not None:
         return "named+unexplained", sure
     if len(sure) == len(best.hypothesis.names):
         return "named", sure
-    return "ambiguous", tuple(n for n in sure if probability[n] >= SET)
+    return "ambiguous", tuple(n for n in sure if probability[n] >= VERDICT.credible)
 
 
 def _survives(search: Search, best: Weighed, pool: Pool, effect: str) -> bool:
@@ -191,7 +170,7 @@ def _survives(search: Search, best: Weighed, pool: Pool, effect: str) -> bool:
     bare = with_set(without.state, pool, best.cell.best, best.cell.scale, start)
     full = with_set(best.hypothesis.state, pool, best.cell.best, best.cell.scale, start)
     averaging = next(m.averaging for m in best.hypothesis.members if m.effect == effect)
-    return full.log_evidence + averaging - bare.log_evidence > KEPT
+    return full.log_evidence + averaging - bare.log_evidence > VERDICT.kept
 
 
 def _without_footnotes(
@@ -215,10 +194,10 @@ def _without_footnotes(
     total, turned = max(sum(size), 1e-300), max(sum(turns), 1e-300)
     share = [max(s / total, t / turned) for s, t in zip(size, turns, strict=True)]
     order = np.argsort(size)[::-1]
-    kept = tuple(members[k] for k in order if share[k] >= FOOTNOTE)
+    kept = tuple(members[k] for k in order if share[k] >= VERDICT.footnote)
     small = [
         f"{m.effect}: {1e6 * np.sqrt(s):.1f} um, {100 * part:.0f} % of what was found"
         for m, s, part in zip(members, size, share, strict=True)
-        if part < FOOTNOTE
+        if part < VERDICT.footnote
     ]
     return kept, tuple(small)

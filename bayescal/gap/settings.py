@@ -1,0 +1,273 @@
+"""Every number that a diagnosis rests on, by room: what it is, its unit, and where it comes from.
+
+*Convention* marks a level that is usual in statistics, *assumed* a value set by judgement, *tuned* a value
+chosen on simulated sessions with known ground truth (`worlds-dev`, `worlds-dev-2` and sessions of
+`bayescal.simulation`), *cost* a limit that bounds the work. What belongs to a single effect (what it is
+confusable with, what it requires) is a field of that effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+
+@dataclass(frozen=True)
+class LinearSettings:
+    """The linear problem: outliers, noise, evidence of columns, mass errors."""
+
+    outliers: float = 0.02
+    """Expected share of gross contacts (assumed)."""
+    gross_width: float = 200.0
+    """Stated standard deviations over which a gross contact may lie anywhere (assumed)."""
+    rounds: int = 30
+    """Reweightings at most (cost)."""
+    scales: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+    """Factors on the prior standard deviations of effects over which evidence is averaged (cost)."""
+    scale_spread: float = 3.0
+    """Factor by which these prior standard deviations may be wrong, one sigma of its logarithm (assumed)."""
+    noise_lowest: float = -1.6
+    """Log of the lowest noise scale over the state's own, on which it is integrated (cost)."""
+    noise_highest: float = 0.25
+    """Log of the highest such noise scale (cost)."""
+    noise_nodes: int = 40
+    """Noise scales between the two (cost)."""
+    mass_share: float = 0.05
+    """Standard uncertainty of a link's mass, and of each coordinate of its centre, as a share (assumed)."""
+    load_share: float = 0.005
+    """Standard uncertainty of the mass of the load on the flange, as a share (assumed: it was weighed)."""
+    centre_off: float = 2e-4
+    """Standard uncertainty of a centre of mass beside the share of its coordinate, m (assumed)."""
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Prior probabilities of hypotheses, and the beam that looks for them."""
+
+    null: float = 0.15
+    """Prior probability that nothing is left out (assumed)."""
+    single: float = 0.65
+    """Prior probability of one effect of the vocabulary, shared among its effects (assumed)."""
+    unknown: float = 0.2
+    """Prior probability of an effect outside the vocabulary (assumed)."""
+    further: float = 0.2
+    """Prior odds of each further effect, shared among the vocabulary (assumed)."""
+    first_gain: float = -5.0
+    """Nats that a single effect must bring to be fitted (cost)."""
+    further_gain: float = 2.0
+    """Nats that a further effect must bring to be fitted (cost)."""
+    width: int = 5
+    """Hypotheses of one size that are extended (cost)."""
+    largest: int = 6
+    """Effects in a hypothesis at most (cost)."""
+    below_null: float = 3.0
+    """Nats below the noise-only model from which on a hypothesis is not extended (cost)."""
+    below_best: float = 12.0
+    """Nats below the best hypothesis from which on one is not extended (cost)."""
+    detectable: float = 9.0
+    """Detectability lambda that an effect must reach at its largest size to be a candidate: 3 sigma."""
+    whole_scan: int = 64
+    """Settings up to which all of a scan are candidates (cost)."""
+    screened: int = 12
+    """Settings of a wider scan that become candidates; the others hardly count (cost)."""
+    chunk: int = 24
+    """Settings whose columns are in memory at a time (cost)."""
+
+
+@dataclass(frozen=True)
+class CellSettings:
+    """Generic cells: shapes that stand for an effect outside the vocabulary."""
+
+    waves: int = 4
+    """Half periods of a smooth function over the range of its coordinate (assumed)."""
+    length: float = 1e-5
+    """Prior standard deviation of a cell's shape, m (assumed; averaged over `LINEAR.scales`)."""
+    angle: float = 1e-4
+    """Prior standard deviation of a cell's shape, rad (assumed; averaged over `LINEAR.scales`)."""
+    bump_widths: tuple[float, ...] = (0.04, 0.1)
+    """Standard widths of a defect at one angle of a joint, rad (assumed)."""
+    moments: int = 16
+    """Rows at which a sudden change is tried, a site (cost)."""
+    swings: tuple[float, ...] = tuple(2.0 + 0.75 * k for k in range(25))
+    """Periods that a swinging base may make in a session (assumed: 2 to 20)."""
+    region_grid: tuple[float, ...] = (-1.0, -0.5, 0.0, 0.5, 1.0)
+    """Centres of regions of the workspace along each base axis, half extents (cost)."""
+    region_size: float = 0.5
+    """Radius of such a region, half extents (assumed)."""
+    face_spots: tuple[tuple[float, float, int], ...] = ((0.2, 0.9, 7), (0.4, 0.8, 4))
+    """Spots on a face: standard width and largest centre (half extents), centres along an axis (assumed)."""
+    fewest_on_spot: int = 3
+    """Contacts that must lie on a spot of a face (assumed)."""
+    bends: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
+    """Quantiles of the contacts' angles beyond which an error may set in (cost)."""
+    memory: tuple[float, ...] = (50.0, 150.0)
+    """Time constants of a joint that goes on yielding, s (assumed)."""
+    fewest: int = 12
+    """Contacts that a defect or a sudden change must move (assumed)."""
+
+
+@dataclass(frozen=True)
+class UnknownSettings:
+    """The hypothesis 'unknown': prior of its sites, and which cells are fitted."""
+
+    sites: Mapping[str, float] = field(
+        default_factory=lambda: {"joint": 0.35, "link": 0.1, "base": 0.15, "tool": 0.1, "probe": 0.2}
+    )
+    """Prior probability of the site of an unknown effect, by the first word of the site (assumed)."""
+    faces: float = 0.1
+    """Prior probability of a site on a face, shared among the faces (assumed)."""
+    tried: int = 3
+    """Cells that are fitted with outliers of their own (cost)."""
+    large: float = 50.0
+    """Nats from which a cell is fitted: it lowers the noise, and priors then weigh less (assumed)."""
+
+
+@dataclass(frozen=True)
+class VerdictSettings:
+    """What a verdict commits to."""
+
+    leaders: int = 4
+    """Hypotheses beside which an unknown effect is tried (cost)."""
+    beside: float = 0.1
+    """Prior odds of an unknown effect beside named ones (assumed)."""
+    null_enough: float = 0.2
+    """Probability of the noise-only model from which on nothing is named (assumed)."""
+    sure: float = 0.5
+    """Probability from which on an effect is named (convention: more likely than not)."""
+    credible: float = 0.9
+    """Probability that the credible set holds (convention)."""
+    form: float = 0.04
+    """Share of its nats that an unknown effect loses: a cell also fits errors of a named form (tuned)."""
+    same_course: float = 0.06
+    """The same where a leading hypothesis has an effect at that site along that coordinate (tuned)."""
+    same_place: float = 0.15
+    """The same where a leading hypothesis has an effect with the cell's site and driver (tuned)."""
+    footnote: float = 0.05
+    """Share of the named variance below which an effect is a footnote (assumed)."""
+    kept: float = 5.0
+    """Nats that a name must be worth beside an unknown effect to be kept (assumed)."""
+    far: float = 4.0
+    """Softened nats between confusable effects from which on one leaves the credible set (assumed)."""
+    soft: float = 0.6
+    """Share of the nats between confusable effects that counts (tuned: forms are known to 10 or 20 %)."""
+    promoted: float = 3.0
+    """Nats that compliance must bring for a model without it to be judged with it (assumed)."""
+    alike: float = 1.1
+    """Factor up to which two noise scales are alike (assumed)."""
+    doubt: float = 0.05
+    """Probability from which on a rival of the leading hypothesis gets advice (convention)."""
+    advised: int = 3
+    """Rivals that get advice at most (cost)."""
+    listed: int = 12
+    """Hypotheses that are reported (cost)."""
+
+
+@dataclass(frozen=True)
+class GateSettings:
+    """The gate of the validation data, which a named effect must not make worse."""
+
+    loss: float = 3.0
+    """Nats of log predictive density by which validation rows have become less likely (assumed)."""
+    errors: float = 2.0
+    """The same in standard errors of the difference (convention)."""
+    worse: float = 1.1
+    """Factor by which the rms error of validation rows has grown (assumed)."""
+    grown: float = 1.5
+    """Factor by which the rms error of distances has grown, over what was expected too (assumed)."""
+
+
+@dataclass(frozen=True)
+class OutcomeSettings:
+    """What is reported of a verdict: levels, locations, margins, noise."""
+
+    gross_share: float = 0.02
+    """Share of validation contacts that may lie anywhere, under every model alike (assumed)."""
+    gross_width: float = 1e-2
+    """Width over which they may, m a residual (assumed)."""
+    apart: float = 3.0
+    """Nats from which on the data favour play over late readings, or the reverse (convention)."""
+    plain: float = 8.0
+    """Nats from which on an error by the direction of approach is remarked on (assumed)."""
+    loose: float = 4.0
+    """Expected validation error over the noise from which on the arm is called uncertain (assumed)."""
+    grown: float = 1.02
+    """Factor on validation errors from which on they have grown (assumed)."""
+    no_excess: float = 0.05
+    """Level of the test for an excess over the noise, one observation a block (convention)."""
+    many: float = 1e6
+    """Degrees of freedom of a noise that is known."""
+    places: int = 6
+    """Locations that are listed at most."""
+    places_left: int = 2
+    """Locations of what was not named that are listed at least."""
+    places_named: int = 3
+    """Locations of each named effect that are listed at most."""
+    significant: float = 0.01
+    """Family p-value up to which a further location is looked for beside those found (convention)."""
+    fewest_in_bin: int = 4
+    """Contacts that make a bin of a margin (assumed)."""
+    joint_bins: int = 4
+    """Bins of a joint's reading."""
+    joints_shown: int = 2
+    """Bins of each joint that are shown, those with the smallest p-values."""
+    time_bins: int = 8
+    """Bins of a session's time."""
+    smallest_span: float = 20e-3
+    """Extent of the contacts along a base axis, m, below which the workspace is not halved (assumed)."""
+    gathered: float = 0.25
+    """Share of a bin's contacts from which on rejected ones are no slips, and count (assumed)."""
+    absorbed: float = 0.05
+    """Share of a bin's mean that must survive the fit for the mean to be tested (assumed)."""
+    fewest_dof: float = 5.0
+    """Degrees of freedom below which a fit's residuals do not tell the noise (assumed)."""
+    normals: int = 2_000_000
+    """Normals drawn at most for a posterior predictive (cost)."""
+
+
+@dataclass(frozen=True)
+class DesignSettings:
+    """Advice and blind spots: possible contacts and what they would show."""
+
+    contacts: int = 40
+    """New contacts that advice is given for."""
+    better: float = 1.2
+    """Factor over the lambda of the same poses once more that an intervention must reach (assumed)."""
+    least: float = 2.0
+    """Lambda that the best intervention must reach to be advised (assumed)."""
+    poses: int = 120
+    """Poses of the session among which new contacts are chosen at most (cost)."""
+    payload: float = 2.0
+    """Mass added by the intervention with a payload, kg."""
+    faster: float = 4.0
+    """Factor on the recorded velocities of the intervention that touches faster."""
+    turning: float = 4.0
+    """Factor on the recorded velocities of the intervention that turns about the ball."""
+    still: float = 1e-6
+    """Share of a wished turn below which an arm cannot turn about its ball (rounding)."""
+    least_u: float = 1e-7
+    """Smallest standard uncertainty of a certified distance, m (rounding)."""
+    roughly: float = 1e-3
+    """Prior standard deviation of a located centre, m: smaller than the dataset's, for rounding."""
+    changed: float = 1e-9
+    """Change of a whitened column that counts as one (rounding)."""
+    named: float = 50.0
+    """Detectability lambda from which on an effect is named nearly always (assumed)."""
+    rounding: float = 1e-11
+    """Share of a column's square that is rounding once it is projected."""
+    pairs: int = 200
+    """Pairs of points that stand in for certified distances (cost)."""
+    apart: float = 50e-3
+    """Least distance of such a pair, m (assumed)."""
+    points: int = 64
+    """Contacts among which such pairs are drawn (cost)."""
+
+
+LINEAR: Final = LinearSettings()
+SEARCH: Final = SearchSettings()
+CELLS: Final = CellSettings()
+UNKNOWN: Final = UnknownSettings()
+VERDICT: Final = VerdictSettings()
+GATE: Final = GateSettings()
+OUTCOME: Final = OutcomeSettings()
+DESIGN: Final = DesignSettings()
