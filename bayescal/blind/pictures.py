@@ -12,7 +12,7 @@ from bayescal.blind.judge import Record, false_names
 from bayescal.blind.rates import value
 from bayescal.blind.rows import bands
 from bayescal.blind.shrunk import FAR, MEASURES, factors
-from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, GUILTY, INK, NOISE, SERIES, figure, tidy
+from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, MARKED, INK, NOISE, SERIES, figure, tidy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +40,7 @@ def draw_lambda(records: Sequence[Record], found: Found) -> Figure:
         axes.hlines(wanted, at - 0.45, at + 0.45, color=INK, lw=1.4, ls=":", label="wanted")
         _shares(axes, right, ACCENT, "right")
         if wrong is not None:
-            _shares(axes, wrong, GUILTY, "a wrong name", shift=0.18)
+            _shares(axes, wrong, MARKED, "a wrong name", shift=0.18)
         for k, share in enumerate(right):
             axes.text(k, -0.05, f"n {share['count']}", ha="center", va="top", color=GREY)
         axes.set_xticks(range(len(right)), [words.replace(" to ", "-") for words in bands()], rotation=25)
@@ -75,7 +75,7 @@ def draw_reliability(records: Sequence[Record], found: Found) -> Figure:
         low, high = b["band95"]
         inside = low <= b["held"] <= high
         left.plot([b["said"]] * 2, [low, high], color=FAINT, lw=11, solid_capstyle="butt", zorder=1)
-        left.plot(b["said"], b["held"], "o", color=ACCENT if inside else GUILTY, ms=8, zorder=3)
+        left.plot(b["said"], b["held"], "o", color=ACCENT if inside else MARKED, ms=8, zorder=3)
         last = b is found["reliability"][-1] and len(found["reliability"]) > 1
         offset, side = (
             ((0, 9), "center") if last else ((-12, -12), "right") if b["said"] > 0.5 else ((12, -3), "left")

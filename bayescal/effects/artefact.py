@@ -33,5 +33,5 @@ ARTEFACT = Effect(
     "a certified value is in error",
     _parameters,
     _missing,
-    phrase=("the artefact", "is not as its certificate says"),
+    phrase=("the artefact", "has a certified value in error"),
 )

@@ -34,5 +34,5 @@ BALL_RADIUS = Effect(
     "effective stylus-ball radius differs from its stated value",
     _parameters,
     without_surface,
-    phrase=("the ball", "is not of the radius stated"),
+    phrase=("the probe", "has a stylus-ball radius that differs from its stated value"),
 )

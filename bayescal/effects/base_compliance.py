@@ -43,6 +43,6 @@ BASE_COMPLIANCE = Effect(
     "the base deflects under the gravity moment of the arm",
     _parameters,
     without_masses,
-    phrase=("the base", "yields to the arm's weight"),
+    phrase=("the base", "deflects under the gravity moment of the arm"),
     requires=("compliance",),
 )

@@ -50,7 +50,7 @@ BENDING = Effect(
     "transverse (bending) compliance of link k",
     _parameters,
     without_masses,
-    phrase=("every link", "yields across its axis"),
+    phrase=("every link", "has transverse (bending) compliance"),
     confusable_with=("coupling",),
     requires=("compliance",),
 )

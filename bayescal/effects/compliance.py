@@ -57,5 +57,5 @@ COMPLIANCE = Effect(
     "joint k yields elastically to its gravity torque",
     _parameters,
     without_masses,
-    phrase=("every joint", "yields to gravity torque"),
+    phrase=("every joint", "deflects under gravity torque"),
 )

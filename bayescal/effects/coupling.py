@@ -31,6 +31,6 @@ COUPLING = Effect(
     "coupling",
     "joint k turns when a neighbouring joint turns",
     _parameters,
-    phrase=("every joint", "turns with the joint before"),
+    phrase=("every joint", "has an error proportional to the preceding joint"),
     confusable_with=("bending",),
 )

@@ -20,6 +20,6 @@ ECCENTRICITY = Effect(
     "eccentricity",
     "error once per revolution of joint k",
     _parameters,
-    phrase=("every joint", "errs once per revolution"),
+    phrase=("every joint", "has an error once per revolution"),
     confusable_with=("second-harmonic", "encoder-scale"),
 )

@@ -25,6 +25,6 @@ ENCODER_SCALE = Effect(
     "encoder-scale",
     "joint k turns by more or less than its reading says",
     _parameters,
-    phrase=("every joint", "turns more or less than it reads"),
+    phrase=("every joint", "has an encoder scale error"),
     confusable_with=("eccentricity", "second-harmonic"),
 )

@@ -53,5 +53,5 @@ GEAR_MESH = Effect(
     _parameters,
     _missing,
     Scan("motor turns a joint turn", "{:g} motor turns a joint turn", _ratios, _at),
-    phrase=("every joint", "ripples at its gear-mesh frequency"),
+    phrase=("every joint", "has an error at its gear-mesh frequency"),
 )

@@ -68,5 +68,5 @@ GEOMETRY = Effect(
     "geometry",
     "lengths, twists and joint zeros of the kinematic model differ from nominal",
     _parameters,
-    phrase=("the arm", "differs from its nominal geometry"),
+    phrase=("the arm", "differs from the nominal geometry"),
 )

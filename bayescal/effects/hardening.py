@@ -51,7 +51,7 @@ HARDENING = Effect(
     Scan(
         "knee as a share of the usual torque", "soft up to {:.0%} of the usual torque", lambda c: KNEES, _at
     ),
-    phrase=("every joint", "stiffens as its gear winds up"),
+    phrase=("every joint", "has torque-dependent stiffness"),
     confusable_with=("hysteresis",),
     requires=("compliance",),
 )

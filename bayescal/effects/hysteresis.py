@@ -45,7 +45,7 @@ HYSTERESIS = Effect(
         lambda c: SHARES,
         _at,
     ),
-    phrase=("every joint", "rests on one flank or the other, by the sign of its torque"),
+    phrase=("every joint", "has torque-reversal hysteresis"),
     confusable_with=("hardening",),
     requires=("compliance",),
 )

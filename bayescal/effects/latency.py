@@ -32,5 +32,5 @@ LATENCY = Effect(
     "joint readings delayed by t",
     _parameters,
     _missing,
-    phrase=("every joint", "is read late"),
+    phrase=("every joint", "has delayed readings"),
 )

@@ -35,5 +35,5 @@ LOBING = Effect(
     "three-lobe pre-travel variation of the probe",
     _parameters,
     without_surface,
-    phrase=("the probe", "gives way by direction, in three lobes"),
+    phrase=("the probe", "has three-lobe pre-travel variation"),
 )

@@ -39,6 +39,6 @@ PAYLOAD = Effect(
     "payload mass or centre of mass differs from what was stated",
     _parameters,
     without_masses,
-    phrase=("the tool", "carries a mass that was not stated"),
+    phrase=("the tool", "carries a payload that differs from what was stated"),
     requires=("compliance",),
 )

@@ -54,5 +54,5 @@ PLANE_FORM = Effect(
     "a face is not flat",
     _parameters,
     _missing,
-    phrase=("every face", "is not flat"),
+    phrase=("every face", "has a form error"),
 )

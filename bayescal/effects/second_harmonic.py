@@ -20,6 +20,6 @@ SECOND_HARMONIC = Effect(
     "second-harmonic",
     "error twice per revolution of joint k",
     _parameters,
-    phrase=("every joint", "errs twice per revolution"),
+    phrase=("every joint", "has an error twice per revolution"),
     confusable_with=("eccentricity", "encoder-scale"),
 )

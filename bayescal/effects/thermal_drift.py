@@ -108,6 +108,6 @@ THERMAL_DRIFT = Effect(
     _missing,
     Scan("time constant of warming up, s", "warming up in {:.0f} s", _constants, _warming),
     whole=True,
-    phrase=("the arm", "drifts as it warms"),
+    phrase=("the arm", "has thermal drift"),
     confusable_with=("step",),
 )

@@ -12,6 +12,8 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 
+VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
+"""Kinds of validation measurement, as reports name them."""
 VERDICTS = ("null", "named", "named+unexplained", "unknown", "ambiguous")
 
 
@@ -19,7 +21,7 @@ VERDICTS = ("null", "named", "named+unexplained", "unknown", "ambiguous")
 class Measured:
     """Something measured beside what the calibrated model's own simulation of the session predicts, m."""
 
-    what: str  # "held-out contacts", "sphere distances", "held-out points"
+    what: str  # "validation contacts", "sphere distances", "validation points"
     count: int
     rms: float
     predicted_rms: float  # median over the posterior predictive
@@ -30,7 +32,7 @@ class Measured:
 class Magnitude:
     """How big the gap is, m."""
 
-    heldout: str  # how: "validate" rows, or "left out one by one" where there are none
+    heldout: str  # how: "validation rows", or "leave-one-out cross-validation" where there are too few
     heldout_rms: float
     noise: float  # of one contact
     noise_interval95: tuple[float, float]

@@ -21,7 +21,8 @@ from bayescal.model.scene import Scene
 from bayescal.predict.located_targets import Distances, Found, against, distances, locate, root
 from factors.sphere import Sphere
 
-KEPT_BACK, LEFT_OUT = "validate rows", "left out one by one"
+KEPT_BACK, LEFT_OUT = "validation rows", "leave-one-out cross-validation"
+"""How validation errors were obtained."""
 FEWEST = 8
 """Validate rows of fitted targets below which the fitted rows are left out one by one instead."""
 GROSS = 5.0

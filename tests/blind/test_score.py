@@ -268,7 +268,7 @@ def test_shrinkage_is_of_the_excess_and_beside_what_was_predicted():
 
 
 def test_distances_without_a_refit_stay_as_measured():
-    measured = [{"what": "held-out contacts", "rms_um": 9.0}, {"what": "sphere distances", "rms_um": 14.0}]
+    measured = [{"what": "validation contacts", "rms_um": 9.0}, {"what": "sphere distances", "rms_um": 14.0}]
     r = one(null(), silent(measured=measured))
     assert (r["distance_um"]["before"], r["distance_um"]["after"]) == (14.0, 14.0)
     assert one(null(), silent())["distance_um"] is None

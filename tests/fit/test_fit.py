@@ -126,8 +126,8 @@ def test_summary_reads_in_ten_seconds(written):
     for words in (
         "predicted error",
         "as drawn",
-        "kinematic",
-        "stiffness",
+        "joint offsets",
+        "geometry + compliance",
         "data decide",
         "only as their sum",
     ):

@@ -176,7 +176,7 @@ def lacking(dataset, what):
         return replace(dataset, measurements=replace(m, **{what: None}))
     if what == "time and temperature":
         return replace(dataset, measurements=replace(m, time=None, temperature=None))
-    if what == "validate rows":
+    if what == "validation rows":
         return some(dataset, np.flatnonzero(m.role == "calibrate"))
     if what == "encoders":
         return replace(dataset, readings="command")
@@ -203,7 +203,7 @@ CANNOT = {
         "velocity",
         "time and temperature",
         "repeat",
-        "validate rows",
+        "validation rows",
         "spheres",
         "all planes but one",
         "encoders",
@@ -214,8 +214,8 @@ def test_whatever_a_session_lacks(what, few):
     record = sane(gap)
     assert CANNOT.get(what, set()) <= set(gap.verdict.missing)
     assert all(gap.verdict.missing.values())
-    if what == "validate rows":
-        assert record["gap"]["heldout"] == "left out one by one"
+    if what == "validation rows":
+        assert record["gap"]["heldout"] == "leave-one-out cross-validation"
         assert record["shrinkage"]["distances"] is None
     if what == "repeat":
         assert record["gap"]["noise_from"] == "fit"

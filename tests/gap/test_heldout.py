@@ -191,7 +191,7 @@ def test_magnitude_of_nothing_and_of_something(fitted, cube):
     assert m.excess_interval95[0] == 0.0
     assert m.noise_from == "fit"
     assert m.noise_interval95[0] < 5e-6 < m.noise_interval95[1]
-    assert [x.what for x in m.measured] == ["held-out contacts", "sphere distances"]
+    assert [x.what for x in m.measured] == ["validation contacts", "sphere distances"]
     for x in m.measured:
         assert x.predicted_interval95[0] < x.rms < x.predicted_interval95[1]
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""What a diagnosis leaves behind: gap.json by the contract, one screen of words, four pictures."""
+"""Outputs of a diagnosis: gap.json by the contract, a summary of one screen, four figures."""
 
 import json
 import subprocess
@@ -36,7 +36,7 @@ from bayescal.reporting.gap.summary import gap_summary
 
 ROOT = Path(__file__).resolve().parents[2]
 CUBE = ROOT / "data" / "lrmate200ic-cube"
-PICTURES = {"gap-where.png", "gap-which.png", "gap-ladder.png", "gap-residuals.png"}
+PICTURES = {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}
 NAN = float("nan")
 BACKLASH = Named("backlash", "backlash", "joint 3", "", 0.97, 120.0)
 STEP = Named("step", "step@41", "base", "from row 41 on", 0.95, 30.0)
@@ -74,12 +74,12 @@ def diagnosis(dataset, kind: str = "named", distances: bool = True) -> Gap:
     verdict = Verdict(
         kind, named, {"null": 0.0, "unknown": 0.05, "latency": 0.001} | sure, SETS[kind],
         (Hypothetical(tuple(n for n in SETS[kind] if n != "null"), 0.9, 60.0), Hypothetical((), 0.01, 0.0)),
-        (), {"thermal-drift": "no time_s"}, ("play, not late readings",),
+        (), {"thermal-drift": "no time_s"}, ("backlash, not delayed readings",),
     )  # fmt: skip
     shrinkage = (Shrinkage("planes", 60, 13e-6, 6.4e-6, 6e-6, 0.96, (0.91, 0.99), 12e-6, 6.2e-6, True),)
     if distances:
         shrinkage += (Shrinkage("distances", 12, 27e-6, 31e-6, 5e-6, NAN, (NAN, NAN), 33e-6, 30e-6, False),)
-    measured = (Measured("held-out contacts", 60, 13e-6, 6e-6, (5e-6, 7e-6)),)
+    measured = (Measured("validation contacts", 60, 13e-6, 6e-6, (5e-6, 7e-6)),)
     at = 500e-6 if distances else NAN
     models = (("nominal",), ("geometry",), ("geometry", "compliance"))
     ladder = [Step(m, 600e-6 / 5**k, at / 4**k, NAN, 40.0 if k else NAN, 6.0) for k, m in enumerate(models)]
@@ -90,7 +90,7 @@ def diagnosis(dataset, kind: str = "named", distances: bool = True) -> Gap:
     poses = tuple(tuple(r) for r in dataset.measurements.readings[:3])
     return Gap(
         dataset, ("geometry", "compliance"), 3,
-        Magnitude("validate", 13e-6, 6e-6, (5.4e-6, 6.7e-6), "repeats", 0.0 if null else 11.6e-6,
+        Magnitude("validation rows", 13e-6, 6e-6, (5.4e-6, 6.7e-6), "repeats", 0.0 if null else 11.6e-6,
                   (0.0, 2e-6) if null else (9.8e-6, 13.2e-6), measured),
         where, {"target": (Margin("cube.+y", 30, 14e-6, 1e-6, 1e-4),)}, verdict,
         () if null else shrinkage, tuple(ladder),
@@ -144,9 +144,9 @@ def test_record_keeps_the_contract(session, kind):
         assert (s is None) == (kind == "null")
         if s:
             assert {"before_rms_um", "after_rms_um", "floor_um", "removed", "removed_interval95"} <= set(s)
-    for rung in record["ladder"]:
+    for level in record["ladder"]:
         keys = ("heldout_rms_um", "distance_rms_um", "delta_elpd", "delta_elpd_se")
-        assert all(isinstance(rung[k], OPTIONAL) for k in keys)
+        assert all(isinstance(level[k], OPTIONAL) for k in keys)
     assert record["ladder"][0]["model"] == ["nominal"]
     assert record["next"][0]["separates"] == ["bending", "base-compliance"]
     np.testing.assert_allclose(
@@ -161,34 +161,34 @@ def test_record_keeps_the_contract(session, kind):
     assert len(record["residuals"]["before_um"]) == 80
 
 
-WORDS = {
-    "null": "Nothing above noise",
-    "named": "The gap: joint 3 has lost motion on reversal: backlash (probability 0.97)",
-    "named+unexplained": "and the base shifted suddenly, from row 41 on: step (probability 0.95)",
-    "unknown": "that no effect of the vocabulary explains",
-    "ambiguous": "Cannot tell bending from base-compliance with these data",
+HEADLINES = {
+    "null": "No effect above noise",
+    "named": "Effect found: joint 3 has lost motion on reversal (backlash, probability 0.97)",
+    "named+unexplained": "Also found: the base shifted suddenly, from row 41 on (step, probability 0.95)",
+    "unknown": "Unmodelled effect outside the vocabulary, at joint 3, direction of motion of J3",
+    "ambiguous": "Ambiguous: these data do not distinguish bending and base-compliance",
 }
 
 
 @pytest.mark.parametrize("kind", VERDICTS)
 def test_summary_is_one_screen_that_names_the_verdict(session, kind):
     text = printed(diagnosis(session, kind))
-    assert WORDS[kind] in text
+    assert HEADLINES[kind] in text
     assert len(text.splitlines()) <= 45
-    for words in ("noise", "6.0 um", "as drawn", "probe next", "blind spots", "beware", "no time_s"):
-        assert words in text
+    for text_of in ("noise", "6.0 µm", "nominal", "measure next", "may be missed", "beware", "no time_s"):
+        assert text_of in text
     if kind == "null":
-        assert "the largest, not significant: joint 3, approach 3" in text
+        assert "largest, not significant: joint 3, direction of motion of J3" in text
         assert "%" not in text.replace("95 %", "")
-        assert "shrink" not in text
+        assert "claimed" not in text
     else:
         assert "not claimed" in text
         assert "96 %" in text
 
 
-def test_summary_without_anything_to_tell(session):
+def test_summary_of_empty_tables(session):
     gap = replace(bare(session), verdict=diagnosis(session, "unknown").verdict)
-    assert "Something at no single place" in printed(gap)
+    assert "at no single location" in printed(gap)
 
 
 def bare(dataset) -> Gap:
@@ -227,10 +227,10 @@ CASES = {
     "null": lambda cube, tracker: diagnosis(cube, "null"),
     "unexplained": lambda cube, tracker: diagnosis(cube, "named+unexplained"),
     "no distances": lambda cube, tracker: diagnosis(cube, "unknown", distances=False),
-    "one plane, no time": lambda cube, tracker: diagnosis(plane(cube), "ambiguous", distances=False),
+    "single plane, no time": lambda cube, tracker: diagnosis(plane(cube), "ambiguous", distances=False),
     "points": lambda cube, tracker: diagnosis(tracker, "named", distances=False),
     "seven joints": lambda cube, tracker: diagnosis(seven(cube)),
-    "nothing to tell": lambda cube, tracker: bare(cube),
+    "empty tables": lambda cube, tracker: bare(cube),
 }
 
 

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from bayescal.estimate import STATED_WORTH, Estimate
 from bayescal.estimate.unexplained import P_VALUE, STATED_FACTOR, repeat_scatter
-from bayescal.gap.result import Magnitude, Measured
+from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Magnitude, Measured
 from bayescal.gap.settings import OUTCOME
 from bayescal.predict.crossvalidation import LEFT_OUT, RESAMPLES, HeldOut, interval, kept, resampled
 
@@ -98,7 +98,7 @@ def magnitude(
     low, high, value = (float(np.sqrt(max(v, 0.0))) for v in (low, high, excess))
     measured = [
         _contacts(held, fair & (held.kind == kind), what, factor, noise, rng)
-        for kind, what in (("planes", "held-out contacts"), ("points", "held-out points"))
+        for kind, what in (("planes", VALIDATION_CONTACTS), ("points", VALIDATION_POINTS))
         if np.any(fair & (held.kind == kind))
     ]
     if len(held.distances.error):

@@ -1,4 +1,4 @@
-"""`gap-where.png`: the largest places, the arm among its probed points, and the curves that tell."""
+"""`gap-where.png`: the largest locations, the arm with its probed points, residuals and fitted functions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bayescal.arm import chain as reference
 from bayescal.gap.result import Curve, Gap, Place
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.phrases import headline, place, unexplained
-from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, GUILTY, INK, NOISE, figure, tidy
+from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, INK, MARKED, NOISE, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
 
 if TYPE_CHECKING:
@@ -21,15 +21,15 @@ PLACES = 7
 CURVES = 3
 SIGNIFICANT = 0.01
 AXIS = 0.07
-"""Half the length of the stroke that stands for a joint's axis, m."""
+"""Half the length of the line that marks the axis of a joint, m."""
 FEW_VALUES = 3
 BINS = 18
 SMOOTH = 0.05
-"""Fitted values whose mean square step along x is below this share of their variance are a line."""
+"""Fitted values whose mean square step along x is below this share of their variance are drawn as a line."""
 
 
 def draw_where(gap: Gap) -> Figure:
-    """Bars of the largest places and the arm above, residuals along the coordinates that tell below."""
+    """Above: bars of the largest locations, the arm. Below: residuals over the coordinates they depend on."""
     import matplotlib
 
     curves = [w for w in gap.where if len(w.curve.x)][:CURVES]
@@ -60,24 +60,24 @@ def _bars(gap: Gap, axes: Any) -> None:
     colours = [ACCENT if w.family_p_value < SIGNIFICANT else FAINT for w in shown]
     axes.barh(range(len(shown)), sizes, color=colours, height=0.62)
     for k, w in enumerate(shown):
-        words = f"{UM * w.rms:.1f}"
+        text = f"{UM * w.rms:.1f}"
         if np.isfinite(w.share) and w.family_p_value < SIGNIFICANT:
-            words += f"  ({100 * w.share:.0f} %)"
+            text += f"  ({100 * w.share:.0f} %)"
         if w.explained_by:
-            words += f"  {w.explained_by}"
-        axes.annotate(words, (UM * w.rms, k), (5, 0), textcoords="offset points", va="center", color=INK)
+            text += f"  {w.explained_by}"
+        axes.annotate(text, (UM * w.rms, k), (5, 0), textcoords="offset points", va="center", color=INK)
     axes.set_yticks(range(len(shown)), [place(w).replace(", ", "\n", 1) for w in shown])
     axes.set_xlim(0, 1.6 * max(sizes, default=1.0))
-    axes.set_xlabel("rms of what it explains at the contacts (um)")
+    axes.set_xlabel("RMS of the explained residuals (µm)")
     axes.set_ylim(-0.7, max(len(shown), 4) - 0.3)
-    words = "where; nothing is significant"
+    title = "locations; none is significant"
     if any(w.family_p_value < SIGNIFICANT for w in shown):
-        words = "where, and its share of the excess; pale: not significant"
-    axes.set_title(words, loc="left")
+        title = "locations and share of the excess; pale: not significant"
+    axes.set_title(title, loc="left")
 
 
 def _arm(gap: Gap, axes: Any) -> None:
-    """The nominal arm in a pose of the session, the guilty site marked, contacts coloured by residual."""
+    """The nominal arm in a pose of the session, the site marked, contacts coloured by residual."""
     scene = Scene(gap.dataset)
     rows, before, _ = gap.residuals
     points = scene.points[rows]
@@ -102,27 +102,27 @@ def _arm(gap: Gap, axes: Any) -> None:
     joints, ball = frames[1:-1], scene.points[pose]
     line = np.vstack([frames[0, :3, 3], *(f[:3, 3] for f in joints), frames[-1, :3, 3], ball])
     axes.plot(*(MM * line.T), color=INK, lw=3, alpha=0.75, solid_capstyle="round", solid_joinstyle="round")
-    guilty = _guilty(gap)
-    number = int(found.group(1)) if (found := re.match(r"(?:joint|link) (\d+)", guilty)) else 0
-    strokes: list[np.ndarray] = []
+    site = _site(gap)
+    number = int(found.group(1)) if (found := re.match(r"(?:joint|link) (\d+)", site)) else 0
+    axis_lines: list[np.ndarray] = []
     for k, frame in enumerate(joints, start=1):
         stroke = np.outer([-AXIS, AXIS], frame[:3, 2]) + frame[:3, 3]
-        strokes.append(stroke)
+        axis_lines.append(stroke)
         marked = k == number
         axes.plot(
-            *(MM * stroke.T), color=GUILTY if marked else ACCENT, lw=7 if marked else 4, solid_capstyle="butt"
+            *(MM * stroke.T), color=MARKED if marked else ACCENT, lw=7 if marked else 4, solid_capstyle="butt"
         )
     axes.scatter(*(MM * ball), s=30, color=INK)
-    _mark(gap, axes, guilty, number, line, points)
-    _equal(axes, MM * np.vstack([line, points, *strokes]))
+    _mark(gap, axes, site, number, line, points)
+    _equal(axes, MM * np.vstack([line, points, *axis_lines]))
     bar = axes.figure.colorbar(shown, ax=axes, shrink=0.62, pad=0.09, aspect=26)
-    bar.set_label("residual (um)", fontsize=10, color=INK)
+    bar.set_label("residual (µm)", fontsize=10, color=INK)
     bar.ax.tick_params(labelsize=9, colors=INK)
     bar.outline.set_visible(False)
 
 
-def _guilty(gap: Gap) -> str:
-    """The site to mark: the first effect's, or where something unknown lies, or the largest."""
+def _site(gap: Gap) -> str:
+    """The site to mark: of the first named effect, else of the unmodelled effect, else the largest."""
     if gap.verdict.kind == "null":
         return ""
     chosen = unexplained(gap) if gap.verdict.kind == "unknown" else next(iter(gap.where), None)
@@ -130,32 +130,32 @@ def _guilty(gap: Gap) -> str:
     return own or (chosen.site if chosen else "")
 
 
-def _mark(gap: Gap, axes: Any, guilty: str, number: int, line: np.ndarray, points: np.ndarray) -> None:
-    """Write the guilty site where it is: a joint, a link, the base, the ball, a target's contacts."""
-    if not guilty:
+def _mark(gap: Gap, axes: Any, site: str, number: int, line: np.ndarray, points: np.ndarray) -> None:
+    """Label the site in the figure: joint, link, base, stylus tip or the contacts of a target."""
+    if not site:
         return
     above = 0.16 * float(np.max(np.ptp(np.vstack([line, points]), axis=0))) * np.array([0, 0, 1])
     names = [t.name for t in gap.dataset.targets]
     mine = gap.dataset.measurements.target[gap.residuals[0]]
     if number:
-        if guilty.startswith("link"):
-            axes.plot(*(MM * line[number : number + 2].T), color=GUILTY, lw=6, alpha=0.8)
+        if site.startswith("link"):
+            axes.plot(*(MM * line[number : number + 2].T), color=MARKED, lw=6, alpha=0.8)
         at = line[number]
-    elif guilty in names:
-        chosen = points[mine == names.index(guilty)]
+    elif site in names:
+        chosen = points[mine == names.index(site)]
         at = chosen.mean(axis=0)
-        axes.scatter(*(MM * chosen.T), s=46, facecolors="none", edgecolors=GUILTY, lw=0.7)
-    elif guilty in ("tool", "probe"):
+        axes.scatter(*(MM * chosen.T), s=46, facecolors="none", edgecolors=MARKED, lw=0.7)
+    elif site in ("tool", "probe"):
         at = line[-1]
-        axes.plot(*(MM * line[-2:].T), color=GUILTY, lw=6, alpha=0.8)
-    elif guilty == "artefact":
+        axes.plot(*(MM * line[-2:].T), color=MARKED, lw=6, alpha=0.8)
+    elif site == "artefact":
         at = points.mean(axis=0)
     else:
         at = line[0]
-        if guilty == "base":
-            axes.scatter(*(MM * at), s=120, color=GUILTY, marker="s")
+        if site == "base":
+            axes.scatter(*(MM * at), s=120, color=MARKED, marker="s")
     axes.text(
-        *(MM * (at + above)), guilty, color=GUILTY, fontsize=11, fontweight="bold", ha="center",
+        *(MM * (at + above)), site, color=MARKED, fontsize=11, fontweight="bold", ha="center",
         bbox={"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 1.5}, zorder=100,
     )  # fmt: skip
 
@@ -184,19 +184,19 @@ def _locator() -> Any:
 
 
 def _curve(axes: Any, w: Place, first: bool) -> None:
-    """Residuals along the coordinate of a place, and what it explains of them."""
+    """Residuals over the coordinate of a location, and the part that it explains."""
     curve = w.curve
     if curve.lever is not None and curve.coordinate and np.any(curve.lever):
         _displacement(axes, w, first)
         return
     x, residual, fitted = curve.x.astype(float), UM * curve.residual, UM * curve.fitted
     values = np.unique(x)
-    if len(values) <= FEW_VALUES:  # a sign: spread the contacts so that they can be seen
+    if len(values) <= FEW_VALUES:  # two or three values: spread the contacts so that they do not overlap
         x = x + 0.12 * np.ptp(values) * np.random.default_rng(0).uniform(-1, 1, len(x))
         axes.set_xticks(values)
     axes.scatter(x, residual, s=9, color=FAINT, lw=0, label="residual")
     order = np.argsort(x, kind="stable")
-    colour = GUILTY if w.family_p_value < SIGNIFICANT else GREY
+    colour = MARKED if w.family_p_value < SIGNIFICANT else GREY
     if is_line(curve):
         axes.plot(x[order], fitted[order], color=colour, lw=2, label="explained")
     else:
@@ -207,14 +207,14 @@ def _curve(axes: Any, w: Place, first: bool) -> None:
     axes.set_xlabel(curve.coordinate or "contact")
     axes.set_title(place(w), loc="left")
     if first:
-        axes.set_ylabel("residual (um)")
+        axes.set_ylabel("residual (µm)")
         axes.legend(frameon=False, loc="upper right", handletextpad=0.3, markerscale=2)
 
 
 def _displacement(axes: Any, w: Place, first: bool) -> None:
-    """What the site itself does along the coordinate: the residuals of a bin over their levers.
+    """Displacement of the site over the coordinate: residuals of a bin fitted on their lever arms.
 
-    The lever arms of the contacts differ in size and sign; least squares over a bin frees them of that.
+    The lever arms of the contacts differ in size and sign, so that raw residuals do not show it.
     """
     curve = w.curve
     assert curve.lever is not None
@@ -233,7 +233,7 @@ def _displacement(axes: Any, w: Place, first: bool) -> None:
     measured = UM * np.bincount(at, lever * curve.residual, len(edges) - 1) / divide
     explained = UM * np.bincount(at, lever * curve.fitted, len(edges) - 1) / divide
     error = 2.0 * UM * noise / np.sqrt(divide)
-    colour = GUILTY if w.family_p_value < SIGNIFICANT else GREY
+    colour = MARKED if w.family_p_value < SIGNIFICANT else GREY
     axes.errorbar(
         middle[seen],
         measured[seen],
@@ -255,14 +255,14 @@ def _displacement(axes: Any, w: Place, first: bool) -> None:
 
 
 def _displaced(site: str, unit: str) -> str:
-    """Label of what a site does: a joint's error is one of its link angle, whatever its reading's sign."""
+    """Axis label; the error of a joint is an error of its link angle, whatever the sign of its reading."""
     if unit != "rad":
-        return f"{site} displaced (um)"
-    return f"{site}: link angle off (urad)" if site.startswith("joint") else f"{site} turned (urad)"
+        return f"displacement of {site} (µm)"
+    return f"link angle error of {site} (µrad)" if site.startswith("joint") else f"rotation of {site} (µrad)"
 
 
 def is_line(curve: Curve) -> bool:
-    """Whether the fitted values are, nearly, a function of the coordinate alone."""
+    """Whether the fitted values are nearly a function of the coordinate alone."""
     order = np.argsort(curve.x, kind="stable")
     fitted = curve.fitted[order]
     variance = float(np.var(fitted))

@@ -13,20 +13,20 @@ GAP = "gap.json"
 
 
 def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
-    """Write gap.json and the pictures, whole or not at all.
+    """Write gap.json and the figures atomically.
 
     Parameters
     ----------
     gap : Gap
     folder : Path
-        Where they go; an earlier diagnosis there is replaced.
+        Where they are written; an earlier diagnosis there is replaced.
     pictures : bool
-        Draw the pictures too.
+        Draw the figures too.
 
     Returns
     -------
     tuple of str
-        Names of the files.
+        File names.
     """
     record = json.dumps(gap_record(gap), allow_nan=False, indent=1) + "\n"
     names = [GAP]

@@ -1,7 +1,8 @@
-"""A verdict in a metrologist's words: the place before the name."""
+"""The verdict of a diagnosis as text: location (site and dependence) first, then the effect."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 
 import numpy as np
@@ -10,89 +11,129 @@ from bayescal.effects import EFFECTS
 from bayescal.gap.result import Gap, Named, Place
 from bayescal.model.orientations import posed
 
-NO_PLACE = "at no single place"
+NO_PLACE = "at no single location"
 LOOSE = 4.0
-"""Times the noise that a model must expect of held-out contacts for 'nothing' to mean: not to be seen."""
+"""Expected validation error over noise from which on a null verdict means only: too few contacts."""
 POSSIBLE, PLAIN = 0.05, 0.05
-"""Probability from which on noise alone is told among the rivals; p-value below which a place is told."""
+"""Least probability of the noise-only model to list it; largest p-value of a location that is listed."""
 
 ONE_OF_A_KIND = ("base", "tool", "probe", "arm", "artefact")
 
+DRIVERS = (
+    (r"1", "constant"),
+    (r"angle (\d+), beyond one place", r"angle of J\1 beyond a threshold"),
+    (r"angle (\d+), one place", r"angle of J\1, local"),
+    (r"angle (\d+), once a turn", r"angle of J\1, once per revolution"),
+    (r"angle (\d+), twice a turn", r"angle of J\1, twice per revolution"),
+    (r"angle (\d+), (.+) a turn", r"angle of J\1, \2 per revolution"),
+    (r"angle (\d+)", r"angle of J\1"),
+    (r"torque (\d+)", r"gravity torque of J\1"),
+    (r"past torque (\d+)", r"earlier gravity torque of J\1"),
+    (r"sign of torque (\d+)", r"sign of the gravity torque of J\1"),
+    (r"approach (\d+)", r"direction of motion of J\1"),
+    (r"speed (\d+)", r"speed of J\1"),
+    (r"angle", "joint angle"),
+    (r"torque", "gravity torque"),
+    (r"sign", "sign of the gravity torque"),
+    (r"approach", "direction of motion"),
+    (r"speed", "speed of contact"),
+    (r"mass", "payload mass"),
+    (r"moment", "row of the event"),
+    (r"base moment", "gravity moment on the base"),
+    (r"bending moment", "bending moment of the link"),
+    (r"time, to and fro", "time, oscillating"),
+    (r"direction of contact", "contact direction"),
+    (r"place on the face, one spot", "position on the face, local"),
+    (r"place on the face", "position on the face"),
+    (r"place in the workspace, one region", "position in the workspace, local"),
+    (r"place in the workspace", "position in the workspace"),
+    (r"certificate", "certified value"),
+)
+"""Drivers, as gap.json writes them, and their text: the first pattern that matches."""
+
+
+def driver_text(driver: str) -> str:
+    """What an error varies with, as text: ``approach 3`` is ``direction of motion of J3``."""
+    for pattern, text in DRIVERS:
+        if found := re.fullmatch(pattern, driver):
+            return found.expand(text)
+    return driver
+
 
 def place(where: Place) -> str:
-    """A place in words: site and driver."""
-    return f"{where.site}, {'always' if where.driver == '1' else where.driver}"
+    """A location as text: site and dependence."""
+    return f"{where.site}, {driver_text(where.driver)}"
 
 
 def named(effect: Named) -> str:
-    """A named effect as a sentence: ``joint 3 has lost motion on reversal: backlash (probability 0.99)``."""
+    """A named effect: ``joint 3 has lost motion on reversal (backlash, probability 0.97)``."""
     who, does = EFFECTS[effect.effect].phrase
     if effect.site:
         who = f"the {effect.site}" if effect.site in ONE_OF_A_KIND else effect.site
     setting = f", {effect.setting}" if effect.setting else ""
-    return f"{who} {does}{setting}: {effect.effect} (probability {probability(effect.probability)})"
+    return f"{who} {does}{setting} ({effect.effect}, probability {probability(effect.probability)})"
 
 
 def probability(value: float) -> str:
-    """A probability with two figures, never rounded to certainty."""
-    if value > 0.995:
-        return "above 0.99"
-    return "below 0.01" if value < 0.005 else f"{value:.2f}"
+    """A probability with two decimals, ``< 0.01`` or ``> 0.99`` beyond."""
+    if value > 0.99:
+        return "> 0.99"
+    return "< 0.01" if value < 0.01 else f"{value:.2f}"
 
 
 def p_value(value: float) -> str:
-    """A p-value with one figure."""
+    """A p-value with one significant digit."""
     if value < 1e-4:
         return "< 0.0001"
     return f"{value:.4f}" if value < 0.01 else f"{value:.2f}"
 
 
 def listed(names: Iterable[str], last: str = "and") -> str:
-    """Names as a sentence lists them."""
+    """Names joined by commas, the last by `last`."""
     *some, final = list(names)
     return f"{', '.join(some)} {last} {final}" if some else final
 
 
 def unexplained(gap: Gap) -> Place | None:
-    """Where the largest thing lies that no named effect explains."""
+    """The location of the largest error that no named effect explains."""
     return next((w for w in gap.where if not w.explained_by), None)
 
 
 def headline(gap: Gap) -> list[str]:
-    """The verdict in one line, or one line for each of several effects."""
+    """The verdict: a line for each effect, or the alternatives, or that there is none."""
     verdict = gap.verdict
     at = unexplained(gap)
     there = f"at {place(at)}" if at else NO_PLACE
     if verdict.kind == "null":
         size = gap.magnitude.measured[:1]
         if size and size[0].predicted_rms > LOOSE * gap.magnitude.noise:
-            return ["Nothing shows above what the model itself leaves uncertain: too few contacts to tell"]
-        return ["Nothing above noise: the model explains these data"]
+            return ["No effect found: with these contacts the model is too uncertain to show any"]
+        return ["No effect above noise: the model explains these data"]
     if verdict.kind == "unknown":
-        sure = probability(verdict.probability.get("unknown", float("nan")))
-        return [f"Something {there}, that no effect of the vocabulary explains (probability {sure})"]
+        p = probability(verdict.probability.get("unknown", float("nan")))
+        return [f"Unmodelled effect outside the vocabulary, {there} (probability {p})"]
     if verdict.kind == "ambiguous":
         largest = next((w for w in gap.where if w.family_p_value < PLAIN), None)
         noise = [n for n in ("null",) if verdict.probability.get(n, 0.0) > POSSIBLE]
         rivals = dict.fromkeys((*verdict.credible_set90, *noise))
-        lines = [f"Cannot tell {listed(map(rival, rivals), 'from')} with these data"]
-        return lines + ([f"Something at {place(largest)}"] if largest else [])
-    lines = [f"The gap: {named(verdict.named[0])}"] if verdict.named else []
-    lines += [f"and {named(n)}" for n in verdict.named[1:]]
+        lines = [f"Ambiguous: these data do not distinguish {listed(map(rival, rivals))}"]
+        return lines + ([f"Largest location: {place(largest)}"] if largest else [])
+    lines = [f"Effect found: {named(n)}" for n in verdict.named[:1]]
+    lines += [f"Also found: {named(n)}" for n in verdict.named[1:]]
     if verdict.kind == "named+unexplained":
-        lines.append(f"and something more {there}, that no effect of the vocabulary explains")
+        lines.append(f"Also: an unmodelled effect outside the vocabulary, {there}")
     return lines
 
 
 def rival(name: str) -> str:
-    """A member of the 90 % set as a sentence names it."""
-    return {"null": "noise alone", "unknown": "something unknown"}.get(name, name)
+    """A member of the 90 % set as text."""
+    return {"null": "noise only", "unknown": "unmodelled effect"}.get(name, name)
 
 
 def warnings(gap: Gap) -> tuple[str, ...]:
-    """What weakens the figures, and what of the session they leave aside."""
+    """What limits the results, and which rows the lengths leave out."""
     turns = int(np.sum(posed(gap.dataset)))
     if not turns:
         return gap.warnings
-    told = "it is weighed beside their points, but figures in um are of these alone"
-    return (*gap.warnings, f"{turns} rows also read an orientation: {told}")
+    used = "the diagnosis uses it, but figures in µm are of the points alone"
+    return (*gap.warnings, f"{turns} rows also measure an orientation: {used}")

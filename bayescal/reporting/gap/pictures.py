@@ -1,6 +1,6 @@
-"""The pictures of a diagnosis: which effect, the ladder of models, the residuals; `gap_arm` draws where.
+"""Figures of a diagnosis: probabilities of the effects, model levels, residuals; `arm` draws the locations.
 
-Each function takes a `Gap` and returns a figure, and copes with whatever the session lacks.
+Each function takes a `Gap` and returns a figure, also where the session lacks some of the data.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayescal.gap.result import Gap
+from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Gap
 from bayescal.reporting.gap.arm import draw_where
-from bayescal.reporting.gap.phrases import headline, rival
+from bayescal.reporting.gap.phrases import headline, probability, rival
 from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, INK, NOISE, SERIES, figure, remark, tidy
 from bayescal.reporting.shared.text import UM, model_label
 
@@ -23,11 +23,11 @@ MOST_EFFECTS = 12
 MOST_SETS = 6
 MOST_TARGETS = 6
 CLIP = 0.99
-"""Quantile of the residuals' sizes beyond which an axis need not reach: gross contacts stand at its edge."""
+"""Quantile of the absolute residuals that an axis covers; larger ones are marked at its edge."""
 
 
 def draw_which(gap: Gap) -> Figure:
-    """Probabilities of nothing, something unknown and every effect; the sets of effects that were weighed."""
+    """Probabilities of the noise-only model, of an unmodelled effect and of every effect."""
     verdict = gap.verdict
     out = figure(12, 5.2, headline(gap))
     left, right = out.subplots(1, 2, width_ratios=(1.15, 1))
@@ -39,51 +39,47 @@ def draw_which(gap: Gap) -> Figure:
         range(len(shown)), [p for _, p in shown], color=[ACCENT if i else FAINT for i in inside], height=0.65
     )
     for k, (_, p) in enumerate(shown):
-        left.annotate(_short(p), (p, k), (5, 0), textcoords="offset points", va="center", color=INK)
+        left.annotate(probability(p), (p, k), (5, 0), textcoords="offset points", va="center", color=INK)
     left.set_yticks(range(len(shown)), [rival(n) for n, _ in shown])
     left.set_xlim(0, 1.12)
     left.set_xticks(np.linspace(0, 1, 6))
-    left.set_xlabel("probability (effects may be there together)")
-    left.set_title("which effect; dark: the 90 % set", loc="left")
+    left.set_xlabel("probability (effects may be present together)")
+    left.set_title("effects; dark: 90 % set", loc="left")
     missing = len(verdict.missing)
     if missing:
-        remark(left, f"cannot be judged: {', '.join(verdict.missing)}", 0.99, 0.03, "right")
+        remark(left, f"not assessed: {', '.join(verdict.missing)}", 0.99, 0.03, "right")
     sets = verdict.hypotheses[:MOST_SETS][::-1]
     names = [" + ".join(rival(n) for n in h.effects) or rival("null") for h in sets]
     right.barh(range(len(sets)), [h.probability for h in sets], color=GREY, height=0.65)
     for k, h in enumerate(sets):
-        words = f"{_short(h.probability)}   ({h.log_evidence:+.0f} nats)"
-        right.annotate(words, (h.probability, k), (5, 0), textcoords="offset points", va="center", color=INK)
+        text = f"{probability(h.probability)}   ({h.log_evidence:+.0f} nats)"
+        right.annotate(text, (h.probability, k), (5, 0), textcoords="offset points", va="center", color=INK)
     right.set_yticks(range(len(sets)), [n.replace(" + ", "\n+ ") for n in names])
     right.set_xlim(0, 1.4)
     right.set_xticks(np.linspace(0, 1, 6))
-    right.set_xlabel("probability (evidence over noise alone)")
-    right.set_title("sets of effects, the weightiest first", loc="left")
+    right.set_xlabel("probability (log evidence relative to noise only)")
+    right.set_title("sets of effects, the most probable first", loc="left")
     for axes, count in ((left, len(shown)), (right, len(sets))):
         axes.set_ylim(count - max(count, 5) - 0.6, max(count, 1) - 0.4)
         tidy(axes)
     return out
 
 
-def _short(p: float) -> str:
-    return f"{p:.2f}" if 0.005 <= p <= 0.995 else ("> 0.99" if p > 0.5 else "< 0.01")
-
-
-def draw_ladder(gap: Gap) -> Figure:
-    """Held-out errors from the nominal simulation to the named effects."""
-    out = figure(12, 5.0, ["Where the gap between simulation and machine went"])
+def draw_levels(gap: Gap) -> Figure:
+    """Validation errors of the model levels, from the nominal model to the named effects."""
+    out = figure(12, 5.0, ["Validation error of the model levels"])
     axes = out.subplots()
     at = np.arange(len(gap.ladder))
     series = (
-        ("held-out contacts", "o", [s.heldout_rms for s in gap.ladder]),
+        (VALIDATION_CONTACTS, "o", [s.heldout_rms for s in gap.ladder]),
         ("sphere distances", "s", [s.distance_rms for s in gap.ladder]),
-        ("held-out points", "D", [s.point_rms for s in gap.ladder]),
+        (VALIDATION_POINTS, "D", [s.point_rms for s in gap.ladder]),
     )
     drawn = [(w, m, UM * np.array(v)) for w, m, v in series if np.any(np.isfinite(v))]
     points_only = len(drawn) > 1 and np.allclose(drawn[0][2], drawn[-1][2], equal_nan=True)
     shown = drawn[1:] if points_only else drawn
-    for k, (words, marker, values) in enumerate(shown):
-        axes.plot(at, values, marker=marker, color=SERIES[k], lw=1.6, ms=7, label=words)
+    for k, (what, marker, values) in enumerate(shown):
+        axes.plot(at, values, marker=marker, color=SERIES[k], lw=1.6, ms=7, label=what)
         for j in np.flatnonzero(np.isfinite(values)):
             v = values[j]
             top = v >= np.nanmax([other[j] for _, _, other in shown])
@@ -91,7 +87,7 @@ def draw_ladder(gap: Gap) -> Figure:
             axes.annotate(text, (j, v), (9, 5 if top else -13), textcoords="offset points", color=SERIES[k])
     noise = UM * gap.magnitude.noise
     axes.axhspan(*(UM * np.array(gap.magnitude.noise_interval95)), color=NOISE, lw=0)
-    axes.axhline(noise, color=GREY, lw=1.2, ls="--", label=f"noise of one contact, {noise:.1f} um (95 %)")
+    axes.axhline(noise, color=GREY, lw=1.2, ls="--", label=f"noise of a contact, {noise:.1f} µm (95 %)")
     for s in gap.shrinkage:
         if s.what == "distances":
             axes.axhline(
@@ -99,12 +95,12 @@ def draw_ladder(gap: Gap) -> Figure:
                 color=SERIES[1],
                 lw=1,
                 ls=":",
-                label=f"floor of a distance, {UM * s.floor:.1f} um",
+                label=f"expected RMS of a distance for a correct model, {UM * s.floor:.1f} µm",
             )
     axes.set_yscale("log")
-    axes.set_ylabel("rms error (um)")
+    axes.set_ylabel("RMS error (µm)")
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.set_xticks(at, [_rung(gap, k) for k in range(len(at))])
+    axes.set_xticks(at, [_level(gap, k) for k in range(len(at))])
     axes.set_xlim(-0.4, max(len(at) - 1, 0) + 0.6)
     axes.legend(frameon=False, loc="upper right")
     axes.grid(axis="y", color=NOISE)
@@ -112,8 +108,8 @@ def draw_ladder(gap: Gap) -> Figure:
     return out
 
 
-def _rung(gap: Gap, k: int) -> str:
-    """A rung by what it adds, in one word or two."""
+def _level(gap: Gap, k: int) -> str:
+    """A model level by what it adds to the one before."""
     step = gap.ladder[k]
     before = gap.ladder[k - 1].model if k else ()
     if len(before) > 1 and step.model[: len(before)] == before and step.model != before:
@@ -122,7 +118,7 @@ def _rung(gap: Gap, k: int) -> str:
 
 
 def draw_residuals(gap: Gap) -> Figure:
-    """Residuals over time, before and after, each with its histogram against the noise."""
+    """Residuals over time, before and after the refit, each with its histogram and the noise."""
     rows, before, after = gap.residuals
     m = gap.dataset.measurements
     same = np.allclose(before, after)
@@ -140,20 +136,20 @@ def draw_residuals(gap: Gap) -> Figure:
         along, across = grid[k]
         _in_order(gap, along, x, UM * r, edge, legend=k == 0)
         inside = np.abs(UM * r) <= edge
-        beyond = f", and {np.sum(~inside)} beyond" if not np.all(inside) else ""
+        beyond = f", {np.sum(~inside)} outside the axis" if not np.all(inside) else ""
         rms = UM * np.sqrt(np.mean(r[inside] ** 2))
-        along.set_title(f"{(baseline, named)[k]}: {rms:.1f} um rms{beyond}", loc="left")
+        along.set_title(f"{(baseline, named)[k]}: RMS {rms:.1f} µm{beyond}", loc="left")
         across.hist(UM * r, bins=bins, orientation="horizontal", color=SERIES[0], alpha=0.75, density=True)
         fine, sd = np.linspace(-edge, edge, 200), UM * gap.magnitude.noise
         bell = np.exp(-0.5 * (fine / sd) ** 2) / (sd * np.sqrt(2 * np.pi))
-        across.plot(bell, fine, color=INK, lw=1.3, label=f"noise, {sd:.1f} um")
+        across.plot(bell, fine, color=INK, lw=1.3, label=f"noise, {sd:.1f} µm")
         across.set_xticks([])
         across.legend(frameon=False, loc="upper right", handlelength=1.2)
-        along.set_ylabel("residual (um)")
+        along.set_ylabel("residual (µm)")
         for axes in (along, across):
             axes.set_ylim(-edge, edge)
             tidy(axes)
-    grid[-1][0].set_xlabel("order of probing" if m.time is None else "time (min)")
+    grid[-1][0].set_xlabel("measurement order" if m.time is None else "time (min)")
     grid[-1][1].set_xlabel("density (band: 2 x noise)")
     return out
 
@@ -184,7 +180,7 @@ def _in_order(gap: Gap, axes: Any, x: np.ndarray, r: np.ndarray, edge: float, le
 PICTURES: dict[str, Callable[[Gap], Figure]] = {
     "gap-where.png": draw_where,
     "gap-which.png": draw_which,
-    "gap-ladder.png": draw_ladder,
+    "gap-levels.png": draw_levels,
     "gap-residuals.png": draw_residuals,
 }
-"""What draws each picture."""
+"""File name of each figure and the function that draws it."""

@@ -1,4 +1,4 @@
-"""`gap.json`: a diagnosis in numbers, units in the keys, by the output contract."""
+"""`gap.json`: a diagnosis as numbers, by the output contract; units are in the keys."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ SCHEMA = "bayescal-gap/1"
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
 MARGINS = ("target", "joint", "region", "time", "direction")
 MEASURES = ("planes", "distances")
-"""Keys of ``shrinkage`` that are always there, null where nothing was measured."""
+"""Keys of ``shrinkage`` that are always present, null where nothing was measured."""
 CURVES = 12
-"""Places, the largest first, whose curves are kept."""
+"""Locations, the largest first, whose curves are stored."""
 DIGITS = 4
-"""Decimals of curves and residuals, um or units of the coordinate: well below what a probe resolves."""
+"""Decimals of curves and residuals, in um or the unit of the coordinate: below the resolution of a probe."""
 
 
 def gap_record(gap: Gap) -> dict[str, Any]:
-    """The contents of gap.json; what is no number is null."""
+    """The contents of gap.json; a value that is not finite is null."""
     verdict = gap.verdict
     record = {
         **origin(SCHEMA, gap.dataset, gap.seed, LIBRARIES),
@@ -78,7 +78,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """The same with lists and Python's numbers, None for every number that is not finite."""
+    """The same with lists and Python numbers, None for every number that is not finite."""
     if isinstance(value, Mapping):
         return {str(key): _plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
@@ -89,7 +89,7 @@ def _plain(value: Any) -> Any:
 
 
 def _effects(verdict: Verdict) -> list[str]:
-    """The names that the verdict commits to, each once; 'unknown' where it commits to that alone."""
+    """The named effects, each once; 'unknown' for an unmodelled effect alone."""
     return ["unknown"] if verdict.kind == "unknown" else list(dict.fromkeys(n.effect for n in verdict.named))
 
 
@@ -179,7 +179,7 @@ def _blind(b: BlindSpot) -> dict[str, Any]:
 
 
 def _curve(gap: Gap, w: Place) -> dict[str, Any]:
-    """The data behind a picture of `gap-where.png`; x in the unit that the coordinate states."""
+    """The data of a curve of `gap-where.png`; x in the unit that the coordinate states."""
     ids, curve = gap.dataset.measurements.ids, w.curve
     return {
         "site": w.site,
@@ -193,7 +193,7 @@ def _curve(gap: Gap, w: Place) -> dict[str, Any]:
 
 
 def _residuals(gap: Gap) -> dict[str, Any]:
-    """The data behind `gap-residuals.png`."""
+    """The data of `gap-residuals.png`."""
     rows, before, after = gap.residuals
     ids = gap.dataset.measurements.ids
     return {

@@ -1,4 +1,4 @@
-"""How the pictures of a diagnosis look."""
+"""Colours, sizes and text styles of the figures of a diagnosis."""
 
 from __future__ import annotations
 
@@ -14,26 +14,29 @@ GREY = "#7b8794"
 FAINT = "#c3ccd5"
 NOISE = "#edf1f5"
 ACCENT = "#1b4f72"
-GUILTY = "#c0392b"
+MARKED = "#c0392b"
 SERIES = ("#1b4f72", "#d68910", "#3a8f6b", "#8e5ea2", "#5b8db8", "#a0522d")
 DPI = 130
+TITLE = 8.5
+"""Characters of a title per inch of width."""
 WIDTH = 58
-"""Letters in a line of a remark."""
+"""Characters in a line of a remark."""
 
 
 def figure(width: float, height: float, title: Sequence[str]) -> Figure:
-    """A new figure (inches) that nothing but its owner knows, with the first lines of a title."""
+    """A new figure (inches), not registered with pyplot, with its title lines."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     out = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(out)
-    out.suptitle("\n".join(title), x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold")
+    lines = [part for line in title for part in textwrap.wrap(line, round(TITLE * width))]
+    out.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold")
     return out
 
 
 def tidy(axes: Any) -> None:
-    """No frame where nothing is read off, and letters that can be read at 1200 pixels."""
+    """Remove the upper and right frame; set text sizes that are readable at 1200 pixels."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(labelsize=9.5, colors=INK)
     axes.title.set_fontsize(10.5)
@@ -49,7 +52,7 @@ def tidy(axes: Any) -> None:
         text.set_fontsize(9.5)
 
 
-def remark(axes: Any, words: str, x: float, y: float, side: str) -> None:
-    """Words inside the axes, at a fraction of them."""
-    lines = textwrap.fill(words, WIDTH)
+def remark(axes: Any, text: str, x: float, y: float, side: str) -> None:
+    """Grey text inside the axes, at a fraction of them."""
+    lines = textwrap.fill(text, WIDTH)
     axes.text(x, y, lines, transform=axes.transAxes, ha=side, va="bottom", color=GREY)

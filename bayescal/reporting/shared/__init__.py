@@ -1,1 +1,1 @@
-"""What all reports share: numbers as text, origin of a result."""
+"""Shared by all reports: numbers as text, origin of a result."""

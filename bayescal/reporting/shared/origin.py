@@ -1,4 +1,4 @@
-"""How every record begins: what it is, of which data, made by what."""
+"""The first keys of every record: schema, dataset, software, seed."""
 
 from __future__ import annotations
 
@@ -27,6 +27,6 @@ def origin(schema: str, dataset: Dataset, seed: int, libraries: Iterable[str]) -
 
 
 def software(libraries: Iterable[str]) -> dict[str, str]:
-    """Versions of ourselves, of Python and of the libraries."""
+    """Versions of bayescal, Python and the libraries."""
     ours = {"bayescal": __version__, "python": platform.python_version()}
     return ours | {name: version(name) for name in libraries}

@@ -1,4 +1,4 @@
-"""What the reports share: units, numbers as words, plain tables of the terminal."""
+"""Shared by the reports: units, numbers as text, plain terminal tables."""
 
 from __future__ import annotations
 
@@ -15,45 +15,43 @@ UM = 1e6
 MM = 1e3
 MDEG = 1e3 * 180.0 / np.pi
 LABELS = {
-    ("nominal",): "as drawn",
-    ("joint",): "joint zeros and scales",
-    ("geometry",): "kinematic",
-    ("geometry", "compliance"): "kinematic + stiffness",
+    ("nominal",): "nominal",
+    ("joint",): "joint offsets",
 }
-"""Models in a metrologist's words."""
+"""Model levels that the names of their effects do not describe."""
 
 
 def model_label(effects: Sequence[str]) -> str:
-    """A model in words: its effects, or what the trade calls it."""
+    """The text of a model level: its effects joined by ``+``."""
     return LABELS.get(tuple(effects), " + ".join(effects) or LABELS[("nominal",)])
 
 
 def um(value: float) -> str:
-    """A length in um, three figures; "-" where there is none."""
+    """A length in µm with three significant digits; "-" where there is none."""
     if not np.isfinite(value):
         return "-"
     return f"{UM * value:.1f}" if abs(UM * value) < 100 else f"{UM * value:.0f}"
 
 
 def amplitude(value: float, unit: str) -> tuple[float, str]:
-    """The size of an error and its unit from SI: as in files, but lengths in um."""
+    """The size of an error and its unit from SI: as in files, but lengths in um (ASCII, for JSON)."""
     name, factor = ("um", UM) if unit == "m" else UNITS[unit]
     return factor * value, name
 
 
 def size(value: float, unit: str) -> str:
-    """The size of an error in words, from SI."""
+    """The size of an error with its unit as text, from SI, two significant digits."""
     number, name = amplitude(value, unit)
     if not np.isfinite(number):
         return "-"
     figures = f"{number:.2g}"
-    if 100 <= abs(number) < 1e6:  # 7.5e+02 is no size that anyone reads
+    if 100 <= abs(number) < 1e6:
         figures = f"{float(figures):.0f}"
-    return figures + ("" if name == "1" else f" {name}")
+    return figures + ("" if name == "1" else f" {name.replace('um', 'µm').replace('urad', 'µrad')}")
 
 
 def facts(rows: Iterable[tuple[str, str, str]]) -> Table:
-    """Lines of a heading, what it says, and the style of that."""
+    """A grid of headings and their text, each row (heading, text, style)."""
     table = Table.grid(padding=(0, 2, 0, 0))
     table.add_column(style="dim", no_wrap=True, min_width=15)
     table.add_column()
@@ -63,5 +61,5 @@ def facts(rows: Iterable[tuple[str, str, str]]) -> Table:
 
 
 def plain_table(title: str, *headings: str) -> FigureTable:
-    """A table without lines, headed by its title; its figures are never cut off."""
+    """A table without rules, headed by its title; its figures are never truncated."""
     return FigureTable(title, *headings)
