@@ -79,7 +79,7 @@ def _noise_from(gap: Gap) -> str:
 
 
 def _measured(gap: Gap) -> Table:
-    table = plain_table("RMS (µm)", "count", "measured", "expected", "95 % interval", "")
+    table = plain_table("RMS (µm)", "count", "measured", "expected", "95 %", "")
     for x in gap.magnitude.measured:
         low, high = x.predicted_interval95
         inside = low <= x.rms <= high
@@ -95,7 +95,7 @@ def _measured(gap: Gap) -> Table:
 
 
 def _where(gap: Gap) -> Table:
-    table = plain_table("location", "RMS (µm)", "share", "p (family)", "explained by")
+    table = plain_table("location: RMS (µm)", "RMS", "share", "p", "explained by")
     table.columns[0].no_wrap = False
     shown = gap.where[:PLACES]
     if gap.verdict.kind == "named+unexplained" and all(w.explained_by for w in shown):
@@ -148,7 +148,7 @@ def _which(gap: Gap) -> Facts:
 
 
 def _shrinkage(gap: Gap) -> Table:
-    headings = ("count", "before", "after", "expected", "correct model", "excess removed", "95 %")
+    headings = ("count", "before", "after", "expected", "limit", "removed", "95 %")
     table = plain_table("refit: RMS (µm)", *headings)
     for s in gap.shrinkage:
         low, high = s.removed_interval95
@@ -181,7 +181,7 @@ def _levels(gap: Gap) -> Table:
     distances = any(np.isfinite(s.distance_rms) for s in gap.ladder)
     points = any(np.isfinite(s.point_rms) for s in gap.ladder)
     headings = ["validation"] + ["distances"] * distances + ["points"] * points
-    table = plain_table("model (RMS in µm)", *headings, "log density gain (nats)")
+    table = plain_table("model: RMS (µm), gain (nats)", *headings, "log density")
     before: tuple[str, ...] = ()
     for k, step in enumerate(gap.ladder):
         cells = [um(step.heldout_rms)]
@@ -220,7 +220,7 @@ def _blind(gap: Gap) -> Table:
     """Effects that these data may miss, the largest distance error first."""
     largest = sorted(gap.blind_spots, key=lambda b: -np.nan_to_num(b.distance_error))
     more = f" ({BLIND} of {len(largest)})" if len(largest) > BLIND else ""
-    table = plain_table(f"may be missed{more}", "plausible", "detectable from", "distance error")
+    table = plain_table(f"may be missed{more}", "plausible", "detectable", "distance error")
     for b in largest[:BLIND]:
         does = f"{um(b.distance_error)} µm" if np.isfinite(b.distance_error) else "-"
         site = f", {b.site}" if b.site else ""
