@@ -14,7 +14,7 @@ from bayescal.reporting.shared.table import FigureTable
 UM = 1e6
 MM = 1e3
 MDEG = 1e3 * 180.0 / np.pi
-LABELS = {
+LABELS: dict[tuple[str, ...], str] = {
     ("nominal",): "nominal",
     ("joint",): "joint offsets",
 }
