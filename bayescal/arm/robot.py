@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 Convention = Literal["mdh", "dh"]
+Coupling = Literal["display", "mechanical"]
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,10 @@ class Robot:
     before joint i, ``Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)``; in standard DH (``dh``) after it,
     ``Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)``. ``theta = link_from_reading @ reading + offset``.
     Behind modified rows the flange may stand anywhere (`flange`); standard ones end at it.
+
+    `coupling` says what couples the axes of `link_from_reading`. ``display``: the controller computes what
+    it shows; every motor, gear and encoder sits at its own joint, between two links. ``mechanical``: linkages
+    or gear trains do; motors and encoders turn by the readings, each moving all links of its column.
     """
 
     name: str
@@ -36,6 +41,7 @@ class Robot:
     compliance: np.ndarray | None = None  # (n,) rad/(N m), where already known
     reductions: np.ndarray | None = None  # (n,) motor turns a joint turn
     flange: np.ndarray = field(default_factory=lambda: np.eye(4))  # in the last row's frame; mdh only
+    coupling: Coupling = "display"
 
     def __post_init__(self) -> None:
         assert self.convention == "mdh" or np.array_equal(self.flange, np.eye(4)), "standard rows end at it"

@@ -40,6 +40,7 @@ from bayescal.effects.vocabulary import (
     Parameter,
     Scan,
     Session,
+    Setting,
 )
 from bayescal.errors import BayescalError
 
@@ -94,8 +95,10 @@ __all__ = [
     "Parameter",
     "Scan",
     "Session",
+    "Setting",
     "Term",
     "confusable",
+    "named",
     "parameters_of",
     "register",
     "unregister",
@@ -110,11 +113,12 @@ def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple
     BayescalError
         For an unknown effect, or one for which the session lacks what it needs.
     """
-    chosen = [*(_named(name) for name in names), (TOOL, None)]
+    chosen: list[tuple[Effect, Setting]] = [*(named(name) for name in names), (TOOL, None)]
     out: list[Parameter] = []
     for effect, setting in chosen:
         lacks = effect.missing(circumstances)
-        if lacks and (setting is None or effect.scan is None or not len(effect.scan.values(circumstances))):
+        scanned = effect.scan is not None and isinstance(setting, float)
+        if lacks and not (scanned and effect.scan and len(effect.scan.values(circumstances))):
             remedy = "leave it out, or add what is missing"
             raise BayescalError(f"{effect.name} cannot be judged: {lacks}", "--model", remedy)
         out += effect.at(circumstances, setting)
@@ -127,14 +131,25 @@ def confusable(one: str, other: str) -> bool:
     return any(a in EFFECTS and b in EFFECTS[a].confusable_with for a, b in pairs)
 
 
-def _named(name: str) -> tuple[Effect, float | None]:
-    """An effect and the setting that its name may carry: ``step@212``."""
+def named(name: str) -> tuple[Effect, Setting]:
+    """An effect and the setting or form that its name may carry: ``step@212``, ``backlash@reading``.
+
+    Raises
+    ------
+    BayescalError
+        For an effect, a setting or a form that there is not.
+    """
     plain, at, setting = name.partition("@")
     if plain not in MODELS:
         raise BayescalError(f"no effect is called '{plain}'", "--model", f"known: {', '.join(MODELS)}")
     effect = MODELS[plain]
     if not at:
         return effect, None
+    if effect.form(setting) is not None:
+        return effect, setting
+    if effect.forms:
+        remedy = f"it has: {', '.join(f'{plain}@{form.name}' for form in effect.forms)}"
+        raise BayescalError(f"{plain} has no form '{setting}'", f"--model {name}", remedy)
     if effect.scan is None:
         raise BayescalError(f"{plain} has no setting", f"--model {name}", f"say {plain}")
     try:

@@ -1,13 +1,16 @@
 """Coupling: turning a joint turns its neighbours a little, through a shared gear train.
 
 Driver: the reading of one of the two joints before, or of the one after, rad, acting as an error of the
-joint's own reading. Prior: 1e-4, like an encoder's scale. Assumed: of an ABB IRB 120 measured with a laser
-tracker nothing was to be seen at the wrist.
+joint's own encoder (`joints.turned`). Prior: 1e-4, like an encoder's scale. Assumed: of an ABB IRB 120
+measured with a laser tracker nothing was to be seen at the wrist.
 """
 
 from __future__ import annotations
 
-from bayescal.effects.joints import at, moved
+import numpy as np
+
+from bayescal.arm.motion import Term
+from bayescal.effects.joints import at, motion, side_of, turned
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 1e-4  # rad a rad
@@ -15,11 +18,16 @@ BEFORE = 2  # joints: gear trains run through a wrist, from J4 to J5 and J6
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    names = c.robot.joint_names
+    robot, names, side = c.robot, c.robot.joint_names, side_of(c.robot)
+
+    def terms(j: int, k: int) -> tuple[Term, ...]:
+        """An error of joint j by the reading of joint k, in the sense in which j reads."""
+        by = motion(robot, j, np.where(np.arange(robot.n) == j - 1, c.readings[:, [k - 1]], 0.0), side)
+        return turned(robot, j, by, side)
+
     return [
         Parameter(
-            f"coupling {names[k - 1]} to {names[j - 1]}", "1", moved(c, j, c.readings[:, k - 1]), SD,
-            **at(j, f"angle {k}"),
+            f"coupling {names[k - 1]} to {names[j - 1]}", "1", terms(j, k), SD, **at(j, f"angle {k}")
         )
         for j in range(1, c.robot.n + 1)
         for k in range(max(1, j - BEFORE), min(c.robot.n, j + 1) + 1)

@@ -2,19 +2,57 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.vocabulary import Circumstances, Parameter, Where
+from bayescal.arm.robot import Robot
+from bayescal.effects.vocabulary import Circumstances, Form, Parameter, Where
 
 TURNS = {1.0: "once a turn", 2.0: "twice a turn"}
 NO_TORQUE = 1e-6  # N m: a joint that never carries more tells nothing of what torque does to it
 
 
-def moved(c: Circumstances, joint: int, driver: np.ndarray) -> tuple[Term, ...]:
-    """An error of the reading of `joint` (from 1), rad, times the driver: turns of all links it moves."""
-    column = c.robot.link_from_reading[:, joint - 1]
+LINK, READING = "link", "reading"
+"""Sides of coupled axes on which an encoder and a gear may sit: between two links, or at the axis shown.
+
+On the side of the links an error turns the joint's own link, and goes by the motion between the two links.
+On that of the readings it turns all links that the reading moves, and goes by the reading.
+"""
+
+
+def side_of(robot: Robot) -> str:
+    """The side on which the robot file puts encoders and gears; without coupled axes both are one."""
+    return LINK if robot.coupling == "display" else READING
+
+
+def motion(robot: Robot, joint: int, readings: np.ndarray, side: str) -> np.ndarray:
+    """What passes the encoder and the gear of `joint` (from 1), (N,), of readings or their rates (N, n)."""
+    return readings[:, joint - 1] if side == READING else readings @ robot.link_from_reading[joint - 1]
+
+
+def turned(robot: Robot, joint: int, driver: np.ndarray, side: str) -> tuple[Term, ...]:
+    """Turns by an error of the encoder or the gear of `joint` (from 1), rad in its own sense of rotation."""
+    if side == LINK:
+        return (Term(joint, "rz", driver),)
+    column = robot.link_from_reading[:, joint - 1]
     return tuple(Term(i, "rz", share * driver) for i, share in enumerate(column, start=1) if share)
+
+
+SIDES = {LINK: "by the motion between its links", READING: "by the readings shown"}
+
+
+Sided = Callable[[Circumstances, str], list[Parameter]]
+
+
+def sides(make: Sided) -> tuple[Form, ...]:
+    """Forms of an effect of encoders or gears: that of either side, made by `make(c, side)`."""
+    return tuple(Form(side, words, _on(make, side)) for side, words in SIDES.items())
+
+
+def _on(make: Sided, side: str) -> Callable[[Circumstances], list[Parameter]]:
+    return lambda c: make(c, side)
 
 
 def waves(c: Circumstances, effect: str, joint: int, order: float, sd: float) -> list[Parameter]:

@@ -168,6 +168,19 @@ class Scan:
 
 
 @dataclass(frozen=True)
+class Form:
+    """Another form that an effect may take, of the same cause; a model names one as ``effect@name``."""
+
+    name: str
+    words: str  # for a report: "by the readings shown"
+    parameters: Callable[[Circumstances], list[Parameter]]
+
+
+Setting = float | str | None
+"""A setting of an effect's scan, the name of one of its forms, or None for the effect as it usually is."""
+
+
+@dataclass(frozen=True)
 class Effect:
     """A cause of error: its name, the parameters that it brings to a session, and how it relates to others.
 
@@ -193,6 +206,8 @@ class Effect:
         Effects that must be in the model before this one can be named: it acts through them.
     part_of : tuple of str
         Effects that hold the same parameters; a model has this one or them.
+    forms : tuple of Form
+        Forms that it may take beside the usual one, for a diagnosis to weigh where they differ from it.
     """
 
     name: str
@@ -205,16 +220,25 @@ class Effect:
     confusable_with: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
     part_of: tuple[str, ...] = ()
+    forms: tuple[Form, ...] = ()
 
-    def at(self, circumstances: Circumstances, setting: float | None = None) -> list[Parameter]:
-        """Its parameters in a session, at a setting or at its usual one, checked and marked as its own.
+    def form(self, name: str) -> Form | None:
+        """The form of a name, if there is one."""
+        return next((form for form in self.forms if form.name == name), None)
+
+    def at(self, circumstances: Circumstances, setting: Setting = None) -> list[Parameter]:
+        """Its parameters in a session, at a setting, in a form or as usual, checked and marked as its own.
 
         Raises
         ------
         BayescalError
             For a parameter that no model can hold.
         """
-        if setting is None or self.scan is None:
+        if isinstance(setting, str):
+            form = self.form(setting)
+            assert form is not None, f"{self.name} has no form {setting}"
+            found = form.parameters(circumstances)
+        elif setting is None or self.scan is None:
             found = self.parameters(circumstances)
         else:
             found = self.scan.parameters(circumstances, setting)
@@ -222,3 +246,10 @@ class Effect:
             if fault := p.fault(len(circumstances.q)):
                 raise BayescalError(fault, f"parameter '{p.name}' of {self.name}", "correct the effect")
         return [replace(p, effect=self.name) for p in found]
+
+    def words(self, setting: Setting) -> str:
+        """A setting or a form in words, for a report; "" for the effect as it usually is."""
+        if isinstance(setting, str):
+            form = self.form(setting)
+            return "" if form is None else form.words
+        return "" if setting is None or self.scan is None else self.scan.words.format(setting)

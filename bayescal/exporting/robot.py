@@ -12,6 +12,7 @@ from bayescal.arm.rows import split
 from bayescal.arm.transforms import AXES, rigid
 from bayescal.effects.encoder_scale import ENCODER_SCALE
 from bayescal.effects.geometry import PARALLEL
+from bayescal.effects.joints import READING, SIDES, side_of
 from bayescal.estimate import Estimate
 from bayescal.model import ARM
 
@@ -29,9 +30,15 @@ def calibrated_robot(fitted: Estimate, name: str = "") -> Robot:
     delta = np.zeros((robot.n + 2, 6))
     compliance = np.zeros(robot.n) if robot.compliance is None else robot.compliance.copy()
     coupling = robot.link_from_reading.copy()
+    asked = [side for side in SIDES if f"{ENCODER_SCALE.name}@{side}" in model.effects]
+    side = asked[0] if asked else side_of(robot)
     for value, p in zip(values, model.parameters, strict=True):
-        if p.name.startswith(ENCODER_SCALE.name):  # of the reading: every link that it moves turns so
-            coupling[:, int(p.site.removeprefix("joint ")) - 1] *= 1.0 + value
+        if p.name.startswith(ENCODER_SCALE.name):
+            joint = int(p.site.removeprefix("joint ")) - 1
+            if side == READING:  # every link that the reading moves turns so
+                coupling[:, joint] *= 1.0 + value
+            else:
+                coupling[joint] *= 1.0 + value
         for term in p.terms:
             if p.effect == "compliance":
                 compliance[term.frame - 1] += value

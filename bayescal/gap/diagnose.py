@@ -324,8 +324,7 @@ def _verdict(e: Examined, without: Decision | None) -> Verdict:
 
 def _named(member, d: Decision, e: Examined) -> Named:
     v = member.variant
-    scan = EFFECTS[v.effect].scan
-    setting = scan.words.format(v.setting) if scan is not None and v.setting is not None else ""
+    setting = EFFECTS[v.effect].words(v.setting)
     return Named(v.effect, model_name(member), v.site, setting, d.probability[v.effect], d.lost(v.effect))
 
 

@@ -53,6 +53,8 @@ class SearchSettings:
     """Prior probability of an effect outside the vocabulary (assumed)."""
     further: float = 0.2
     """Prior odds of each further effect, shared among the vocabulary (assumed)."""
+    other_forms: float = 0.3
+    """Share of an effect's prior that its other forms have together, where they differ (tuned)."""
     first_gain: float = -5.0
     """Nats that a single effect must bring to be fitted (cost)."""
     further_gain: float = 2.0

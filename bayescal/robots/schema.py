@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from bayescal.arm.robot import Robot
+from bayescal.arm.robot import Coupling, Robot
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError
 from bayescal.files import Document, Keys, NotNegative, Number, Positive, Vector, si
@@ -62,6 +62,7 @@ class RobotFile(Keys):
     links: list[Link] | None = None
     reductions: list[Positive] | None = None
     joint_compliance_rad_per_nm: list[NotNegative] | None = None
+    coupling: Coupling = "display"
 
 
 def robot_from(document: Document) -> Robot:
@@ -86,6 +87,7 @@ def robot_from(document: Document) -> Robot:
         ),
         compliance=_array(file.joint_compliance_rad_per_nm),
         reductions=_array(file.reductions),
+        coupling=file.coupling,
         **table,
     )
 

@@ -77,4 +77,6 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
         lines.append(f"reductions: {sequence(robot.reductions)}")
     if robot.compliance is not None:
         lines.append(f"joint_compliance_rad_per_nm: {sequence(robot.compliance)}")
+    if robot.coupling != "display" or not np.array_equal(robot.link_from_reading, np.eye(robot.n)):
+        lines.append(f"coupling: {robot.coupling}")
     return "\n".join(lines) + "\n"

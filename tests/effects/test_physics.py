@@ -99,10 +99,6 @@ def test_backlash_turns_with_the_velocity(dataset):
         np.testing.assert_array_equal(np.sign(fast[key]), np.sign(now[key]))
     some = np.abs(velocity[:, 0]) > np.radians(0.001)
     np.testing.assert_allclose(fast["backlash J1", 1, "rz"][some], np.sign(velocity[some, 0]), atol=1e-3)
-    # the pendant's J2 moves the elbow too, by the reading's way and not the link's
-    np.testing.assert_array_equal(now["backlash J2", 3, "rz"], -now["backlash J2", 2, "rz"])
-    np.testing.assert_array_equal(np.sign(now["backlash J2", 2, "rz"]), np.sign(velocity[:, 1]))
-    assert ("backlash J3", 2, "rz") not in now
     still = with_columns(dataset, velocity=np.where(np.arange(6) == 4, 0.0, velocity))
     assert "backlash J5" not in {name for name, *_ in drivers(still, "backlash")}
     missing = EFFECTS["backlash"].missing(circumstances(with_columns(dataset, velocity=None)))
@@ -150,22 +146,81 @@ def test_knees_are_shares_of_the_usual_torque(dataset, moments, effect):
             assert p.sd == pytest.approx(0.3 * compliance * knee * usual(light, torque))
 
 
-def test_encoder_scale_is_a_longer_reading(dataset):
-    more = dataset.measurements.readings * np.where(np.arange(6) == 1, 1.0 + 1e-3, 1.0)
+def coupled(dataset, coupling):
+    """The same arm, its axes coupled by the display alone or by a linkage."""
+    return replace(dataset, robot=replace(dataset.robot, coupling=coupling))
+
+
+def wrong_by(dataset, coupling, joint, error):
+    """Ball centres where the encoder of `joint` errs by some angles (N,), of a FANUC's coupled axes.
+
+    The pendant shows J3 as minus the elbow's angle, less J2. Where the display does that, encoders sit
+    between links: of J2 between turret and upper arm, of J3 between upper arm and forearm. Where a linkage
+    does it, they sit at the motors, which turn as shown: the elbow's angle is minus the sum of both.
+    """
     scene = Scene(dataset)
-    delta = displacements(dataset, "encoder-scale", encoder_scale_J2=1e-3)
-    expected = Scene(with_columns(dataset, readings=more)).points
+    angles = scene.q.copy()
+    sense = np.array([1, 1, -1, -1, -1, -1.0])[joint - 1]
+    angles[:, joint - 1] += sense * error
+    if coupling == "mechanical" and joint == 2:
+        angles[:, 2] -= error
+    return points(scene.chain, angles, scene.tools)
+
+
+def shown_or_between(dataset, side, joint, values):
+    """What the pendant shows of a joint, or what passes between its links in the reading's sense."""
+    return values[:, 1] + values[:, 2] if (side, joint) == ("link", 3) else values[:, joint - 1]
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3, 5])
+@pytest.mark.parametrize(("coupling", "side"), [("display", "link"), ("mechanical", "reading")])
+def test_encoder_scale_turns_what_its_encoder_carries(dataset, coupling, side, joint):
+    """Of coupled axes an encoder between links turns its own link alone, one at a motor what that moves."""
+    arm = coupled(dataset, coupling)
+    angle = shown_or_between(dataset, side, joint, dataset.measurements.readings)
+    expected = wrong_by(dataset, coupling, joint, 1e-3 * angle)
+    scene = Scene(arm)
+    delta = displacements(arm, "encoder-scale", **{f"encoder_scale_J{joint}": 1e-3})
     np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), expected, atol=1e-14)
+    assert np.max(np.abs(expected - scene.points)) > 1e-6
 
 
+@pytest.mark.parametrize("joint", [1, 2, 3, 5])
+@pytest.mark.parametrize(("coupling", "side"), [("display", "link"), ("mechanical", "reading")])
+def test_backlash_goes_by_what_passes_the_gear(dataset, coupling, side, joint):
+    arm = coupled(dataset, coupling)
+    speed = shown_or_between(dataset, side, joint, dataset.measurements.velocity)
+    fast = np.abs(speed) > np.radians(0.3)
+    expected = wrong_by(dataset, coupling, joint, 1e-4 * np.sign(speed))
+    scene = Scene(arm)
+    delta = displacements(arm, "backlash", **{f"backlash_J{joint}": 1e-4})
+    moved = points(scene.chain, scene.q, scene.tools, delta)
+    np.testing.assert_allclose(moved[fast], expected[fast], atol=5e-7)
+    assert np.count_nonzero(fast) > 10
+
+
+@pytest.mark.parametrize("effect", ["encoder-scale", "backlash"])
+def test_forms_are_the_two_sides_of_coupled_axes(dataset, effect):
+    """A form is the other coupling's usual one, whatever this robot's coupling is."""
+    for coupling in ("display", "mechanical"):
+        c = circumstances(coupled(dataset, coupling))
+        for side, like in (("link", "display"), ("reading", "mechanical")):
+            other = EFFECTS[effect].parameters(circumstances(coupled(dataset, like)))
+            mine = EFFECTS[effect].at(c, side)
+            assert [p.name for p in mine] == [p.name for p in other]
+            for p, q in zip(mine, other, strict=True):
+                for s, t in zip(p.terms, q.terms, strict=True):
+                    assert (s.frame, s.axis) == (t.frame, t.axis)
+                    np.testing.assert_array_equal(s.driver, t.driver)
+
+
+@pytest.mark.parametrize("coupling", ["display", "mechanical"])
 @pytest.mark.parametrize(("of", "to"), [(2, 3), (1, 2), (4, 6), (2, 1)])
-def test_coupling_is_a_reading_of_another_joint(dataset, of, to):
-    reading = dataset.measurements.readings
-    more = reading.copy()
-    more[:, to - 1] += 1e-3 * reading[:, of - 1]
-    scene = Scene(dataset)
-    delta = displacements(dataset, "coupling", **{f"coupling_J{of}_to_J{to}": 1e-3})
-    expected = Scene(with_columns(dataset, readings=more)).points
+def test_coupling_is_an_error_by_the_reading_of_another_joint(dataset, of, to, coupling):
+    arm = coupled(dataset, coupling)
+    expected = wrong_by(dataset, coupling, to, 1e-3 * dataset.measurements.readings[:, of - 1])
+    scene = Scene(arm)
+    delta = displacements(arm, "coupling", **{f"coupling_J{of}_to_J{to}": 1e-3})
     np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), expected, atol=1e-14)
 
 

@@ -46,3 +46,27 @@ def test_compliance_goes_along(cube):
     assert robot.compliance is not None
     assert robot.compliance[1] == pytest.approx(named["compliance J2"], rel=1e-12)
     assert robot.name.endswith("-calibrated")
+
+
+@pytest.mark.parametrize("effect", ["encoder-scale", "encoder-scale@link", "encoder-scale@reading", "joint"])
+@pytest.mark.parametrize("coupling", ["display", "mechanical"])
+def test_scales_go_along(cube, effect, coupling):
+    """On whichever side of the coupled axes the encoders sit."""
+    session = cube(seed=1, count=60).dataset
+    session = replace(session, robot=replace(session.robot, coupling=coupling))
+    scene = Scene(session)
+    model = build(scene, (effect,))
+    found = estimate(build(scene, ()))
+    rng = np.random.default_rng(0)
+    for j in range(1, 7):  # one at a time: scales of two joints multiply, which the model does not know
+        z = np.zeros(model.size)
+        own = [k for k, p in enumerate(model.parameters) if p.name == f"encoder-scale J{j}"]
+        z[own] = 3.0 * rng.standard_normal()
+        robot = calibrated_robot(replace(found, model=model, z=z))
+        expected = (
+            model.motion(np.arange(len(scene.q))).points_reference(model.deviations(z[model.slices[ARM]])).T
+        )
+        q = link_angles(robot, session.measurements.readings)
+        np.testing.assert_allclose(points(chain_of(robot), q, scene.tools), expected, atol=1e-12)
+        assert np.max(np.abs(expected - scene.points)) > 1e-6
+        assert robot.coupling == coupling

@@ -125,7 +125,7 @@ class Bench:
 
     def of_effect(self, effect: str, strength: float, seed: int = 0, site: str = "") -> np.ndarray:
         """Contribution (R,) of an effect of the pool, at its usual or its middle setting."""
-        own = [v for v in self.known.variants[effect] if v.site == site]
+        own = [v for v in self.known.variants[effect] if v.site == site and not isinstance(v.setting, str)]
         chosen = own[0] if own[0].setting is None and len(own) == 1 else own[len(own) // 2]
         return self.visible(self.problem.pool[:, chosen.columns], strength, seed)
 

@@ -62,6 +62,7 @@ def robots(draw) -> Robot:
         compliance=draw(st.none() | arrays(n, 0, 1e-2)),
         reductions=draw(st.none() | arrays(n, 1, 300)),
         flange=flange if convention == "mdh" else np.eye(4),
+        coupling=draw(st.sampled_from(["display", "mechanical"])),
     )
 
 
@@ -101,6 +102,7 @@ SPOILT = [
     ("mass_kg: 7.54", "mass_kg: -7.54", 19, "at least 0"),
     ("links:", "reductions: [1, 2]\nlinks:", 18, "`reductions` has 2 entries"),
     ("links:", "colour: yellow\nlinks:", 18, "unknown key `colour`"),
+    ("coupling: display", "coupling: hydraulic", 25, "'display' or 'mechanical'"),
 ]
 
 

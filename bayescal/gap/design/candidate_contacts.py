@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from bayescal.effects import EFFECTS, Circumstances, Parameter, parameters_of
+from bayescal.effects import EFFECTS, Circumstances, Parameter, Setting, parameters_of
 from bayescal.estimate import Estimate
 from bayescal.gap.design.blind_spots import located
 from bayescal.gap.design.interventions import Intervention, widened
@@ -219,7 +219,7 @@ def _again(old: Sequence[Parameter], new: Sequence[Parameter]) -> list[Parameter
     return [replace(p, terms=terms[p.name]) for p in old]
 
 
-def _candidates(name: str, setting: float | None, c: Circumstances) -> list[Parameter]:
+def _candidates(name: str, setting: Setting, c: Circumstances) -> list[Parameter]:
     found = EFFECTS[name].at(c, setting)
     return [*found, *in_proportion(EFFECTS[name], found)]
 

@@ -5,12 +5,12 @@ Of an effect that it has but for some parts, these are the candidate.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.effects import EFFECTS, Circumstances, Effect, Parameter, parameters_of
+from bayescal.effects import EFFECTS, Circumstances, Effect, Parameter, Setting, named, parameters_of
 from bayescal.effects.compliance import SPREAD
 from bayescal.gap.settings import SEARCH
 from bayescal.model.parts import Part
@@ -23,7 +23,7 @@ class Variant:
     """One form of an effect: its setting if any, its site or "" for all, its columns of the pool."""
 
     effect: str
-    setting: float | None
+    setting: Setting
     site: str
     columns: np.ndarray  # (k,)
     log_prior: float  # within the effect
@@ -65,14 +65,14 @@ def candidates(
 
 def with_parts(known: Candidates, name: str, parts: Sequence[Part], c: Circumstances) -> Candidates:
     """Candidates with parts of an effect that the baseline lacks: each alone, and all together."""
-    effect, _, setting = name.partition("@")
+    effect, setting = named(name)
     parameters = [p for p in parameters_of((name,), c) if any(part.holds(p) for part in parts)]
 
     def variant(own: Sequence[Part], weight: float) -> Variant:
         at = [k for k, p in enumerate(parameters) if any(part.holds(p) for part in own)]
         return Variant(
-            effect,
-            float(setting) if setting else None,
+            effect.name,
+            setting,
             " and ".join(part.site for part in own),
             len(known.pool) + np.array(at, int),
             -float(np.log(weight)),
@@ -84,8 +84,8 @@ def with_parts(known: Candidates, name: str, parts: Sequence[Part], c: Circumsta
     return replace(
         known,
         pool=(*known.pool, *parameters),
-        variants=known.variants | {effect: tuple(variants)},
-        partly=(*known.partly, effect),
+        variants=known.variants | {effect.name: tuple(variants)},
+        partly=(*known.partly, effect.name),
     )
 
 
@@ -102,16 +102,42 @@ def extended(
     if not found:
         return replace(known, missing=known.missing | {effect.name: lacks or NOTHING})
     count = max(len(found), 0 if effect.scan is None else len(effect.scan.values(c)))
+    forms = [] if lacks else _other_forms(effect, c)
+    usual = float(np.log(1.0 - SEARCH.other_forms)) if forms else 0.0
     pool, variants = list(known.pool), []
     for value, parameters in found:
         joined = in_proportion(effect, parameters)
-        weight = -float(np.log(count)) - float(np.log(2.0)) * len(joined)
+        weight = usual - float(np.log(count)) - float(np.log(2.0)) * len(joined)
         variants += _subsets(effect, value, parameters, len(pool), weight)
         pool += parameters
         places = tuple(dict.fromkeys((p.site, p.driver) for p in parameters))
         variants += [Variant(effect.name, value, "", np.array([len(pool)]), weight, places) for _ in joined]
         pool += joined
+    for name, parameters, sites in forms:
+        weight = float(np.log(SEARCH.other_forms / len(forms)))
+        variants += _subsets(effect, name, parameters, len(pool), weight, sites)
+        pool += parameters
     return replace(known, pool=tuple(pool), variants=known.variants | {effect.name: tuple(variants)})
+
+
+def _other_forms(effect: Effect, c: Circumstances) -> list[tuple[str, list[Parameter], set[str]]]:
+    """Forms of an effect that differ from the usual one in a session: name, parameters, sites that differ."""
+    usual = {p.name: p for p in effect.at(c)} if effect.forms else {}
+    out = []
+    for form in effect.forms:
+        parameters = effect.at(c, form.name)
+        sites = {p.site for p in parameters if p.name not in usual or not _same_motion(p, usual[p.name])}
+        if sites:
+            out.append((form.name, parameters, sites))
+    return out
+
+
+def _same_motion(a: Parameter, b: Parameter) -> bool:
+    """Whether two parameters move the arm alike."""
+    return len(a.terms) == len(b.terms) and all(
+        (s.frame, s.axis) == (t.frame, t.axis) and np.allclose(s.driver, t.driver)
+        for s, t in zip(a.terms, b.terms, strict=True)
+    )
 
 
 def in_proportion(effect: Effect, parameters: Sequence[Parameter]) -> list[Parameter]:
@@ -132,17 +158,20 @@ def in_proportion(effect: Effect, parameters: Sequence[Parameter]) -> list[Param
 
 
 def _subsets(
-    effect: Effect, value: float | None, parameters: list[Parameter], first: int, log_prior: float
-) -> list[Variant]:
+    effect: Effect, value: Setting, parameters: list[Parameter], first: int, log_prior: float,
+    own: Collection[str] = (),
+) -> list[Variant]:  # fmt: skip
+    """An effect at all sites and at each alone, or only at each of `own` where given."""
     sites: dict[tuple[str, str], list[int]] = {}
     for k, p in enumerate(parameters):
         sites.setdefault((p.site, p.driver), []).append(first + k)
     every = np.arange(first, first + len(parameters))
     if len(sites) == 1 or effect.whole:
         return [Variant(effect.name, value, "", every, log_prior, tuple(sites))]
+    single = {place: columns for place, columns in sites.items() if not own or place[0] in own}
     half = log_prior - np.log(2.0)
-    alone = half - np.log(len(sites))
+    alone = half - np.log(len(single))
     return [Variant(effect.name, value, "", every, half, tuple(sites))] + [
         Variant(effect.name, value, place[0], np.array(columns), alone, (place,))
-        for place, columns in sites.items()
+        for place, columns in single.items()
     ]

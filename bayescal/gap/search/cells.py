@@ -16,7 +16,7 @@ from bayescal.arm import chain as reference
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects import Circumstances, Parameter
 from bayescal.effects.backlash import STANDSTILL
-from bayescal.effects.joints import moved
+from bayescal.effects.joints import LINK, READING, motion, side_of, turned
 from bayescal.effects.plane_form import shapes
 from bayescal.gap.settings import CELLS
 
@@ -51,8 +51,19 @@ def cells(c: Circumstances) -> list[Cell]:
     ]
 
 
-def _at_joint(c: Circumstances, j: int, drivers: list[np.ndarray]) -> tuple[Parameter, ...]:
-    return tuple(Parameter("", "rad", moved(c, j, d), CELLS.angle) for d in drivers)
+def _at_joint(c: Circumstances, j: int, drivers: list[np.ndarray], side: str = LINK) -> tuple[Parameter, ...]:
+    """Turns of a joint's own link, or of all links that its reading moves."""
+    return tuple(Parameter("", "rad", turned(c.robot, j, d, side), CELLS.angle) for d in drivers)
+
+
+def _moves(c: Circumstances, j: int) -> tuple[str, ...]:
+    """Sides of a joint from which an error turns different links: both where its reading moves several."""
+    return (LINK, READING) if np.count_nonzero(c.robot.link_from_reading[:, j - 1]) > 1 else (LINK,)
+
+
+def _passes(c: Circumstances, j: int) -> tuple[str, ...]:
+    """Sides of a joint past which different motions go: both where several readings move its link."""
+    return (LINK, READING) if np.count_nonzero(c.robot.link_from_reading[j - 1]) > 1 else (LINK,)
 
 
 def _joints(c: Circumstances) -> Iterator[Cell]:
@@ -60,25 +71,34 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
     for j in range(1, n + 1):
         site = f"joint {j}"
         for k in range(1, n + 1):
-            waves = smooth(c.readings[:, k - 1], c.fitted)
-            if waves:
-                yield Cell(site, f"angle {k}", (_at_joint(c, j, waves),))
-                bends = [_at_joint(c, j, [d]) for d in _beyond(c.readings[:, k - 1], c.fitted)]
+            forms = [
+                (side, angle)
+                for side in _moves(c, j)
+                for of in _passes(c, k)
+                if smooth(angle := motion(c.robot, k, c.readings, of), c.fitted)
+            ]
+            if forms:
+                waves = [_at_joint(c, j, smooth(angle, c.fitted), side) for side, angle in forms]
+                yield Cell(site, f"angle {k}", tuple(waves))
+                bends = [
+                    _at_joint(c, j, [d], side) for side, angle in forms for d in _beyond(angle, c.fitted)
+                ]
                 yield Cell(site, f"angle {k}, beyond one place", tuple(bends))
         yield Cell(site, f"angle {j}, one place", tuple(_bumps(c, j)))
         if c.moments is not None:
-            waves = smooth(c.moments[:, j, 2], c.fitted)
-            if waves and np.ptp(c.moments[c.fitted, j, 2]) > 1e-3:
-                yield Cell(site, f"torque {j}", (_at_joint(c, j, waves),))
+            load = smooth(c.moments[:, j, 2], c.fitted)
+            if load and np.ptp(c.moments[c.fitted, j, 2]) > 1e-3:
+                yield Cell(site, f"torque {j}", (_at_joint(c, j, load),))
                 late = [_at_joint(c, j, [d]) for d in _past(c, c.moments[:, j, 2])]
                 yield Cell(site, f"past torque {j}", tuple(late))
-        if c.velocity is not None and np.any(c.velocity[c.fitted, j - 1]):
-            speed = c.velocity[:, j - 1]
-            yield Cell(
-                site, f"approach {j}", (_at_joint(c, j, [speed / np.hypot(speed, STANDSTILL)]),), known=True
-            )
-            size = float(np.sqrt(np.mean(speed[c.fitted] ** 2)))
-            yield Cell(site, f"speed {j}", (_at_joint(c, j, [speed / size]),))
+        if c.velocity is not None:
+            sides = max(_moves(c, j), _passes(c, j), key=len)
+            speeds = [(side, motion(c.robot, j, c.velocity, side)) for side in sides]
+            speeds = [(side, speed) for side, speed in speeds if np.any(speed[c.fitted])]
+            play = [_at_joint(c, j, [v / np.hypot(v, STANDSTILL)], side) for side, v in speeds]
+            yield Cell(site, f"approach {j}", tuple(play), known=True)
+            late = [_at_joint(c, j, [v / np.sqrt(np.mean(v[c.fitted] ** 2))], side) for side, v in speeds]
+            yield Cell(site, f"speed {j}", tuple(late))
 
 
 def _beyond(x: np.ndarray, fitted: np.ndarray) -> Iterator[np.ndarray]:
@@ -157,7 +177,7 @@ def movers(c: Circumstances) -> dict[str, Mover]:
         ]
 
     def joint(j: int) -> Mover:
-        return lambda d: [Parameter("", "rad", moved(c, j, d), CELLS.angle)]
+        return lambda d: list(_at_joint(c, j, [d], side_of(c.robot)))
 
     def contact(rows: np.ndarray) -> Mover:
         return lambda d: [Parameter("", "m", (Term(CONTACT, "normal", d * rows),), CELLS.length)]

@@ -16,7 +16,9 @@ from bayescal.model import ARM, with_parameters
 def model_name(member: Member) -> str:
     """An effect as ``--model`` takes it: with its setting where it has one."""
     setting = member.variant.setting
-    return member.effect if setting is None else f"{member.effect}@{setting:g}"
+    if setting is None:
+        return member.effect
+    return f"{member.effect}@{setting if isinstance(setting, str) else format(setting, 'g')}"
 
 
 def parameters_of_members(pool: Sequence[Parameter], members: Sequence[Member]) -> list[Parameter]:

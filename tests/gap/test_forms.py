@@ -1,0 +1,92 @@
+"""Coupled axes: an error of an encoder or a gear on the side of the links, or on that of the readings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_problems import BASELINE, Bench
+
+from bayescal.arm.motion import Term
+from bayescal.effects import Parameter, named, parameters_of
+from bayescal.gap.search.candidates import candidates
+from bayescal.gap.search.cells import cells
+from bayescal.gap.search.refit import model_name
+from bayescal.gap.settings import SEARCH
+from bayescal.model.scene import Scene
+
+
+@pytest.fixture(scope="module")
+def bench(cube):
+    return Bench.of(cube(seed=3, count=120).dataset)
+
+
+def terms_of(c, effect, joint, side):
+    """Turns of a FANUC's second or third joint, written down without the effect: its own link, or both."""
+    values = c.velocity if effect == "backlash" else c.readings
+    shown = values[:, joint - 1]
+    passing = shown if (joint, side) != (3, "link") else values[:, 1] + values[:, 2]
+    if effect == "backlash":
+        passing = np.sign(passing)
+    sense = {2: 1.0, 3: -1.0}[joint]
+    terms = [Term(joint, "rz", sense * passing)]
+    if (joint, side) == (2, "reading"):
+        terms.append(Term(3, "rz", -passing))
+    return tuple(terms)
+
+
+@pytest.mark.parametrize("effect", ["backlash", "encoder-scale"])
+@pytest.mark.parametrize(("joint", "side"), [(2, "link"), (2, "reading"), (3, "link"), (3, "reading")])
+def test_the_side_of_a_coupled_axis_is_found(bench, effect, joint, side):
+    """The name, the joint and the side; and what `--model` takes is that very form."""
+    c = bench.circumstances
+    truth = Parameter("truth", "rad", terms_of(c, effect, joint, side), 1e-4)
+    column = bench.slopes.columns([truth])
+    decision, _ = bench.decided(bench.made_up(1, bench.visible(column, 400.0, 1)))
+    (member,) = decision.members
+    assert (member.effect, member.variant.site) == (effect, f"joint {joint}")
+    usual = named(model_name(member))[1] or "link"
+    assert usual == side
+    own = [
+        p
+        for p in parameters_of((model_name(member),), c)
+        if p.site == f"joint {joint}" and p.effect != "tool"
+    ]
+    columns = bench.slopes.columns(own)
+    np.testing.assert_allclose(columns, bench.problem.pool[:, member.variant.columns], atol=1e-12)
+
+
+def test_other_forms_share_a_part_of_the_prior(bench):
+    """At all joints, and at each joint where the axes are coupled; none where no axes are."""
+    for effect in ("backlash", "encoder-scale"):
+        variants = bench.known.variants[effect]
+        assert sum(np.exp(v.log_prior) for v in variants) == pytest.approx(1.0)
+        other = [v for v in variants if v.setting == "reading"]
+        assert [v.site for v in other] == ["", "joint 2", "joint 3"]
+        assert sum(np.exp(v.log_prior) for v in other) == pytest.approx(SEARCH.other_forms)
+        assert not [v for v in variants if v.setting == "link"]
+
+
+def test_uncoupled_axes_have_one_form(bench, cube):
+    dataset = cube(seed=3, count=120).dataset
+    robot = replace(dataset.robot, link_from_reading=np.diag([1.0, 1, -1, -1, -1, -1]))
+    scene = Scene(replace(dataset, robot=robot))
+    c = scene.circumstances(scene.rows("calibrate"))
+    known = candidates(c, BASELINE)
+    for effect in ("backlash", "encoder-scale"):
+        assert {v.setting for v in known.variants[effect]} == {None}
+        assert sum(np.exp(v.log_prior) for v in known.variants[effect]) == pytest.approx(1.0)
+    assert all(
+        len(cell.sets) == 1 for cell in cells(c) if cell.driver in ("angle 2", "approach 2", "angle 3")
+    )
+
+
+def test_a_torque_turns_its_own_link(bench):
+    """In the cells too, while an angle may turn what the reading moves."""
+    of = {(cell.site, cell.driver): cell for cell in cells(bench.circumstances)}
+
+    def frames(driver):
+        return [{t.frame for p in own for t in p.terms} for own in of["joint 2", driver].sets]
+
+    assert frames("torque 2") == [{2}]
+    assert set(map(tuple, frames("past torque 2"))) == {(2,)}
+    assert frames("angle 4") == frames("approach 2") == [{2}, {2, 3}]
