@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from bayescal.cli import app
+from bayescal.cli.options import AllowXacro
 from bayescal.cli.progress import progress
 
 
@@ -16,13 +17,14 @@ def compare(
     model: str = typer.Option("geometry,compliance", help="Effects that every method fits, comma separated."),
     seed: int = typer.Option(0, help="One seed, one result."),
     out: Path | None = typer.Option(None, help="Run folder to write [default: runs/<dataset>-compare]."),
+    allow_xacro: AllowXacro = False,
 ) -> None:
     """Calibrate by every method of the survey, and judge all by the same held-out rows."""
     from bayescal.dataset import read_dataset
     from bayescal.folders import check_free
 
     effects = tuple(name.strip() for name in model.split(",") if name.strip())
-    session = read_dataset(dataset)
+    session = read_dataset(dataset, allow_xacro=allow_xacro)
     folder = out or Path("runs") / f"{dataset.resolve().name}-compare"
     check_free(folder, "compare.json")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from bayescal.cli import app
+from bayescal.cli.options import AllowXacro
 from bayescal.cli.progress import progress
 from bayescal.errors import BayescalError
 
@@ -35,13 +36,14 @@ def fit(
     remounted: bool = typer.Option(
         False, "--remounted", help="Of several sessions: the tools were taken off in between."
     ),
+    allow_xacro: AllowXacro = False,
 ) -> None:
     """Calibrate an arm: its parameters, how sure they are, and what error to expect elsewhere."""
     from bayescal.cli.sessions import read_sessions
     from bayescal.folders import check_free
 
     effects = tuple(name.strip() for name in model.split(",") if name.strip())
-    session, name = read_sessions(datasets, remounted)
+    session, name = read_sessions(datasets, remounted, allow_xacro=allow_xacro)
     folder = out or Path("runs") / f"{name}-fit"
     check_free(folder, "fit.json")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from bayescal.cli import app
+from bayescal.cli.options import AllowXacro
 from bayescal.cli.progress import progress
 
 
@@ -36,6 +37,7 @@ def gap(
         False, "--remounted", help="Of several sessions: the tools were taken off in between."
     ),
     pictures: bool = typer.Option(True, help="Draw gap-where.png, -which, -ladder and -residuals."),
+    allow_xacro: AllowXacro = False,
 ) -> None:
     """Diagnose the gap between model and machine: how big, where, which effect, how far it shrinks."""
     from bayescal.cli.sessions import read_sessions
@@ -45,7 +47,7 @@ def gap(
         tuple(name.strip() for name in words.split(",") if name.strip()) for words in (model, without)
     )
     # places are told in one noise: the sessions share its scale
-    session, name = read_sessions(datasets, remounted, own_noise=False)
+    session, name = read_sessions(datasets, remounted, False, allow_xacro)
     folder = out or Path("runs") / f"{name}-gap"
     check_free(folder, "gap.json")
 

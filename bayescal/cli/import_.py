@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from bayescal.cli import app
+from bayescal.cli.options import AllowXacro
 
 
 @app.command("import")
@@ -33,6 +34,7 @@ def import_(
     readings: str = typer.Option("encoder", help="encoder or command: what the joint columns hold."),
     name: str = typer.Option("", help="Name of the session; that of the log where left out."),
     force: bool = typer.Option(False, "--force", help="Write also what cannot be, such as a wrong unit."),
+    allow_xacro: AllowXacro = False,
 ) -> None:
     """Turn a log into a dataset folder; units are asked for, and wrong ones found out."""
     from bayescal.importing import Request, convert, write
@@ -50,6 +52,7 @@ def import_(
         noise=noise,
         readings=readings,
         name=name,
+        allow_xacro=allow_xacro,
     )
     draft = convert(request)
     write(draft, out, force)

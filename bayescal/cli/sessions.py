@@ -9,14 +9,15 @@ from bayescal.dataset import Dataset
 
 
 def read_sessions(
-    folders: Sequence[Path], remounted: bool = False, own_noise: bool = True
+    folders: Sequence[Path], remounted: bool = False, own_noise: bool = True, allow_xacro: bool = False
 ) -> tuple[Dataset, str]:
     """The session of one folder, or those of several joined, and what to call a run of them.
 
-    `remounted` and `own_noise` as of `dataset.join.joined`.
+    `remounted` and `own_noise` as of `dataset.join.joined`, `allow_xacro` as of `dataset.read_dataset`.
     """
     from bayescal.dataset import read_dataset
     from bayescal.dataset.join import joined
 
-    session = joined([read_dataset(folder) for folder in folders], remounted, own_noise)
+    sessions = [read_dataset(folder, allow_xacro=allow_xacro) for folder in folders]
+    session = joined(sessions, remounted, own_noise)
     return session, "+".join(folder.resolve().name for folder in folders)

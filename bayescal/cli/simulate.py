@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from bayescal.cli import app
+from bayescal.cli.options import AllowXacro
 
 
 @app.command()
@@ -33,6 +34,7 @@ def simulate(
         None, help="Seed of the arm, for another session of the same one [default: that of the session]."
     ),
     name: str = typer.Option("", help="Name of the session; that of the folder where left out."),
+    allow_xacro: AllowXacro = False,
 ) -> None:
     """Simulate a session on a cube and spheres, and write its truth apart."""
     import math
@@ -61,7 +63,7 @@ def simulate(
         payload=payload,
         arm_seed=arm_seed,
     )
-    simulation = run(options)
+    simulation = run(options, allow_xacro)
     write(simulation, out)
     typer.echo(summary(simulation))
     typer.echo(f"written to {out}")

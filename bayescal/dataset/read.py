@@ -21,7 +21,7 @@ from bayescal.robots import load_robot
 SETTINGS, TABLE = "dataset.yaml", "measurements.csv"
 
 
-def read_dataset(folder: Path | str, judge: bool = True) -> Dataset:
+def read_dataset(folder: Path | str, judge: bool = True, allow_xacro: bool = False) -> Dataset:
     """Read and check a dataset folder.
 
     Parameters
@@ -30,6 +30,8 @@ def read_dataset(folder: Path | str, judge: bool = True) -> Dataset:
         Holds ``dataset.yaml``, ``measurements.csv`` and, unless it is a built-in one, the robot.
     judge : bool
         Whether what keeps the contract but cannot have been measured is refused.
+    allow_xacro : bool
+        Whether a robot in a xacro file, which is a program, may be executed; refused otherwise.
 
     Returns
     -------
@@ -45,7 +47,7 @@ def read_dataset(folder: Path | str, judge: bool = True) -> Dataset:
     if not folder.is_dir():
         remedy = "give the folder, not a file in it" if folder.exists() else "check the path"
         raise BayescalError("no such folder", str(folder), remedy)
-    bare, document, robot_content = read_settings(folder / SETTINGS)
+    bare, document, robot_content = read_settings(folder / SETTINGS, allow_xacro)
     n = bare.robot.n
     table = read_table(folder / TABLE, n)
     dataset = replace(
@@ -59,13 +61,16 @@ def read_dataset(folder: Path | str, judge: bool = True) -> Dataset:
     return dataset
 
 
-def read_settings(path: Path) -> tuple[Dataset, Document, bytes]:
-    """Read a dataset.yaml and its robot: a `Dataset` of no rows, the document, the robot file's content."""
+def read_settings(path: Path, allow_xacro: bool = False) -> tuple[Dataset, Document, bytes]:
+    """Read a dataset.yaml and its robot: a `Dataset` of no rows, the document, the robot file's content.
+
+    `allow_xacro` as of `read_dataset`.
+    """
     document = read_document(path)
     check_schema(document, SCHEMA)
     file = document.parse(DatasetFile)
     try:
-        robot, robot_content = load_robot(file.robot, path.parent)
+        robot, robot_content = load_robot(file.robot, path.parent, allow_xacro)
     except BayescalError as error:
         raise BayescalError(error.what, error.where or document.where(("robot",)), error.remedy) from None
     gravity = session.gravity_of(document, file)

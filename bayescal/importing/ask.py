@@ -41,6 +41,7 @@ class Request:
     noise: str = ""
     readings: str = "encoder"
     name: str = ""
+    allow_xacro: bool = False
 
     def check(self) -> None:
         """Refuse what was left out and what cannot be."""
@@ -65,11 +66,12 @@ def base_of(request: Request) -> Dataset:
     """A session of no rows: the template's (with another robot where one is named), or a bare one."""
     if request.template is not None:
         path = request.template
-        base, _, _ = read_settings(path / SETTINGS if path.is_dir() else path)
+        base, _, _ = read_settings(path / SETTINGS if path.is_dir() else path, request.allow_xacro)
         if request.robot:
-            base = replace(base, robot=load_robot(request.robot)[0], robot_reference=request.robot)
+            robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
+            base = replace(base, robot=robot, robot_reference=request.robot)
     else:
-        robot, _ = load_robot(request.robot)
+        robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
         rows = no_rows(robot.n)
         name, reference = request.log.stem, request.robot
         base = Dataset(

@@ -33,7 +33,7 @@ def builtin_robots() -> tuple[str, ...]:
     return tuple(sorted(p.stem for p in _HERE.glob("*.yaml")))
 
 
-def load_robot(reference: str, folder: Path | None = None) -> tuple[Robot, bytes]:
+def load_robot(reference: str, folder: Path | None = None, allow_xacro: bool = False) -> tuple[Robot, bytes]:
     """Read a robot.
 
     Parameters
@@ -43,6 +43,8 @@ def load_robot(reference: str, folder: Path | None = None) -> tuple[Robot, bytes
         ``arm.urdf#tool0`` says which link is the flange (the end of the longest chain where left out).
     folder : Path, optional
         What a path is relative to; the working directory where left out.
+    allow_xacro : bool
+        Whether a xacro file, which is a program, may be executed; refused otherwise.
 
     Returns
     -------
@@ -58,7 +60,7 @@ def load_robot(reference: str, folder: Path | None = None) -> tuple[Robot, bytes
     refuse_network(reference, "")
     file, _, tip = reference.partition("#")
     if Path(file).suffix.lower() in (".urdf", ".xacro"):
-        return robot_from_urdf((folder or Path()) / file, tip)
+        return robot_from_urdf((folder or Path()) / file, tip, allow_xacro)
     suffix = Path(reference).suffix.lower()
     if reference in names:
         path = _HERE / f"{reference}.yaml"

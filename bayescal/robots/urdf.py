@@ -39,7 +39,7 @@ WIDEST = 30.0
 """rad: no joint turns that far; limits beyond were written in degrees."""
 
 
-def robot_from_urdf(path: Path, tip: str = "") -> tuple[Robot, bytes]:
+def robot_from_urdf(path: Path, tip: str = "", allow_xacro: bool = False) -> tuple[Robot, bytes]:
     """Read the arm of a URDF or xacro file.
 
     Parameters
@@ -48,6 +48,8 @@ def robot_from_urdf(path: Path, tip: str = "") -> tuple[Robot, bytes]:
         Suffix ``.xacro``: expanded first, with its arguments' defaults.
     tip : str
         The link that tools are given in; the end of the longest chain where left out. F0 is the root link.
+    allow_xacro : bool
+        Whether a xacro file, which is a program, may be executed.
 
     Returns
     -------
@@ -60,7 +62,7 @@ def robot_from_urdf(path: Path, tip: str = "") -> tuple[Robot, bytes]:
         For a file that is not a URDF of this disk, a chain with joints that slide, float or follow others,
         several longest chains, no limits, or lengths and angles that cannot be m and rad.
     """
-    root, content = read_markup(path)
+    root, content = read_markup(path, allow_xacro)
     tree = read_tree(root, path.name)
     return _robot(tree, tip_of(tree, tip)), content
 

@@ -37,13 +37,15 @@ class Simulation:
     shift: np.ndarray
 
 
-def simulate(options: Options) -> Simulation:
+def simulate(options: Options, allow_xacro: bool = False) -> Simulation:
     """Simulate a session: plan it on the nominal arm, then let the true arm touch the true targets.
 
     Parameters
     ----------
     options : Options
         One seed, one result.
+    allow_xacro : bool
+        Whether a robot in a xacro file, which is a program, may be executed; refused otherwise.
 
     Raises
     ------
@@ -54,7 +56,7 @@ def simulate(options: Options) -> Simulation:
     for name in options.effects:
         if (plain := name.partition("@")[0]) not in EFFECTS:
             raise BayescalError(f"no effect is called '{plain}'", "--effects", f"known: {', '.join(EFFECTS)}")
-    robot, _ = load_robot(options.robot)
+    robot, _ = load_robot(options.robot, allow_xacro=allow_xacro)
     planned, scenery = plan(options, robot)
     targets = true_targets(options, scenery)
     papers = (*planned.certificates, *distance_certificates(options, scenery, targets))
