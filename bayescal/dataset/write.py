@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
-import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from bayescal.dataset.table import JOINT, RPY, XYZ, joint_columns
 from bayescal.dataset.types import Certificate, Dataset, Target, Tool
 from bayescal.errors import BayescalError
 from bayescal.files import si, stem_of
+from bayescal.folders import whole
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 from bayescal.robots.writing import number, scalar
 
@@ -51,6 +50,12 @@ def write_dataset(dataset: Dataset, folder: Path | str) -> None:
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise BayescalError("the folder is there already and not empty", str(folder), "give a new one")
+    with whole(folder, SETTINGS) as stage:
+        write_files(dataset, stage)
+
+
+def write_files(dataset: Dataset, folder: Path) -> None:
+    """Write the files of a dataset into a folder that is there, as `write_dataset` does."""
     builtin = _is_builtin(dataset)
     files = {
         SETTINGS: _settings(dataset, dataset.robot_reference if builtin else ROBOT),
@@ -58,18 +63,8 @@ def write_dataset(dataset: Dataset, folder: Path | str) -> None:
     }
     if not builtin:
         files[ROBOT] = robot_to_yaml(dataset.robot)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    stage = folder.parent / f".{folder.name}.{os.getpid()}.part"
-    stage.mkdir()
-    try:
-        for name, text in files.items():
-            (stage / name).write_text(text, encoding="utf-8", newline="")
-        if folder.exists():
-            folder.rmdir()
-        stage.rename(folder)
-    except BaseException:
-        shutil.rmtree(stage, ignore_errors=True)
-        raise
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8", newline="")
 
 
 def _is_builtin(dataset: Dataset) -> bool:

@@ -6,7 +6,7 @@ import json
 from collections import Counter
 from pathlib import Path
 
-from bayescal.dataset import write_dataset
+from bayescal.dataset.write import write_files
 from bayescal.folders import whole
 from bayescal.simulation import Simulation
 
@@ -22,7 +22,7 @@ def write(simulation: Simulation, folder: Path) -> None:
         If the folder holds something else than an earlier simulated session, or cannot be written.
     """
     with whole(folder, TRUTH) as stage:
-        write_dataset(simulation.dataset, stage)
+        write_files(simulation.dataset, stage)
         text = json.dumps(simulation.truth, indent=1) + "\n"
         (stage / TRUTH).write_text(text, encoding="utf-8", newline="")
 

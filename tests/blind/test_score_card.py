@@ -73,7 +73,7 @@ def test_folder_is_whole_and_its_pictures_drawn(case, tmp_path):
     found = figures(rs)
     assert printed(found)
     names = write_score(rs, found, ABOUT, tmp_path / "score")
-    assert {p.name for p in (tmp_path / "score").iterdir()} == set(names) == {SCORE, MISSES, *PICTURES}
+    assert {p.name for p in (tmp_path / "score").glob("[!.]*")} == set(names) == {SCORE, MISSES, *PICTURES}
     for name in PICTURES:
         picture = (tmp_path / "score" / name).read_bytes()
         assert picture.startswith(b"\x89PNG")

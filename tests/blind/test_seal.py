@@ -15,6 +15,7 @@ from bayescal.blind.run import run
 from bayescal.blind.unseal import opened
 from bayescal.blind.workers import Lost
 from bayescal.errors import BayescalError
+from bayescal.folders import LIST
 
 WORLDS, SEED = 3, 5
 pytestmark = pytest.mark.usefixtures("_no_pinocchio_needed")
@@ -41,7 +42,11 @@ def answered(made) -> Path:
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        str(p.relative_to(folder)): p.read_bytes()
+        for p in sorted(folder.rglob("*"))
+        if p.is_file() and p.name != LIST
+    }
 
 
 def edit(path: Path, old: str, new: str) -> None:

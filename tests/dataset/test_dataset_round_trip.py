@@ -56,7 +56,7 @@ def test_tiny_comes_back_and_hashes_differ_with_content(tmp_path):
     again = read_dataset(tmp_path / "new" / "out")
     same(data, again)
     assert again.robot_reference == "fanuc-lrmate200ic"
-    assert sorted(p.name for p in (tmp_path / "new" / "out").iterdir()) == [
+    assert sorted(p.name for p in (tmp_path / "new" / "out").glob("[!.]*")) == [
         "dataset.yaml",
         "measurements.csv",
     ]
@@ -84,7 +84,7 @@ def test_whole_or_not_at_all(tmp_path):
     assert not (tmp_path / "out").exists()
     (tmp_path / "out").mkdir()
     write_dataset(data, tmp_path / "out")
-    assert not [p for p in tmp_path.iterdir() if p.name.endswith(".part")]
+    assert not [p for p in tmp_path.glob("[!.]*") if p.name.endswith(".part")]
 
 
 NAMES = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=12).filter(

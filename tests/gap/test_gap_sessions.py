@@ -137,7 +137,7 @@ def test_play_is_named_and_removed(loud, tmp_path, monkeypatch, capsys):
     assert rungs[-1]["heldout_rms_um"] < 0.6 * rungs[-2]["heldout_rms_um"]
     assert rungs[-1]["distance_rms_um"] < 0.6 * rungs[-2]["distance_rms_um"]
     assert set(record["missing"]) <= {"latency", "ball-radius"}  # at one speed nothing tells them apart
-    assert {p.name for p in out.iterdir()} == {
+    assert {p.name for p in out.glob("[!.]*")} == {
         "gap.json", "gap-where.png", "gap-which.png", "gap-ladder.png", "gap-residuals.png",
     }  # fmt: skip
 

@@ -238,7 +238,7 @@ CASES = {
 def test_folder_holds_all(case, session, tracker, tmp_path):
     gap = CASES[case](session, tracker(seed=1, count=40).dataset)
     names = write_gap(gap, tmp_path / "run")
-    assert {p.name for p in (tmp_path / "run").iterdir()} == set(names) == PICTURES | {"gap.json"}
+    assert {p.name for p in (tmp_path / "run").glob("[!.]*")} == set(names) == PICTURES | {"gap.json"}
     for name in PICTURES:
         picture = (tmp_path / "run" / name).read_bytes()
         assert picture.startswith(b"\x89PNG")
@@ -298,7 +298,7 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
     ]
     assert "joint 3 has lost motion on reversal" in done.output
     assert "gap.json" in done.output
-    assert [p.name for p in (tmp_path / "run").iterdir()] == ["gap.json"]
+    assert [p.name for p in (tmp_path / "run").glob("[!.]*")] == ["gap.json"]
 
 
 @pytest.mark.parametrize(

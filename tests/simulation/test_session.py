@@ -104,7 +104,7 @@ def test_one_seed_one_session_to_the_byte(tmp_path):
     options = Options(**LITTLE, seed=3)
     for name in "ab":
         write(simulate(options), tmp_path / name)
-    files = sorted(p.name for p in (tmp_path / "a").iterdir())
+    files = sorted(p.name for p in (tmp_path / "a").glob("[!.]*"))
     assert files == ["dataset.yaml", "measurements.csv", "truth.json"]
     assert all((tmp_path / "a" / f).read_bytes() == (tmp_path / "b" / f).read_bytes() for f in files)
 
