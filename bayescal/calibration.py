@@ -7,9 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayescal.assess.acceptance import Acceptance, acceptance, widened
+from bayescal.assess.conformance import Tolerance, check_tolerance, conformance
 from bayescal.assess.directions import Directions, directions
-from bayescal.assess.false_comfort import false_comfort
+from bayescal.assess.findings import Assessed, Finding, findings
 from bayescal.assess.identifiability import Identifiability, identifiability
+from bayescal.assess.shared_causes import SharedCause, shared_causes, with_sharing_rows
 from bayescal.dataset import Dataset
 from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.joint import JOINT
@@ -17,27 +20,18 @@ from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.estimate.flatness import FORM, FaceCheck, check_faces, with_form
 from bayescal.estimate.latent import with_latent_readings
 from bayescal.estimate.unexplained import Unexplained, unexplained
-from bayescal.model import ORIENTATION, check_asked, with_parameters
+from bayescal.model import check_asked, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, gaussian, sample
 from bayescal.predict import Forecast, Validation, forecast, validate
 
 VALIDATION_DRAWS = 2000
 NOMINAL = ("nominal",)
-IN_ROBOT_FILE = (
-    "geometry",
-    "joint",
-    "encoder-scale",
-    "compliance",
-    FORM,
-    "artefact",
-)  # a face's form, a paper: no part of the arm
-WILD_SCALE = 100.0  # times the stated noise: no calibration any more
 
 
 @dataclass(frozen=True)
 class ModelLevel:
-    """One model of the ladder: its estimate and what it says of the held-out rows."""
+    """One model level: its estimate and what it predicts of the validation rows."""
 
     effects: tuple[str, ...]
     estimate: Estimate
@@ -58,11 +52,18 @@ class Fit:
     faces: tuple[FaceCheck, ...]
     forecast: Forecast
     directions: Directions
-    warnings: tuple[str, ...]
+    acceptance: Acceptance
+    findings: tuple[Finding, ...]
+    tolerance: Tolerance | None = None  # decisions, where a tolerance was given
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return tuple(f.text for f in self.findings)
 
     @property
     def final(self) -> ModelLevel:
-        """The model that was asked for."""
+        """The model level that was asked for."""
         return self.ladder[-1]
 
 
@@ -75,6 +76,7 @@ def fit(
     prior_width: float = 1.0,
     latent_joints: bool = False,
     progress: Callable[[str, float], None] = lambda stage, fraction: None,
+    tolerance: float | None = None,
 ) -> Fit:
     """Calibrate an arm from a session.
 
@@ -95,6 +97,8 @@ def fit(
         Keep the joint readings as variables of the graph.
     progress : callable
         Told the stage and the fraction of it that is done.
+    tolerance : float, optional
+        m, of the error of a distance: decided on by ISO 14253-1 (`assess.conformance`).
 
     Raises
     ------
@@ -102,10 +106,13 @@ def fit(
         Where the session cannot be fitted, with the reason.
     """
     check_asked(effects, prior_width)
+    if tolerance is not None:
+        check_tolerance(tolerance)
     scene = Scene(dataset, oriented=True)
     steps = _steps(effects)
     ladder: list[ModelLevel] = []
     faces: tuple[FaceCheck, ...] = ()
+    causes: tuple[SharedCause, ...] = ()
     for k, step in enumerate(steps):
         progress("estimate", k / len(steps))
         if step:
@@ -118,6 +125,9 @@ def fit(
             uneven = tuple(f.target for f in faces if f.uneven)
             if uneven and FORM not in effects and effects:
                 found = with_form(found.model.scene, found, uneven, robust)
+            causes = shared_causes(found, seed) if robust else ()
+            if causes:
+                found = with_sharing_rows(found, causes)
             if latent_joints:
                 found = with_latent_readings(found)
         left = unexplained(found)
@@ -128,21 +138,24 @@ def fit(
                 draws = sample(found, samples, seed, lambda fraction: progress("sample", fraction))
         z, kappa = _spread(draws)
         checked = validate(found, z, kappa, left.excess, seed)
+        if last:
+            tests = acceptance(left, checked, causes)
+            wider = widened(left, checked, tests)
+            if wider.excess > left.excess:
+                left, checked = wider, validate(found, z, kappa, wider.excess, seed)
         ladder.append(ModelLevel(found.model.effects or NOMINAL, found, left, checked))
     progress("done", 1.0)
     known, seen = identifiability(found), directions(found.model)
     expected = forecast(found, z, checked, left.excess, seed)
-    warnings = (
-        *_warnings(ladder[-1], known, faces, prior_width),
-        *false_comfort(checked, left, expected, seen),
-    )
+    told = findings(Assessed(found, left, checked, expected, known, seen, faces, tests, prior_width))
+    decided = None if tolerance is None else conformance(tolerance, expected, checked, tests)
     return Fit(
-        dataset, seed, prior_width, tuple(ladder), draws, known, faces, expected, seen, warnings
+        dataset, seed, prior_width, tuple(ladder), draws, known, faces, expected, seen, tests, told, decided
     )  # fmt: skip
 
 
 def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """Models of the ladder: the drawing, the joints alone where all of the geometry follows, then effects."""
+    """Model levels: nominal, the joints alone where all of the geometry follows, then effect by effect."""
     joints = [(JOINT.name,)] if effects[:1] == (GEOMETRY.name,) else []
     return [(), *joints, *(effects[:k] for k in range(1, len(effects) + 1))]
 
@@ -151,61 +164,3 @@ def _spread(draws: Draws) -> tuple[np.ndarray, np.ndarray]:
     """At most `VALIDATION_DRAWS` draws, evenly out of all."""
     pick = np.linspace(0, len(draws.flat) - 1, min(VALIDATION_DRAWS, len(draws.flat))).astype(int)
     return draws.flat[pick], draws.kappa[pick]
-
-
-def _warnings(
-    rung: ModelLevel, known: Identifiability, faces: tuple[FaceCheck, ...], prior_width: float
-) -> tuple[str, ...]:
-    """What a reader must know before believing a number, in words."""
-    found, left = rung.estimate, rung.unexplained
-    model, out = found.model, []
-    uneven = [f for f in faces if f.uneven]
-    if uneven:
-        listed = ", ".join(f"{f.target} by {1e6 * f.form:.0f} um rms" for f in uneven)
-        out.append(
-            f"these planes are not flat, or the arm errs across them as if they were not: {listed}; "
-            "their form is fitted along with the arm"
-        )
-    if left.excess:
-        base = "repeated contacts scatter by" if left.repeats is not None else "the stated noise is"
-        out.append(
-            f"the fit leaves {1e6 * left.fitted:.1f} um where {base} {1e6 * left.floor:.1f} um: "
-            f"{1e6 * left.excess:.1f} um is unexplained and added to every predicted point"
-        )
-    if len(known.weak) > 1:
-        out.append(
-            f"{len(known.weak)} directions of the arm are not identifiable from these contacts: "
-            "there the prior decides"
-        )
-    if not model.knows_length:
-        out.append(
-            "no certified length among the fitted targets: the arm's size rests on the tolerance priors alone"
-        )
-    count = sum(len(b.rows) for b in model.states)
-    if len(found.rejected) > 0.05 * count:
-        out.append(
-            f"{len(found.rejected)} of {count} rows were rejected as outliers: "
-            "more than a session should have"
-        )
-    far = [
-        p.name
-        for p, z in zip(model.parameters, found.z, strict=False)
-        if abs(z) > 4 * max(1.0, 1 / prior_width)
-    ]
-    if far:
-        out.append(
-            f"{', '.join(far)}: more than 4 prior standard deviations off the drawing; check the robot file"
-        )
-    if max(s for group, s in found.weights.scale.items() if group != ORIENTATION) > WILD_SCALE:
-        out.append(
-            f"the rows miss by {1e3 * left.fitted:.1f} mm, far more than any small error of an arm: "
-            "check offset_deg, the signs of link_from_reading, units, and the tools"
-        )
-    values = model.physical(found.z)
-    negative = [p.name for p, v in zip(model.parameters, values, strict=False) if p.positive and v < 0]
-    if negative:
-        out.append(f"{', '.join(negative)}: negative, which is not physical; these contacts do not tell it")
-    kept_back = [name for name in model.effects if name not in IN_ROBOT_FILE]
-    if kept_back:
-        out.append(f"robot.yaml holds geometry and compliance only: {', '.join(kept_back)} is not in it")
-    return tuple(out)

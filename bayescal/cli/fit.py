@@ -37,6 +37,12 @@ def fit(
         False, "--remounted", help="Of several sessions: the tools were taken off in between."
     ),
     allow_xacro: AllowXacro = False,
+    tolerance_mm: float | None = typer.Option(
+        None, help="Decide whether distance errors are within this tolerance (ISO 14253-1, U with k = 2)."
+    ),
+    verbose: bool = typer.Option(
+        False, "--verbose", "-v", help="Print all distances, all parameters, weak directions and the sampler."
+    ),
 ) -> None:
     """Calibrate an arm: its parameters, how sure they are, and what error to expect elsewhere."""
     from bayescal.cli.sessions import read_sessions
@@ -56,15 +62,16 @@ def fit(
     from bayescal.reporting.fit.summary import fit_summary
 
     console = Console(highlight=False)
+    tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
     with progress() as told:
-        result = run(session, effects, samples, seed, robust, prior_width, latent_joints, told)
+        result = run(session, effects, samples, seed, robust, prior_width, latent_joints, told, tolerance)
         compared = None
         if session.sessions:
             told("compare", 1.0)
             compared = agreement(result.final.estimate, effects, prior_width, robust)
         told("write", 1.0)
         write_fit(result, folder, compared)
-    console.print(fit_summary(result))
+    console.print(fit_summary(result, verbose))
     if compared is not None:
         console.print(Group("", agreement_summary(compared)))
     console.print(f"[dim]written          [/dim]{folder}/fit.json, posterior.nc, robot.yaml")

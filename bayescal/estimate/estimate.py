@@ -84,7 +84,12 @@ def standing(model: Model, values: np.ndarray) -> Scene:
     return replace(scene, delta=delta)
 
 
-def estimate(model: Model, robust: bool = True, start: np.ndarray | None = None) -> Estimate:
+def estimate(
+    model: Model,
+    robust: bool = True,
+    start: np.ndarray | None = None,
+    left_out: np.ndarray | None = None,
+) -> Estimate:
     """Fit a model to its contacts.
 
     Parameters
@@ -93,7 +98,9 @@ def estimate(model: Model, robust: bool = True, start: np.ndarray | None = None)
     robust : bool
         Leave outliers out.
     start : np.ndarray, shape (D,), optional
-        Where to start; the drawing where not given.
+        Where to start; the nominal robot where not given.
+    left_out : np.ndarray of int, optional
+        Rows of the session to leave out; where given, no others are sought.
 
     Outliers are sought with Student t weights, row by row, and then left out entirely, so that the
     covariance is that of the contacts that count. The noise scale of each group is estimated with the
@@ -109,7 +116,10 @@ def estimate(model: Model, robust: bool = True, start: np.ndarray | None = None)
     weights = unit_weights(model, z)
     z, covariance, iterations = solve(model, weights, z)
     weights = replace(unit_weights(model, z), scale=weights.scale)
-    if robust:
+    if left_out is not None:
+        row = {b.name: (~np.isin(b.rows, left_out)).astype(float) for b in model.blocks}
+        weights = replace(weights, row=row)
+    elif robust:
         z, weights, more = without_outliers(model, z, weights)
         iterations += more
     for _ in range(ROUNDS):

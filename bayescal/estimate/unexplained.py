@@ -32,11 +32,18 @@ class Unexplained:
     fitted: float  # of the residuals that the fit keeps
     excess: float  # root of the difference of squares where significant, else 0
     p_value: float  # that the noise of one contact alone explains the residuals
+    dof: float = 1.0  # degrees of freedom of `fitted`
 
     @property
     def floor(self) -> float:
         """The noise of one contact as best known."""
         return self.stated if self.repeats is None else self.repeats
+
+    def limit(self, chance: float) -> float:
+        """Ratio of what the fit leaves to the noise that noise alone exceeds with a chance."""
+        if self.repeats is None:
+            return STATED_FACTOR * float(np.sqrt(chi2.isf(chance, self.dof) / self.dof))
+        return float(np.sqrt(f_distribution.isf(chance, self.dof, self.repeats_dof)))
 
 
 def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
@@ -95,4 +102,4 @@ def unexplained(fitted: Estimate) -> Unexplained:
         p = float(f_distribution.sf((scale * stated / repeats) ** 2, dof, repeats_dof))
     square = (scale * stated) ** 2 - floor**2
     excess = float(np.sqrt(max(square, 0.0))) if p < P_VALUE else 0.0
-    return Unexplained(group, stated, repeats, repeats_dof, scale * stated, excess, p)
+    return Unexplained(group, stated, repeats, repeats_dof, scale * stated, excess, p, dof)

@@ -34,8 +34,13 @@ class Distances:
     count: int
     shortest: float
     longest: float
-    draws: np.ndarray  # (S,) their root mean square, by posterior draw
-    measured: float | None  # their root mean square
+    errors: np.ndarray  # (S, K) by posterior draw
+    measured: float | None  # root mean square
+
+    @property
+    def draws(self) -> np.ndarray:
+        """Root mean square errors (S,), m, by posterior draw."""
+        return _rms(self.errors)
 
     @property
     def rms(self) -> float:
@@ -47,6 +52,10 @@ class Distances:
         """Central 95 % interval of the root mean square error, m."""
         low, high = interval95(self.draws)
         return float(low), float(high)
+
+    def within(self, tolerance: float) -> float:
+        """Probability that the error of a distance is within a tolerance, m; 1 of no distance."""
+        return float(np.mean(np.abs(self.errors) <= tolerance)) if self.errors.size else 1.0
 
 
 @dataclass(frozen=True)
@@ -101,7 +110,7 @@ def _certified(checked: Validation) -> Distances | None:
     lengths = [d.certified for d in checked.distances]
     measured = _rms(np.array([d.error for d in checked.distances]))
     return Distances(
-        "certified centres", len(lengths), min(lengths), max(lengths), _rms(predicted), float(measured)
+        "certified centres", len(lengths), min(lengths), max(lengths), predicted, float(measured)
     )
 
 
@@ -125,7 +134,7 @@ def _read(fitted: Estimate, checked: Validation) -> Distances | None:
         return None
     true, predicted, error = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(3))
     return Distances(
-        "readings of the instrument", len(true), float(true.min()), float(true.max()), _rms(predicted),
+        "readings of the instrument", len(true), float(true.min()), float(true.max()), predicted,
         float(_rms(error)),
     )  # fmt: skip
 
@@ -150,7 +159,7 @@ def _workspace(
         drawn = drawn + excess * rng.standard_normal(drawn.shape)
     found = Distances(
         "points of the workspace", len(pairs), float(np.min(true, initial=np.inf)),
-        float(np.max(true, initial=0.0)), _rms(_lengths(drawn, pairs) - true), None,
+        float(np.max(true, initial=0.0)), _lengths(drawn, pairs) - true, None,
     )  # fmt: skip
     if not model.parameters or not len(pairs):
         return found, 0.0, 0.0

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from bayescal.assess.directions import BARELY, directions
-from bayescal.assess.false_comfort import false_comfort
+from bayescal.assess.findings import Assessed, findings
 from bayescal.calibration import fit
 from bayescal.dataset import read_dataset
 from bayescal.model import build
@@ -20,9 +20,9 @@ from bayescal.reporting.fit.summary import fit_summary
 FULL = ("geometry", "compliance")
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
 WORDS = {
-    "form": "these planes are not flat",
+    "form": "planes that are not flat",
     "directions": "too few directions are probed",
-    "prior": "the prior decides",
+    "prior": "the prediction rests on tolerances",
     "contrast": "small residuals do not prove",
 }
 
@@ -130,9 +130,9 @@ def test_the_summary_leads_with_the_distance_error(fits, tmp_path):
     console = Console(width=200, record=True, file=(tmp_path / "out").open("w"))
     console.print(fit_summary(fits["too few"]))
     lines = console.export_text().splitlines()
-    assert lines[1].startswith("predicted error")
-    assert "of a distance" in lines[1]
-    assert "none held out" in lines[1]
+    assert lines[1].startswith("verdict")
+    assert any(line.startswith("predicted") and "distance error" in line for line in lines[:8])
+    assert any(line.startswith("validation") and "none" in line for line in lines[:12])
 
 
 def test_the_record_has_the_figures(fits):
@@ -162,8 +162,14 @@ def test_more_than_was_predicted_is_said(fits, times, lacks):
     found, space = fits["good"], fits["good"].forecast.workspace
     measured = replace(space, over="certified centres", measured=times * space.interval[1])
     expected = replace(found.forecast, checked=(measured,))
-    words = false_comfort(found.final.validation, found.final.unexplained, expected, found.directions)
-    assert ["lacks something" in w for w in words] == [True] * lacks
+    last = found.final
+    said = findings(
+        Assessed(
+            last.estimate, last.unexplained, last.validation, expected, found.identifiability,
+            found.directions, found.faces, found.acceptance,
+        )
+    )  # fmt: skip
+    assert [f.code for f in said] == ["distances"] * lacks
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="the shared sessions are not here")

@@ -1,6 +1,7 @@
 """The calibration end to end, in memory and on the command line."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayescal.assess.acceptance import EXPLAINED
 from bayescal.assess.identifiability import identifiability
 from bayescal.calibration import fit
 from bayescal.dataset import Certificate, read_dataset, write_dataset
@@ -122,16 +124,16 @@ def test_calibrated_robot_is_a_robot_file(written, tmp_path):
 
 
 def test_summary_reads_in_ten_seconds(written):
-    _, out, _ = written
-    for words in (
-        "predicted error",
-        "as drawn",
-        "joint offsets",
-        "geometry + compliance",
-        "data decide",
-        "only as their sum",
-    ):
+    _, out, record = written
+    lines = out.splitlines()
+    assert lines[1].split() == ["verdict", *EXPLAINED.split()]
+    for words in ("distance error", "maximum distance error", "U = ", "next", "parameter", "weakly"):
         assert words in out
+    shown = re.search(r"^a2 +300\.\d+ +(\d+\.\d+)\((\d\d)\) +mm", out, re.MULTILINE)
+    a2 = next(p for p in record["parameters"] if p["name"] == "a2")
+    decimals = len(shown[1].partition(".")[2])
+    assert float(shown[1]) == pytest.approx(a2["estimate"], abs=0.6 * 10.0**-decimals)
+    assert int(shown[2]) == pytest.approx(a2["sd"] * 10.0**decimals, abs=0.6)
 
 
 def test_one_seed_one_result(tmp_path, cube):

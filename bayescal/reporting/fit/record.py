@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.assess.conformance import COVERAGE
 from bayescal.calibration import Fit, ModelLevel
 from bayescal.estimate import Estimate
 from bayescal.model import Block
 from bayescal.predict import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
+from bayescal.reporting.fit.verdict import tolerance_record, verdict_record
 from bayescal.reporting.shared.origin import origin
 from bayescal.reporting.shared.text import MDEG, MM, UM
 
@@ -22,6 +24,8 @@ def fit_record(fit: Fit) -> dict[str, Any]:
     rung = fit.final
     return {
         **origin(SCHEMA, fit.dataset, fit.seed, LIBRARIES),
+        "verdict": verdict_record(fit.acceptance, fit.dataset),
+        "acceptance": None if fit.tolerance is None else tolerance_record(fit.tolerance),
         "model": list(rung.effects),
         "prior_width": fit.prior_width,
         "parameters": _parameters(fit),
@@ -51,6 +55,7 @@ def fit_record(fit: Fit) -> dict[str, Any]:
         "sampler": _sampler(fit),
         "validation": validation_record(fit.ladder[0].validation, rung.validation),
         "ladder": [_rung(r) for r in fit.ladder],
+        "findings": [{"code": f.code, "severity": f.severity, "text": f.text} for f in fit.findings],
         "warnings": list(fit.warnings),
     }
 
@@ -141,6 +146,7 @@ def _forecast(forecast: Forecast) -> dict[str, Any]:
             "count": d.count,
             "lengths_mm": [MM * d.shortest, MM * d.longest],
             "predicted_rms_um": UM * d.rms,
+            "expanded_U_um": UM * COVERAGE * d.rms,
             "predicted_interval95_um": [UM * end for end in d.interval],
             "measured_rms_um": None if d.measured is None else UM * d.measured,
         }

@@ -1,4 +1,4 @@
-"""The terminal's summary of a fit: what a metrologist reads in ten seconds."""
+"""The terminal's summary of a fit: verdict, predicted error, next step; then tables; then details."""
 
 from __future__ import annotations
 
@@ -6,144 +6,165 @@ from collections.abc import Iterable
 
 import numpy as np
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
+from bayescal.assess.acceptance import Acceptance
+from bayescal.assess.conformance import COVERAGE, FAIL, PASS, Tolerance
 from bayescal.calibration import Fit
-from bayescal.predict import Distances, PlaneCheck, PointCheck, TurnCheck, Validation, inside95, interval95
-from bayescal.reporting.shared.text import MDEG, MM, UM, facts, model_label, plain_table, um
+from bayescal.predict import Distances, Validation, inside95
+from bayescal.reporting.fit.tables import distance_table, level_table, parameter_table, tolerance_table
+from bayescal.reporting.shared.text import MDEG, MM, UM, facts, percent, um
 
-MOST_PAIRS = 15
-MOST_DIRECTIONS = 6
+MOST_REASONS = 4
+"""Failed tests that are told; fit.json has all."""
+MOST_ROWS = 6
+"""Rejected rows named without --verbose."""
+STYLES = {PASS: "bold green", FAIL: "bold red"}
+
+Facts = Iterable[tuple[str, str, str]]
 
 
-def fit_summary(fit: Fit) -> RenderableType:
-    """Headline, ladder of models, distances, parameters, sampler, warnings."""
-    title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
-    parts: list[RenderableType] = [title, facts(_headline(fit))]
+def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
+    """Verdict, prediction, validation and parameters; with `verbose` all distances, targets, directions."""
     v = fit.final.validation
+    title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
+    parts: list[RenderableType] = [title, facts([*_verdict(fit.acceptance), *_predicted(fit)])]
+    parts.append(facts([*_tolerance(fit.tolerance), *_next(fit), *_findings(fit)]))
     if v.planes or v.distances or v.points or v.turns:
-        parts += ["", _ladder(fit)]
+        parts += ["", level_table(fit.ladder)]
     if v.distances:
-        parts += ["", _distances(v, fit.ladder[0].validation)]
-    parts += ["", facts([*_knowledge(fit), ("posterior", _sampler(fit), "")])]
-    if fit.warnings:
-        parts += ["", facts(("warning", warning, "yellow") for warning in fit.warnings)]
+        parts += ["", distance_table(v, fit.ladder[0].validation, verbose)]
+    if fit.tolerance is not None and fit.tolerance.distances and verbose:
+        parts += ["", tolerance_table(fit.tolerance)]
+    if fit.final.estimate.model.parameters:
+        parts += ["", parameter_table(fit, verbose)]
+    parts += ["", facts(_details(fit, verbose))]
     return Group(*parts)
 
 
-def _headline(fit: Fit) -> Iterable[tuple[str, str, str]]:
-    rung, found = fit.final, fit.final.estimate
-    left = rung.unexplained
-    contacts = sum(len(b.rows) for b in found.model.states)
-    yield "predicted error", _predicted(fit), "bold"
+def _verdict(tests: Acceptance) -> Facts:
+    style = "bold red" if not tests.explains else "bold green" if tests.validated else "bold yellow"
+    yield "verdict", tests.verdict, style
+    failed = sorted(tests.failed, key=lambda c: c.p_value)
+    for check in failed[:MOST_REASONS]:
+        yield "", check.words, "red"
+    if len(failed) > MOST_REASONS:
+        yield "", f"and {len(failed) - MOST_REASONS} more tests: see fit.json", "red"
+
+
+def _predicted(fit: Fit) -> Facts:
+    """The distance error to expect, its interval, and the largest error that validation rows show."""
+    lead = fit.forecast.lead
+    yield "predicted", f"distance error {_expected(lead)}", "bold"
+    yield "", _over(lead), ""
     if fit.forecast.checked:
-        yield "", _expected(fit.forecast.workspace), ""
-    yield (
-        "fitted",
-        f"{', '.join(rung.effects)}: {len(found.model.parameters)} arm parameters from {contacts} rows "
-        f"on {len(found.model.states)} target{'s' if len(found.model.states) > 1 else ''}",
-        "",
-    )
-    repeats = ""
-    if left.repeats is not None:
-        repeats = f", repeats {UM * left.repeats:.1f} um ({left.repeats_dof} degrees of freedom)"
-    noise = f"fitted {UM * left.fitted:.1f} um, stated {UM * left.stated:.1f} um{repeats}"
-    yield f"one {left.group}", noise, ""
-    if len(found.rejected):
-        ids = [fit.dataset.measurements.ids[row] for row in found.rejected]
-        shown = ", ".join(ids[:8]) + (", ..." if len(ids) > 8 else "")
-        yield "rejected", f"{len(ids)} rows as outliers: {shown}", ""
-
-
-def _predicted(fit: Fit) -> str:
-    """The distance error to expect, its interval, over which lengths, and what was measured of it."""
-    lead, v = fit.forecast.lead, fit.final.validation
-    words = _expected(lead)
-    if lead.measured is None:
-        return f"{words}; measured: none held out"
-    words += f"; measured: {um(lead.measured)} um rms"
-    if v.distances:
-        inside = sum(bool(inside95(d.error, d.predicted)) for d in v.distances)
-        words += f", worst {um(v.worst_distance)} um, {inside} of {len(v.distances)} inside"
-    return words
+        space = fit.forecast.workspace
+        yield "", f"probed volume: {_expected(space)}, {_over(space)}", ""
+    yield "validation", _measured(fit.final.validation, lead), "bold"
 
 
 def _expected(d: Distances) -> str:
     low, high = d.interval
-    return (
-        f"of a distance {um(d.rms)} um rms (95 %: {um(low)} to {um(high)}), "
-        f"{d.count} of {MM * d.shortest:.0f} to {MM * d.longest:.0f} mm between {d.over}"
+    return f"{um(d.rms)} µm RMS (95 %: {um(low)} to {um(high)}), U = {um(COVERAGE * d.rms)} µm (k = 2)"
+
+
+def _over(d: Distances) -> str:
+    return f"{d.count} distances of {MM * d.shortest:.0f} to {MM * d.longest:.0f} mm between {d.over}"
+
+
+def _measured(v: Validation, lead: Distances) -> str:
+    """Largest errors of validation rows: distances, points, contacts."""
+    parts = []
+    if lead.measured is not None and not v.distances:
+        parts.append(f"distance error {um(lead.measured)} µm RMS")
+    if v.distances:
+        within = sum(bool(inside95(d.error, d.predicted)) for d in v.distances)
+        rms = float(np.sqrt(np.mean([d.error**2 for d in v.distances])))
+        parts.append(
+            f"maximum distance error {um(v.worst_distance)} µm ({um(rms)} µm RMS), "
+            f"{within} of {len(v.distances)} within the 95 % prediction interval"
+        )
+    if v.points:
+        length = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])
+        parts.append(f"maximum point error {um(length.max())} µm (mean {um(length.mean())} µm)")
+    if v.planes:
+        r = np.abs(np.concatenate([p.residuals for p in v.planes]))
+        parts.append(f"maximum contact error {um(r.max())} µm ({um(np.sqrt(np.mean(r**2)))} µm RMS)")
+    if v.turns:
+        angle = MDEG * np.concatenate([np.linalg.norm(t.residuals, axis=0) for t in v.turns])
+        parts.append(f"maximum orientation error {angle.max():.2g} mdeg (mean {angle.mean():.2g} mdeg)")
+    return "; ".join(parts) or "none: no rows with role validate"
+
+
+def _tolerance(decided: Tolerance | None) -> Facts:
+    if decided is None:
+        return
+    style = STYLES.get(decided.decision, "bold yellow")
+    yield f"{MM * decided.tolerance:g} mm", f"{decided.decision} (ISO 14253-1): {decided.why}", style
+    yield (
+        "",
+        f"probability that a distance error in the probed volume is within: {percent(decided.probability)}",
+        "",
     )
 
 
-def _ladder(fit: Fit) -> Table:
-    v = fit.final.validation
-    headings = ["planes rms"] * bool(v.planes)
-    headings += ["distances rms", "worst", "predicted 95 %"] * bool(v.distances)
-    headings += ["points mean"] * bool(v.points)
-    headings += ["angles mean (mdeg)"] * bool(v.turns)
-    table = plain_table("held out (um)", *headings, "inside")
-    for rung in fit.ladder:
-        v = rung.validation
-        cells = []
-        if v.planes:
-            cells.append(um(np.sqrt(np.mean(np.concatenate([p.residuals for p in v.planes]) ** 2))))
-        if v.distances:
-            low, high = interval95(np.concatenate([d.predicted for d in v.distances]))
-            cells.append(um(np.sqrt(np.mean([d.error**2 for d in v.distances]))))
-            cells += [um(v.worst_distance), f"{UM * low:+.0f} .. {UM * high:+.0f}"]
-        if v.points:
-            cells.append(um(np.mean(np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points]))))
-        if v.turns:
-            angles = np.concatenate([np.linalg.norm(t.residuals, axis=0) for t in v.turns])
-            cells.append(f"{MDEG * np.mean(angles):.2g}")
-        table.add_row(model_label(rung.effects), *cells, _inside(v))
-    return table
+def _next(fit: Fit) -> Facts:
+    if not fit.acceptance.explains:
+        folders = [str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,))]
+        yield "next", f"bayescal gap {' '.join(folders)}", "bold"
+    elif not fit.acceptance.validated:
+        words = "probe rows with role validate, best spheres at certified distances (docs: validation)"
+        yield "next", words, "bold"
+    elif any(f.code in ("directions", "prior", "no_length", "contrast") for f in fit.findings):
+        yield "next", "probe more: what is missing is in the warnings below; then fit again", "bold"
+    else:
+        yield "next", "use robot.yaml of the run folder", "bold"
 
 
-def _inside(v: Validation) -> str:
-    """How many held-out values lie inside their predicted intervals, in per cent."""
-    hits = [np.atleast_1d(inside95(d.error, d.predicted)) for d in v.distances]
-    checks: list[PlaneCheck | PointCheck | TurnCheck] = [*v.planes, *v.points, *v.turns]
-    hits += [inside95(check.residuals, check.predicted).ravel() for check in checks]
-    return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else "-"
+def _findings(fit: Fit) -> Facts:
+    told = {check.test for check in fit.acceptance.failed}
+    for finding in fit.findings:
+        if finding.code not in told:
+            yield finding.severity, finding.text, "" if finding.severity == "note" else "yellow"
 
 
-def _distances(v: Validation, nominal: Validation) -> Table:
-    table = plain_table("distances (um)", "certified mm", "as drawn", "calibrated", "predicted 95 %", "")
-    order = sorted(range(len(v.distances)), key=lambda k: -abs(v.distances[k].error))
-    for k in sorted(order[:MOST_PAIRS]):
-        d, n = v.distances[k], nominal.distances[k]
-        low, high = interval95(d.predicted)
-        table.add_row(
-            " - ".join(d.between),
-            f"{1e3 * d.certified:.3f}",
-            f"{UM * n.error:+.0f}",
-            f"{UM * d.error:+.1f}",
-            f"{UM * low:+.1f} .. {UM * high:+.1f}",
-            Text("inside", style="green")
-            if inside95(d.error, d.predicted)
-            else Text("outside", style="yellow"),
-        )
-    if len(order) > MOST_PAIRS:
-        table.caption = f"the {MOST_PAIRS} largest of {len(order)}"
-    return table
+def _details(fit: Fit, verbose: bool) -> Facts:
+    level, found = fit.final, fit.final.estimate
+    left = level.unexplained
+    count = sum(len(b.rows) for b in found.model.states)
+    targets = len(found.model.states)
+    yield (
+        "fitted",
+        f"{', '.join(level.effects)}: {len(found.model.parameters)} arm parameters from {count} rows "
+        f"on {targets} target{'s' if targets > 1 else ''}",
+        "",
+    )
+    repeats = ""
+    if left.repeats is not None:
+        repeats = f", repeated {left.group}s {UM * left.repeats:.1f} µm ({left.repeats_dof} d.o.f.)"
+    what = "residual s.d." if left.group == "contact" else "single-point residual s.d."
+    yield "noise", f"{what} {UM * left.fitted:.1f} µm, stated {UM * left.stated:.1f} µm{repeats}", ""
+    if len(found.rejected):
+        ids = [fit.dataset.measurements.ids[row] for row in found.rejected]
+        shown = ids if verbose else ids[:MOST_ROWS]
+        more = ", ..." if len(shown) < len(ids) else ""
+        yield "rejected", f"{len(ids)} rows as outliers: {', '.join(shown)}{more}", ""
+    if verbose:
+        yield from _identifiable(fit)
+    yield "posterior", _sampler(fit), ""
 
 
-def _knowledge(fit: Fit) -> Iterable[tuple[str, str, str]]:
+def _identifiable(fit: Fit) -> Facts:
     known = fit.identifiability
     for heading, names, style in (
-        ("data decide", known.determined, ""),
-        ("data and prior", known.partly, ""),
-        ("only the prior", known.prior_only, "yellow"),
+        ("identifiable", known.determined, ""),
+        ("weakly", known.partly, ""),
+        ("not", known.prior_only, "yellow"),
     ):
         if names:
             yield heading, ", ".join(names), style
-    for direction in known.weak[:MOST_DIRECTIONS]:
-        yield "", direction.words, "yellow"
-    if len(known.weak) > MOST_DIRECTIONS:
-        yield "", f"and {len(known.weak) - MOST_DIRECTIONS} more weak directions: see fit.json", "yellow"
+    for k, direction in enumerate(known.weak):
+        yield "" if k else "weak directions", direction.words, "yellow"
 
 
 def _sampler(fit: Fit) -> str:

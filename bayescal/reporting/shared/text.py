@@ -50,6 +50,32 @@ def size(value: float, unit: str) -> str:
     return figures + ("" if name == "1" else f" {name.replace('um', 'µm').replace('urad', 'µrad')}")
 
 
+def unit_label(unit: str) -> str:
+    """A unit of the files in print: µ for u, nothing for a pure number."""
+    if unit == "1":
+        return ""
+    return "µ" + unit[1:] if unit.startswith(("um", "urad")) else unit
+
+
+def percent(probability: float) -> str:
+    """A probability in per cent, ``< 1 %`` and ``> 99 %`` at the ends."""
+    if probability < 0.01:
+        return "< 1 %"
+    return "> 99 %" if probability > 0.99 else f"{100 * probability:.0f} %"
+
+
+def with_u(value: float, u: float) -> str:
+    """A value with its standard uncertainty, two digits of it: ``0.0244(10)``, ``12.3(1.4)``."""
+    if not (np.isfinite(u) and u > 0):
+        return f"{value:.9g}"
+    decimals = 1 - int(np.floor(np.log10(u)))
+    decimals = 1 - int(np.floor(np.log10(round(u, decimals))))  # 0.0996 has become 0.10
+    if decimals <= 0:
+        return f"{round(value, decimals):.0f}({round(u, decimals):.0f})"
+    digits = f"{u:.{decimals}f}" if round(u, decimals) >= 1.0 else f"{u * 10.0**decimals:.0f}"
+    return f"{value:.{decimals}f}({digits})"
+
+
 def facts(rows: Iterable[tuple[str, str, str]]) -> Table:
     """A grid of headings and their text, each row (heading, text, style)."""
     table = Table.grid(padding=(0, 2, 0, 0))

@@ -1,0 +1,192 @@
+"""Does the model explain the machine? Tests of a fit, of its validation rows and of what was rejected.
+
+Each test compares a figure with what the posterior predicted of it: noise, parameters, certificates, and all
+that they have in common. The tests share one chance of a false alarm (Bonferroni), so that a correct model
+fails any of them with a probability of `LEVEL` at most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
+from bayescal.assess.shared_causes import SharedCause
+from bayescal.estimate.unexplained import Unexplained
+from bayescal.predict.validation import DistanceCheck, Validation
+
+LEVEL = 0.01
+"""Chance that a correct model fails any of the tests (that of shared causes has a level of its own)."""
+EXPLAINED = "calibrated; model explains validation data"
+CONTRADICTED = "model does not explain the machine: run bayescal gap"
+UNVERIFIED = "not verified: no validation rows"
+FEWEST_DISTANCES = 3
+"""Distances whose mean error is tested."""
+FALSE_REJECTIONS = 0.01
+"""Validation rows of normal noise that are left out of the test of all as outliers, on average."""
+MOST_OUTLIERS = 0.05
+"""Share of validation rows up to which such rows are outliers; with more, all of them count."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One test: a figure in units of what was predicted, its limit, and the chance of so much."""
+
+    test: str
+    value: float
+    limit: float
+    p_value: float
+    level: float  # the test fails below
+    words: str  # what was measured against what was predicted
+
+    @property
+    def passed(self) -> bool:
+        """Whether the model survives it."""
+        return self.p_value >= self.level
+
+
+@dataclass(frozen=True)
+class Acceptance:
+    """All tests of a fit, and what rejected rows share."""
+
+    checks: tuple[Check, ...]
+    causes: tuple[SharedCause, ...]
+    validated: bool  # there are validation rows
+
+    @property
+    def failed(self) -> tuple[Check, ...]:
+        """The tests that the model does not survive."""
+        return tuple(c for c in self.checks if not c.passed)
+
+    @property
+    def verdict(self) -> str:
+        """In one line."""
+        if not self.explains:
+            return CONTRADICTED
+        return EXPLAINED if self.validated else UNVERIFIED
+
+    @property
+    def explains(self) -> bool:
+        """Whether nothing contradicts the model."""
+        return not self.failed
+
+
+@dataclass(frozen=True)
+class _Figure:
+    test: str
+    value: float
+    p_value: float
+    limit: Callable[[float], float]  # of `value`, at a chance of a false alarm
+    words: str
+
+
+def acceptance(left: Unexplained, checked: Validation, causes: Sequence[SharedCause] = ()) -> Acceptance:
+    """Test a fit.
+
+    Parameters
+    ----------
+    left : Unexplained
+        What the fit leaves.
+    checked : Validation
+        Of the same fit, predicted without any widening by its own errors.
+    causes : sequence of SharedCause
+        What rejected rows share.
+    """
+    figures = [_noise(left), *_validation(checked, bool(causes))]
+    level = LEVEL / len(figures)
+    checks = [Check(f.test, f.value, f.limit(level), f.p_value, level, f.words) for f in figures]
+    checks += [
+        Check("shared_cause", len(c.rows) / c.rejected, c.size / c.count, c.p_value, LEVEL_SHARED, c.words)
+        for c in causes
+    ]
+    validated = bool(checked.planes or checked.distances or checked.points or checked.turns)
+    return Acceptance(tuple(checks), tuple(causes), validated)
+
+
+def widened(left: Unexplained, checked: Validation, tests: Acceptance) -> Unexplained:
+    """What is unexplained, m a coordinate, with what validation rows show beyond their prediction.
+
+    Of a test that failed, the mean square error beyond the predicted one; half of it for distances, which
+    have the error of two points. The largest counts.
+    """
+    failed = {c.test for c in tests.failed}
+    beyond = [0.0]
+    for test, r, predicted in _sets(checked, bool(tests.causes)):
+        if f"validation_{test}" in failed and test != "orientations":
+            beyond.append(float(np.mean(r**2) - np.mean(np.var(predicted, axis=0))))
+    if failed & {"validation_distances", "mean_distance_error"}:
+        error, predicted = _errors(checked.distances)
+        beyond.append(0.5 * float(np.mean(error**2) - np.mean(np.var(predicted, axis=0))))
+    return replace(left, excess=float(np.sqrt(left.excess**2 + max(beyond))))
+
+
+def _noise(left: Unexplained) -> _Figure:
+    of = "the stated noise" if left.repeats is None else "the scatter of repeated contacts"
+    words = f"residuals of {1e6 * left.fitted:.1f} µm against {of}, {1e6 * left.floor:.1f} µm"
+    return _Figure("residuals", left.fitted / left.floor, left.p_value, left.limit, words)
+
+
+def _validation(checked: Validation, every: bool) -> Iterator[_Figure]:
+    units = {"orientations": (180e3 / np.pi, "mdeg")}
+    for test, r, predicted in _sets(checked, every):
+        factor, unit = units.get(test, (1e6, "µm"))
+        yield _chi_square(f"validation_{test}", test, r, predicted, factor, unit)
+    if checked.distances:
+        error, predicted = _errors(checked.distances)
+        yield _chi_square("validation_distances", "distances", error, predicted, 1e6, "µm")
+        if len(error) >= FEWEST_DISTANCES:
+            sd = float(np.std(np.mean(predicted, axis=1)))
+            value = float(np.mean(error)) / sd
+            same = max(np.sum(error > 0), np.sum(error < 0))
+            words = (
+                f"mean distance error {1e6 * np.mean(error):+.1f} µm with a predicted standard deviation of "
+                f"{1e6 * sd:.1f} µm; {same} of {len(error)} errors have one sign"
+            )
+            p = 2.0 * float(norm.sf(abs(value)))
+            yield _Figure("mean_distance_error", abs(value), p, lambda a: float(norm.isf(a / 2)), words)
+
+
+def _chi_square(
+    name: str, of: str, r: np.ndarray, predicted: np.ndarray, factor: float, unit: str
+) -> _Figure:
+    """Mean square error over the predicted one, (C,) against draws (S, C).
+
+    Predictions have the parameters in common: the mean square is a multiple of a chi-square whose effective
+    degrees of freedom follow from the variance of the draws' own (Satterthwaite 1946).
+    """
+    sd = np.std(predicted, axis=0)
+    statistic, draws = float(np.mean((r / sd) ** 2)), np.mean((predicted / sd) ** 2, axis=1)
+    mean = float(np.mean(draws))
+    dof = 2.0 * mean**2 / float(np.var(draws))
+    words = (
+        f"{of} of validation rows: RMS error {factor * np.sqrt(np.mean(r**2)):.1f} {unit} against "
+        f"{factor * np.sqrt(np.mean(sd**2)):.1f} {unit} predicted"
+    )
+    p = float(chi2.sf(dof * statistic / mean, dof))
+    limit = lambda a: float(np.sqrt(chi2.isf(a, dof) / dof))  # noqa: E731
+    return _Figure(name, float(np.sqrt(statistic / mean)), p, limit, words)
+
+
+def _sets(checked: Validation, every: bool) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Residuals (C,) and their draws (S, C) by kind of validation row, outliers left out unless `every`."""
+    kinds = {"contacts": checked.planes, "points": checked.points, "orientations": checked.turns}
+    for test, parts in kinds.items():
+        if not parts:
+            continue
+        kept = [(p.residuals.reshape(-1, p.residuals.shape[-1]), p.predicted) for p in parts]
+        r = np.concatenate([r for r, _ in kept], axis=1)  # (rows, C)
+        predicted = np.concatenate([d.reshape(len(d), *one.shape) for one, d in kept], axis=2)
+        tail = chi2.sf(np.sum((r / np.std(predicted, axis=0)) ** 2, axis=0), len(r))
+        out = tail < FALSE_REJECTIONS / len(tail)
+        if every or np.mean(out) > max(MOST_OUTLIERS, 1.0 / len(out)):
+            out = np.zeros_like(out)
+        yield test, r[:, ~out].ravel(), predicted[:, :, ~out].reshape(len(predicted), -1)
+
+
+def _errors(distances: tuple[DistanceCheck, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (D,) of distances and their joint draws (S, D)."""
+    error = np.array([d.error for d in distances])
+    return error, np.stack([d.predicted for d in distances], axis=1)

@@ -1,0 +1,112 @@
+"""Is a distance error within a tolerance? Probability, and the decision rule of ISO 14253-1.
+
+The rule charges the uncertainty to whoever proves: with a measured error e, its expanded uncertainty
+U = 2 u (k = 2) and a tolerance X, conformance is proven where abs(e) + U <= X, nonconformance where
+abs(e) - U > X; in between nothing is decided. The edition of 2017 asks by default for a probability of
+conformance of 95 %, which a guard band of 1.65 u gives where X is large beside u (one-sided; JCGM 106:2012,
+8.3). U with k = 2, the guard band of the editions before and of calibration certificates, is the stricter
+of the two (97.7 % one-sided), and is what this program uses.
+
+u is the predicted standard deviation of the error: noise of the contacts, parameters of the arm, what the
+model leaves unexplained, and the certificate. It is larger than that of the measurement alone, so that a
+decision errs to 'not decided'.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from bayescal.assess.acceptance import Acceptance
+from bayescal.errors import BayescalError
+from bayescal.predict.forecast import Forecast
+from bayescal.predict.validation import DistanceCheck, Validation
+
+COVERAGE = 2.0
+"""k: U = k u."""
+PASS, FAIL, OPEN = "PASS", "FAIL", "cannot be decided"
+
+
+@dataclass(frozen=True)
+class Conformance:
+    """One distance, certified, and the decision on its error; m."""
+
+    between: tuple[str, str]
+    error: float
+    expanded: float  # U, k = 2
+    probability: float  # that its error is within the tolerance
+    decision: str
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Decisions on a tolerance of distance errors, m."""
+
+    tolerance: float
+    decision: str  # of all together
+    why: str
+    probability: float  # that the error of a distance in the probed volume is within
+    expanded: float  # U, k = 2, of such an error
+    distances: tuple[Conformance, ...]
+
+
+def conformance(tolerance: float, expected: Forecast, checked: Validation, tests: Acceptance) -> Tolerance:
+    """Decide whether distance errors are within a tolerance.
+
+    Parameters
+    ----------
+    tolerance : float
+        m, of the absolute error of a distance.
+    expected : Forecast
+    checked : Validation
+    tests : Acceptance
+        Where the model is not validated, or does not explain the machine, conformance is not proven.
+
+    Raises
+    ------
+    BayescalError
+        Where the tolerance is no positive number.
+    """
+    check_tolerance(tolerance)
+    space = expected.workspace
+    distances = tuple(_decided(d, tolerance) for d in checked.distances)
+    expanded = COVERAGE * space.rms
+    failed = [d for d in distances if d.decision == FAIL]
+    undecided = [d for d in distances if d.decision == OPEN]
+    if failed:
+        decision, why = FAIL, f"{len(failed)} of {len(distances)} certified distances: error - U > tolerance"
+    elif not tests.explains:
+        decision, why = OPEN, "the model does not explain the machine"
+    elif not tests.validated:
+        decision, why = OPEN, "no validation rows verify the prediction"
+    elif undecided:
+        decision = OPEN
+        why = f"{len(undecided)} of {len(distances)} certified distances: error within U of the tolerance"
+    elif expanded > tolerance:
+        decision, why = OPEN, "U of a distance in the probed volume is larger than the tolerance"
+    else:
+        decision, why = PASS, "error + U <= tolerance, for every distance"
+    return Tolerance(tolerance, decision, why, space.within(tolerance), expanded, distances)
+
+
+def check_tolerance(tolerance: float) -> None:
+    """Refuse a tolerance that is no positive length, m."""
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise BayescalError(
+            f"a tolerance of {1e3 * tolerance:g} mm", "--tolerance-mm", "give a positive length, in mm"
+        )
+
+
+def decide(error: float, expanded: float, tolerance: float) -> str:
+    """PASS, FAIL or not decided, by ISO 14253-1 with a guard band of U."""
+    if abs(error) + expanded <= tolerance:
+        return PASS
+    return FAIL if abs(error) - expanded > tolerance else OPEN
+
+
+def _decided(d: DistanceCheck, tolerance: float) -> Conformance:
+    u = float(np.std(d.predicted))
+    p = float(norm.cdf((tolerance - d.error) / u) - norm.cdf((-tolerance - d.error) / u))
+    return Conformance(d.between, d.error, COVERAGE * u, p, decide(d.error, COVERAGE * u, tolerance))

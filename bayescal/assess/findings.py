@@ -1,0 +1,174 @@
+"""What a reader must know before believing a number of a fit: one list, with severities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bayescal.assess.acceptance import Acceptance
+from bayescal.assess.directions import Directions, in_words
+from bayescal.assess.identifiability import Identifiability
+from bayescal.estimate import Estimate
+from bayescal.estimate.flatness import FORM, FaceCheck
+from bayescal.estimate.unexplained import Unexplained
+from bayescal.model import ORIENTATION
+from bayescal.predict.forecast import Forecast
+from bayescal.predict.validation import Validation
+
+Severity = Literal["error", "warning", "note"]
+SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
+IN_ROBOT_FILE = ("geometry", "joint", "encoder-scale", "compliance", FORM, "artefact")
+"""Effects that robot.yaml can hold, and those that are no part of the arm."""
+WILD_SCALE = 100.0
+"""Times the stated noise from which on residuals come from a wrong file, not from a small error of an arm."""
+MANY_REJECTED = 0.05
+"""Share of rejected rows from which on it is told."""
+FAR = 4.0
+"""Prior standard deviations from nominal from which on a parameter is told."""
+PRIOR_DECIDES = 0.5
+"""Share of the predicted distance variance from which on it rests on the tolerances."""
+FAR_BEYOND = 3.0
+"""Times the error of validation contacts from which on a distance error is one that they do not show."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something to know, its severity, and a name that does not change with the wording."""
+
+    code: str
+    severity: Severity
+    text: str
+
+
+@dataclass(frozen=True)
+class Assessed:
+    """All that findings are made of."""
+
+    found: Estimate
+    left: Unexplained
+    checked: Validation
+    expected: Forecast
+    known: Identifiability
+    seen: Directions
+    faces: tuple[FaceCheck, ...]
+    tests: Acceptance
+    prior_width: float = 1.0
+
+
+def findings(of: Assessed) -> tuple[Finding, ...]:
+    """Everything to know, the most severe first; nothing of a good session."""
+    every = [*_tests(of), *_residuals(of), *_parameters(of), *_false_comfort(of)]
+    return tuple(sorted(every, key=lambda f: SEVERITIES.index(f.severity)))
+
+
+def _tests(of: Assessed) -> Iterator[Finding]:
+    for check in of.tests.failed:
+        ratio = "" if check.test == "shared_cause" else f" (ratio {check.value:.2g}, limit {check.limit:.2g})"
+        yield Finding(check.test, "error", check.words + ratio)
+    if of.tests.causes:
+        yield Finding(
+            "rejected_rows_kept", "warning",
+            "rejected rows that share a cause are not outliers: they are kept in the fit, and the prediction "
+            "is widened",
+        )  # fmt: skip
+
+
+def _residuals(of: Assessed) -> Iterator[Finding]:
+    found, left = of.found, of.left
+    if left.excess:
+        noise = "of repeated contacts" if left.repeats is not None else "stated"
+        yield Finding(
+            "unexplained", "warning",
+            f"unexplained: {1e6 * left.excess:.1f} µm per coordinate, added to every predicted point "
+            f"(residuals {1e6 * left.fitted:.1f} µm, noise {noise} {1e6 * left.floor:.1f} µm)",
+        )  # fmt: skip
+    if max(s for group, s in found.weights.scale.items() if group != ORIENTATION) > WILD_SCALE:
+        yield Finding(
+            "wrong_files", "error",
+            f"residuals of {1e3 * left.fitted:.1f} mm, far more than any small error of an arm: "
+            "check offset_deg, the signs of link_from_reading, units, and the tools",
+        )  # fmt: skip
+    count = sum(len(b.rows) for b in found.model.states)
+    if len(found.rejected) > MANY_REJECTED * count:
+        yield Finding(
+            "many_rejected", "warning",
+            f"{len(found.rejected)} of {count} rows rejected as outliers, more than a session should have",
+        )  # fmt: skip
+    uneven = [f"{f.target} by {1e6 * f.form:.0f} µm RMS" for f in of.faces if f.uneven]
+    if uneven:
+        yield Finding(
+            "not_flat", "warning",
+            f"planes that are not flat, or arm errors that look so: {', '.join(uneven)}; "
+            "their form is fitted together with the arm",
+        )  # fmt: skip
+
+
+def _parameters(of: Assessed) -> Iterator[Finding]:
+    model, z = of.found.model, of.found.z
+    if len(of.known.weak) > 1:
+        yield Finding(
+            "not_identifiable", "warning",
+            f"{len(of.known.weak)} combinations of parameters are not identifiable from these contacts: "
+            "they rest on their priors",
+        )  # fmt: skip
+    if not model.knows_length:
+        yield Finding(
+            "no_length", "warning",
+            "no certified length among the fitted targets: the size of the arm rests on its tolerances",
+        )  # fmt: skip
+    limit = FAR * max(1.0, 1 / of.prior_width)
+    far = [p.name for p, at in zip(model.parameters, z, strict=False) if abs(at) > limit]
+    if far:
+        yield Finding(
+            "far_from_nominal", "warning",
+            f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations from nominal; "
+            "check the robot file",
+        )  # fmt: skip
+    values = model.physical(z)
+    negative = [p.name for p, v in zip(model.parameters, values, strict=False) if p.positive and v < 0]
+    if negative:
+        yield Finding(
+            "negative", "warning",
+            f"{', '.join(negative)}: negative, which is not physical; not identifiable from these contacts",
+        )  # fmt: skip
+    absent = [name for name in model.effects if name not in IN_ROBOT_FILE]
+    if absent:
+        yield Finding(
+            "not_in_robot_file", "note", f"robot.yaml cannot hold {', '.join(absent)}: see fit.json"
+        )  # fmt: skip
+
+
+def _false_comfort(of: Assessed) -> Iterator[Finding]:
+    """Why small residuals would be no proof of small distance errors."""
+    left, expected, lead = of.left, of.expected, of.expected.lead
+    if len(of.seen.missing):
+        yield Finding(
+            "directions", "warning",
+            f"too few directions are probed: {in_words(of.seen)}, "
+            "and errors across rest on other poses and on the priors",
+        )  # fmt: skip
+    # what the prior leaves matters where it is more than the noise of one contact
+    if expected.prior_share > PRIOR_DECIDES and expected.prior_rms > left.floor:
+        yield Finding(
+            "prior", "warning",
+            f"the prediction rests on tolerances: {100 * expected.prior_share:.0f} % of the variance of a "
+            "predicted distance is that of priors which no row reduced",
+        )  # fmt: skip
+    residuals = [p.residuals for p in of.checked.planes]
+    contact = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))) if residuals else left.fitted
+    distance = max(lead.rms, expected.workspace.rms)
+    if distance > FAR_BEYOND * contact:
+        yield Finding(
+            "contrast", "warning",
+            f"small residuals do not prove this calibration: contacts agree within {1e6 * contact:.0f} µm "
+            f"RMS, yet the predicted distance error is {1e6 * distance:.0f} µm",
+        )  # fmt: skip
+    if lead.measured is not None and lead.measured > lead.interval[1] and of.tests.explains:
+        yield Finding(
+            "distances", "warning",
+            f"distances between {lead.over}: RMS error {1e6 * lead.measured:.0f} µm, above the predicted "
+            f"95 % interval ({1e6 * lead.interval[1]:.0f} µm): run bayescal gap",
+        )  # fmt: skip

@@ -1,0 +1,102 @@
+"""Groups of rows that may share a cause: target, tool, direction of motion, pose, stretch of time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from bayescal.model.scene import Scene
+
+SHORTEST = 4
+"""Rows of the shortest stretch of time, and of the smallest neighbourhood of a pose."""
+COARSEST = 8
+"""A joint's range is looked at in parts of 1/8, 1/4 and 1/2 of its rows."""
+CENTRES = 200
+"""At most so many poses whose neighbourhoods are looked at."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Rows that have something in common."""
+
+    kind: str  # target, tool, session, role, payload, direction of motion, joint range, pose, stretch of time
+    label: str
+    rows: np.ndarray  # (K,) positions among the rows that were given, in order
+
+
+def groups_of(scene: Scene, rows: np.ndarray) -> tuple[Group, ...]:
+    """All groups of some rows of a session that hold some, but not all, of them."""
+    every = (*_named(scene, rows), *_directions(scene, rows), *_ranges(scene, rows),
+             *_neighbourhoods(scene, rows), *_stretches(scene, rows))  # fmt: skip
+    return tuple(g for g in every if 0 < len(g.rows) < len(rows))
+
+
+def _named(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
+    d, m = scene.dataset, scene.dataset.measurements
+    target = m.target[rows]
+    columns: dict[str, np.ndarray] = {
+        "target": np.array([t.name for t in d.targets])[target],
+        "tool": np.array([t.name for t in d.tools])[m.tool[rows]],
+        "session": np.array([t.session for t in d.targets])[target],
+        "role": m.role[rows],
+    }
+    if m.payload is not None:
+        columns["payload"] = np.array([f"{kg:g} kg" for kg in m.payload[rows]])
+    for kind, values in columns.items():
+        for value in np.unique(values):
+            yield Group(kind, str(value), np.flatnonzero(values == value))
+
+
+def _directions(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
+    velocity = scene.dataset.measurements.velocity
+    if velocity is None:
+        return
+    names = scene.dataset.robot.joint_names
+    for name, v in zip(names, velocity[rows].T, strict=True):
+        for sign, way in ((1.0, "positive"), (-1.0, "negative")):
+            yield Group("direction of motion", f"{way} motion of {name}", np.flatnonzero(sign * v > 0))
+
+
+def _ranges(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
+    readings, names = scene.dataset.measurements.readings[rows], scene.dataset.robot.joint_names
+    for name, q in zip(names, np.degrees(readings).T, strict=True):
+        order = np.argsort(q, kind="stable")
+        for start, stop in _windows(len(rows), max(len(rows) // COARSEST, SHORTEST)):
+            part = order[start:stop]
+            label = f"{name} from {q[part[0]]:.0f} to {q[part[-1]]:.0f} deg"
+            yield Group("joint range", label, np.sort(part))
+
+
+def _neighbourhoods(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
+    m = scene.dataset.measurements
+    readings = m.readings[rows]
+    # each joint by its own spread: a wrist turns further than a shoulder
+    at = readings / np.maximum(np.std(readings, axis=0), 1e-6)
+    tree, size = cKDTree(at), SHORTEST
+    centres = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), CENTRES)).astype(int))
+    while size <= len(rows) // 4:
+        near = tree.query(at[centres], k=size)[1]
+        for centre, mine in zip(centres, near, strict=True):
+            yield Group("pose", f"poses near that of row {m.ids[rows[centre]]}", np.sort(mine))
+        size *= 2
+
+
+def _stretches(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
+    m = scene.dataset.measurements
+    order = np.argsort(rows if m.time is None else m.time[rows], kind="stable")
+    for start, stop in _windows(len(rows), SHORTEST):
+        part = order[start:stop]
+        label = f"rows {m.ids[rows[part[0]]]} to {m.ids[rows[part[-1]]]}"
+        yield Group("stretch of time", label, np.sort(part))
+
+
+def _windows(count: int, shortest: int) -> Iterator[tuple[int, int]]:
+    """Windows of `shortest` rows and its doubles up to half of all, each half over the one before."""
+    size = shortest
+    while size <= count // 2:
+        for start in range(0, count - size // 2, max(size // 2, 1)):
+            yield start, min(start + size, count)
+        size *= 2

@@ -1,0 +1,148 @@
+"""Rejected rows that share something are no outliers: a permutation test of what they share.
+
+Outliers fall on rows at random. So among all groups of rows (`groups`) the one in which rejected rows are
+most over-represented is compared with the same of rejections dealt to the rows at random. The probability
+within one group is hypergeometric (Fisher's exact test); the permutation corrects for the number of groups
+of a kind and for what they have in common (Westfall and Young 1993, min-P).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2, hypergeom
+
+from bayescal.assess.groups import Group, groups_of
+from bayescal.estimate import Estimate, estimate
+from bayescal.model.block import ARM, Block
+
+LEVEL = 0.005
+"""Chance that outliers dealt at random are said to share a cause; each kind of group has its share of it."""
+PERMUTATIONS = 2000
+FIRST = 200
+"""Permutations at a time, after each of which a session that is far from `LEVEL` is let go."""
+FEWEST = 3
+"""Rejected rows from which on they can be said to share anything."""
+MOST = 3
+"""Causes that are told, one of a kind: face and direction of motion may be the same rows."""
+FALSE_REJECTIONS = 0.01
+"""Validation rows of normal noise that a session loses as outliers on average."""
+
+
+@dataclass(frozen=True)
+class SharedCause:
+    """A group of rows with more rejected ones than chance puts there."""
+
+    kind: str
+    label: str
+    rows: np.ndarray  # rejected rows of the session that are in the group
+    size: int  # rows of the group
+    rejected: int  # rejected rows in all
+    count: int  # rows in all
+    p_value: float  # corrected for the number of groups
+
+    @property
+    def words(self) -> str:
+        """What they share: ``10 of 11 rejected rows share the direction of motion: negative ...``."""
+        return (
+            f"{len(self.rows)} of {self.rejected} rejected rows share a {self.kind}: {self.label} "
+            f"({self.size} of all {self.count} rows do)"
+        )
+
+
+def shared_causes(found: Estimate, seed: int = 0) -> tuple[SharedCause, ...]:
+    """What the rejected rows of an estimate share, the most significant first; () of true outliers.
+
+    Validation rows of fitted targets count too: as rejected where their prediction excludes them.
+    """
+    fitted = np.unique(np.concatenate([b.rows for b in found.model.states]))
+    checked, off = _validation_rows(found)
+    rows = np.concatenate([fitted, checked])
+    rejected = np.concatenate([np.isin(fitted, found.rejected), off])
+    order = np.argsort(rows)
+    return shared(groups_of(found.model.scene, rows[order]), rows[order], rejected[order], seed)
+
+
+def shared(
+    groups: Sequence[Group], rows: np.ndarray, rejected: np.ndarray, seed: int = 0
+) -> tuple[SharedCause, ...]:
+    """Test of rejected rows against groups of rows.
+
+    Parameters
+    ----------
+    groups : sequence of Group
+    rows : np.ndarray, shape (N,)
+        Rows of the session.
+    rejected : np.ndarray of bool, shape (N,)
+    seed : int
+        Of the permutations.
+    """
+    total, count = int(np.sum(rejected)), len(rows)
+    if total < FEWEST or total == count or not groups:
+        return ()
+    members = np.zeros((len(groups), count), np.float32)
+    for k, group in enumerate(groups):
+        members[k, group.rows] = 1.0
+    sizes, of_size = np.unique([len(g.rows) for g in groups], return_inverse=True)
+    table = np.array([hypergeom.logsf(np.arange(-1, total), count, size, total) for size in sizes])
+
+    def log_p(flags: np.ndarray) -> np.ndarray:
+        """Log probabilities (G, M) of so many of the flagged rows (N, M) in each group."""
+        return table[of_size[:, None], np.rint(members @ flags).astype(int)]
+
+    kinds, of_kind = np.unique([g.kind for g in groups], return_inverse=True)
+    own = log_p(rejected[:, None].astype(np.float32))[:, 0]
+    rng, least = np.random.default_rng(seed), np.empty((len(kinds), 0))
+    while least.shape[1] < PERMUTATIONS:
+        flags = np.zeros((count, FIRST), np.float32)
+        chosen = np.argpartition(rng.random((FIRST, count)), total - 1, axis=1)[:, :total]
+        flags[chosen.T, np.arange(FIRST)] = 1.0
+        dealt = log_p(flags)
+        dealt = np.stack([dealt[of_kind == k].min(axis=0) for k in range(len(kinds))])
+        least = np.append(least, dealt, axis=1)
+        # groups of one kind overlap (minimum over them); kinds share the level (Bonferroni)
+        p = len(kinds) * (1 + np.sum(least[of_kind] <= own[:, None] + 1e-9, axis=1)) / (1 + least.shape[1])
+        if np.min(p) > 20 * LEVEL:
+            return ()
+    out: dict[str, SharedCause] = {}
+    for k in np.argsort(own, kind="stable"):
+        group = groups[k]
+        mine = rows[group.rows[rejected[group.rows]]]
+        if p[k] <= LEVEL and group.kind not in out and len(mine) >= FEWEST:
+            out[group.kind] = SharedCause(
+                group.kind, group.label, mine, len(group.rows), total, count, float(p[k])
+            )
+    return tuple(out.values())[:MOST]
+
+
+def with_sharing_rows(found: Estimate, causes: Sequence[SharedCause]) -> Estimate:
+    """Fit again with the rejected rows that share a cause; the other rejected rows stay out."""
+    kept = np.unique(np.concatenate([cause.rows for cause in causes]))
+    return estimate(found.model, start=found.z, left_out=np.setdiff1d(found.rejected, kept))
+
+
+def _validation_rows(found: Estimate) -> tuple[np.ndarray, np.ndarray]:
+    """Validation rows (V,) of fitted targets, and which of them their predictions exclude."""
+    scene, rows, p = found.model.scene, [np.empty(0, int)], [np.empty(0)]
+    for k, target in enumerate(scene.dataset.targets):
+        own = scene.rows_of(k, scene.rows("validate"))
+        if target.name in found.model.block_of and len(own):
+            rows.append(own)
+            p.append(_tail(found, found.model.block(k, own)))
+    tails = np.concatenate(p)
+    return np.concatenate(rows), tails < FALSE_REJECTIONS / max(len(tails), 1)
+
+
+def _tail(found: Estimate, block: Block) -> np.ndarray:
+    """Probability (C,) of so large a residual of each row, by noise and the parameters' covariance."""
+    model = found.model
+    arm, own = model.slices[ARM], model.slices[block.target]
+    r, by_arm, by_target = block.linearise(model.deviations(found.z[arm]), found.z[own])
+    slopes = np.zeros((len(r), model.size))
+    slopes[:, arm], slopes[:, own] = by_arm * model.sd, by_target
+    noise = found.weights.scale[block.group] * np.tile(block.sigma, block.kind.rows)
+    variance = noise**2 + np.einsum("rd,de,re->r", slopes, found.covariance, slopes, optimize=True)
+    square = (r**2 / variance).reshape(block.kind.rows, -1)
+    return np.asarray(chi2.sf(np.sum(square, axis=0), block.kind.rows))

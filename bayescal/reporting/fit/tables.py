@@ -1,0 +1,129 @@
+"""Tables of a fit: model levels against validation rows, distances, parameters with uncertainties."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich.text import Text
+
+from bayescal.assess.conformance import FAIL, PASS, Tolerance
+from bayescal.calibration import Fit, ModelLevel
+from bayescal.predict import PlaneCheck, PointCheck, TurnCheck, Validation, inside95, interval95
+from bayescal.reporting.shared.table import FigureTable
+from bayescal.reporting.shared.text import (
+    MDEG,
+    MM,
+    UM,
+    model_label,
+    percent,
+    plain_table,
+    um,
+    unit_label,
+    with_u,
+)
+
+MOST_DISTANCES = 5
+"""Distances shown without --verbose, those with the largest errors."""
+DECISIONS = {PASS: "green", FAIL: "red"}
+
+
+def level_table(levels: Sequence[ModelLevel]) -> FigureTable:
+    """Errors of validation rows by model level."""
+    v = levels[-1].validation
+    headings = ["contacts RMS"] * bool(v.planes)
+    headings += ["distances RMS", "maximum", "95 % predicted"] * bool(v.distances)
+    headings += ["points mean", "maximum"] * bool(v.points)
+    headings += ["angles mean (mdeg)"] * bool(v.turns)
+    table = plain_table("validation (µm)", *headings, "within 95 %")
+    for level in levels:
+        v = level.validation
+        cells = []
+        if v.planes:
+            cells.append(um(np.sqrt(np.mean(np.concatenate([p.residuals for p in v.planes]) ** 2))))
+        if v.distances:
+            low, high = interval95(np.concatenate([d.predicted for d in v.distances]))
+            cells.append(um(np.sqrt(np.mean([d.error**2 for d in v.distances]))))
+            cells += [um(v.worst_distance), f"{UM * low:+.0f} .. {UM * high:+.0f}"]
+        if v.points:
+            length = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])
+            cells += [um(np.mean(length)), um(np.max(length))]
+        if v.turns:
+            angles = np.concatenate([np.linalg.norm(t.residuals, axis=0) for t in v.turns])
+            cells.append(f"{MDEG * np.mean(angles):.2g}")
+        table.add_row(model_label(level.effects), *cells, _within(v))
+    return table
+
+
+def _within(v: Validation) -> str:
+    """How many values of validation rows lie within their 95 % prediction intervals."""
+    hits = [np.atleast_1d(inside95(d.error, d.predicted)) for d in v.distances]
+    checks: list[PlaneCheck | PointCheck | TurnCheck] = [*v.planes, *v.points, *v.turns]
+    hits += [inside95(check.residuals, check.predicted).ravel() for check in checks]
+    return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else "-"
+
+
+def distance_table(v: Validation, nominal: Validation, every: bool) -> FigureTable:
+    """Errors of certified distances; the largest alone unless `every`."""
+    table = plain_table(
+        "distances", "certified (mm)", "nominal (µm)", "calibrated (µm)", "95 % predicted", ""
+    )
+    order = sorted(range(len(v.distances)), key=lambda k: -abs(v.distances[k].error))
+    shown = range(len(order)) if every else sorted(order[:MOST_DISTANCES])
+    for k in shown:
+        d, n = v.distances[k], nominal.distances[k]
+        low, high = interval95(d.predicted)
+        within = inside95(d.error, d.predicted)
+        table.add_row(
+            " - ".join(d.between),
+            f"{MM * d.certified:.3f}",
+            f"{UM * n.error:+.0f}",
+            f"{UM * d.error:+.1f}",
+            f"{UM * low:+.1f} .. {UM * high:+.1f}",
+            Text("within", style="green") if within else Text("outside", style="yellow"),
+        )
+    if len(shown) < len(order):
+        table.caption = f"the {len(shown)} largest errors of {len(order)}; --verbose: all"
+    return table
+
+
+def tolerance_table(decided: Tolerance) -> FigureTable:
+    """Decision on each certified distance."""
+    table = plain_table("tolerance", "error (µm)", "U (µm), k = 2", "probability within", "decision")
+    for d in decided.distances:
+        table.add_row(
+            " - ".join(d.between),
+            f"{UM * d.error:+.1f}",
+            um(d.expanded),
+            percent(d.probability),
+            Text(d.decision, style=DECISIONS.get(d.decision, "yellow")),
+        )
+    return table
+
+
+def parameter_table(fit: Fit, every: bool) -> FigureTable:
+    """Parameters with standard uncertainties; with `every` those of the targets too."""
+    model, known = fit.final.estimate.model, fit.identifiability
+    units, factor = model.in_file_units()
+    value = model.physical(fit.final.estimate.z) * factor
+    u = np.std(model.physical(fit.draws.flat), axis=0) * factor
+    prior = np.concatenate([model.sd, *(b.sd for b in model.states)]) * factor
+    states = dict.fromkeys(known.determined, "yes")
+    states |= dict.fromkeys(known.partly, "weakly") | dict.fromkeys(known.prior_only, "no")
+    table = plain_table("parameter", "nominal", "value(u)", "unit", "prior u", "identifiable")
+    arm = len(model.parameters)
+    for k, name in enumerate(model.names if every else model.names[:arm]):
+        nominal = model.parameters[k].nominal * factor[k] if k < arm else 0.0
+        number = with_u(value[k], u[k])
+        decimals = len(number.partition("(")[0].partition(".")[2])
+        table.add_row(
+            name,
+            f"{nominal:.{decimals}f}",
+            number,
+            unit_label(units[k]),
+            f"{prior[k]:.2g}",
+            states.get(name, "-"),
+            style="yellow" if states.get(name) == "no" else "",
+        )
+    table.caption = "value(u): u in units of the last digits, k = 1"
+    return table
