@@ -16,7 +16,7 @@ from scipy.stats import chi2, norm
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.estimate.unexplained import Unexplained
-from bayescal.predict.validation import DistanceCheck, Validation
+from bayescal.predict.validation import DistanceCheck, PlaneCheck, PointCheck, TurnCheck, Validation
 
 LEVEL = 0.01
 """Chance that a correct model fails any of the tests (that of shared causes has a level of its own)."""
@@ -172,7 +172,9 @@ def _chi_square(
 
 def _sets(checked: Validation, every: bool) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     """Residuals (C,) and their draws (S, C) by kind of validation row, outliers left out unless `every`."""
-    kinds = {"contacts": checked.planes, "points": checked.points, "orientations": checked.turns}
+    kinds: dict[str, tuple[PlaneCheck | PointCheck | TurnCheck, ...]] = {
+        "contacts": checked.planes, "points": checked.points, "orientations": checked.turns
+    }  # fmt: skip
     for test, parts in kinds.items():
         if not parts:
             continue

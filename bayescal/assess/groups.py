@@ -78,7 +78,7 @@ def _neighbourhoods(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
     tree, size = cKDTree(at), SHORTEST
     centres = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), CENTRES)).astype(int))
     while size <= len(rows) // 4:
-        near = tree.query(at[centres], k=size)[1]
+        near = np.asarray(tree.query(at[centres], k=size)[1])
         for centre, mine in zip(centres, near, strict=True):
             yield Group("pose", f"poses near that of row {m.ids[rows[centre]]}", np.sort(mine))
         size *= 2
