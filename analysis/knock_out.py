@@ -96,7 +96,7 @@ def whole(dataset: Dataset, folder: Path) -> Record:
 
 
 def _row(joint: int) -> Part:
-    return Part("geometry", f"joint {joint}")
+    return Part.of(f"geometry at joint {joint}")
 
 
 def sizes(held: HeldOut) -> Record:

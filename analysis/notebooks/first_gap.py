@@ -59,7 +59,7 @@ for m in size.measured:
 # %%
 for p in gap.where:
     name = f"  <- {p.explained_by}" if p.explained_by else ""
-    print(f"{p.site + ', ' + p.driver:42s} {1e6 * p.rms:5.1f} um, p {p.family_p_value:7.1g}{name}")
+    print(f"{f'{p.site}, {p.driver.text}':42s} {1e6 * p.rms:5.1f} um, p {p.family_p_value:7.1g}{name}")
 
 first = gap.where[0]
 curve = first.curve
@@ -68,7 +68,7 @@ axes.plot(curve.x, 1e6 * curve.residual, ".", ms=4, color="#c3ccd5", label="with
 order = np.argsort(curve.x)
 axes.plot(curve.x[order], 1e6 * curve.fitted[order], ".", ms=4, color="#c0392b", label="what it explains")
 axes.set(xlabel=curve.coordinate, ylabel="residual, µm")
-axes.set_title(f"{first.site}, {first.driver}", loc="left")
+axes.set_title(f"{first.site}, {first.driver.text}", loc="left")
 axes.legend(frameon=False)
 plt.show()
 

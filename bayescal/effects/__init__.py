@@ -24,6 +24,7 @@ from bayescal.effects.hysteresis import HYSTERESIS
 from bayescal.effects.joint import JOINT
 from bayescal.effects.latency import LATENCY
 from bayescal.effects.lobing import LOBING
+from bayescal.effects.location import Driver, Site
 from bayescal.effects.payload import PAYLOAD
 from bayescal.effects.plane_form import PLANE_FORM
 from bayescal.effects.registry import Vocabulary
@@ -90,12 +91,14 @@ __all__ = [
     "UNITS",
     "CertifiedValue",
     "Circumstances",
+    "Driver",
     "Effect",
     "Face",
     "Parameter",
     "Scan",
     "Session",
     "Setting",
+    "Site",
     "Term",
     "confusable",
     "named",

@@ -10,6 +10,8 @@ free, it would cost every distance more than it mends.
 from __future__ import annotations
 
 from bayescal.arm.motion import CERTIFICATE, Term
+from bayescal.effects import location
+from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 TIMES = {"rad": 10.0, "m": 3.0}  # the stated uncertainty
@@ -20,7 +22,9 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     for value in c.certified_values:
         term = Term(CERTIFICATE, str(value.certificate), value.rows)
         name, sd = f"artefact {value.name}", TIMES[value.unit] * value.u
-        out.append(Parameter(name, value.unit, (term,), sd, site="artefact", driver="certificate"))
+        out.append(
+            Parameter(name, value.unit, (term,), sd, site=location.ARTEFACT, driver=Driver("certificate"))
+        )
     return out
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.effects.joints import at, motion, side_of, sides, turned, without_velocity
+from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 8e-5  # rad
@@ -27,7 +28,7 @@ def _parameters(c: Circumstances, side: str) -> list[Parameter]:
         way = speed / np.hypot(speed, STANDSTILL)
         if np.any(speed):
             terms = turned(c.robot, j, way, side)
-            out.append(Parameter(f"backlash {name}", "rad", terms, SD, **at(j, f"approach {j}")))
+            out.append(Parameter(f"backlash {name}", "rad", terms, SD, **at(j, Driver("direction", j))))
     return out
 
 

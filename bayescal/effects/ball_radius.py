@@ -13,6 +13,7 @@ import numpy as np
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects.joints import without_surface
+from bayescal.effects.location import PROBE
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 10e-6  # m
@@ -25,7 +26,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
         if np.any(used):
             larger = (Term(CONTACT, "normal", -used.astype(float)),)
             name = f"ball-radius {c.tool_names[k]}"
-            out.append(Parameter(name, "m", larger, SD, c.tool_radii[k] or 0.0, site="probe", driver="1"))
+            out.append(Parameter(name, "m", larger, SD, c.tool_radii[k] or 0.0, site=PROBE))
     return out
 
 

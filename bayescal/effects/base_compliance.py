@@ -11,13 +11,15 @@ took the mean error of an ABB IRB 120 from 0.099 to 0.081 mm).
 from __future__ import annotations
 
 from bayescal.arm.motion import Term
+from bayescal.effects import location
 from bayescal.effects.compliance import SPREAD
 from bayescal.effects.joints import carries, without_masses
+from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
 
 MEAN = 1e-5  # rad/(N m)
 LEVER = 0.3  # m, from the hinge to the frame's origin
-BASE: Where = {"site": "base", "driver": "base moment"}
+BASE: Where = {"site": location.BASE, "driver": Driver("base moment")}
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:

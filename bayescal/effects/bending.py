@@ -17,6 +17,7 @@ from bayescal.arm.chain import frames
 from bayescal.arm.motion import Term
 from bayescal.effects.compliance import SPREAD, typical
 from bayescal.effects.joints import carries, without_masses
+from bayescal.effects.location import Driver, link
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
 
 SHARE = 0.3  # of the joint's compliance about its axis
@@ -29,7 +30,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     for j, (name, about) in enumerate(zip(c.robot.joint_names, typical(c.robot.n), strict=True), start=1):
         moment = c.moments[:, j]
         mean = SHARE * float(about)
-        where: Where = {"site": f"link {j}", "driver": "bending moment"}
+        where: Where = {"site": link(j), "driver": Driver("bending moment")}
         terms: dict[str, list[Term]] = {"bearing": [], "link": []}
         if j > 1:
             terms["bearing"] = [Term(j, "rx", moment[:, 0]), Term(j, "ry", moment[:, 1])]

@@ -15,6 +15,7 @@ import numpy as np
 from bayescal.arm.motion import Term
 from bayescal.arm.robot import Robot
 from bayescal.effects.joints import at, carries, without_masses
+from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SHOULDER, ELBOW, WRIST = 3e-5, 2e-4, 2e-3  # rad/(N m)
@@ -46,7 +47,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     return [
         Parameter(
             f"compliance {name}", "rad/(N m)", (Term(j, "rz", torque),), SPREAD * mean, float(known[j - 1]),
-            mean, positive=True, **at(j, f"torque {j}"),
+            mean, positive=True, **at(j, Driver("torque", j)),
         )
         for j, name, mean, torque in loaded(c)
     ]  # fmt: skip

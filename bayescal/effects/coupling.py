@@ -11,6 +11,7 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.effects.joints import at, motion, side_of, turned
+from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 1e-4  # rad a rad
@@ -27,7 +28,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
     return [
         Parameter(
-            f"coupling {names[k - 1]} to {names[j - 1]}", "1", terms(j, k), SD, **at(j, f"angle {k}")
+            f"coupling {names[k - 1]} to {names[j - 1]}", "1", terms(j, k), SD, **at(j, Driver("angle", k))
         )
         for j in range(1, c.robot.n + 1)
         for k in range(max(1, j - BEFORE), min(c.robot.n, j + 1) + 1)

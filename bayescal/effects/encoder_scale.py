@@ -10,6 +10,7 @@ encoders and whole gear ratios leave no scale to err, but what is slower than on
 from __future__ import annotations
 
 from bayescal.effects.joints import at, motion, side_of, sides, turned
+from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 1e-4  # rad a rad
@@ -21,7 +22,7 @@ def _parameters(c: Circumstances, side: str) -> list[Parameter]:
         angle = motion(c.robot, j, c.readings, side)
         if angle.any():
             terms = turned(c.robot, j, angle, side)
-            out.append(Parameter(f"encoder-scale {name}", "1", terms, SD, **at(j, f"angle {j}")))
+            out.append(Parameter(f"encoder-scale {name}", "1", terms, SD, **at(j, Driver("angle", j))))
     return out
 
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
+from bayescal.effects.location import BASE, joint, link
 from bayescal.effects.sessions import apart
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 LENGTH_SD = 0.3e-3  # m
 TWIST_SD = 1e-3  # rad
@@ -33,8 +34,8 @@ def _nominal(c: Circumstances, kind: str, i: int) -> float:
 
 def _link(c: Circumstances, kind: str, i: int) -> Parameter:
     axis, unit, sd = KINDS[kind]
-    where: Where = {"site": f"joint {i}" if kind in ("theta", "d") else f"link {i}", "driver": "1"}
-    return Parameter(f"{kind}{i}", unit, (Term(i, axis),), sd, _nominal(c, kind, i), **where)
+    site = joint(i) if kind in ("theta", "d") else link(i)
+    return Parameter(f"{kind}{i}", unit, (Term(i, axis),), sd, _nominal(c, kind, i), site=site)
 
 
 def _base(c: Circumstances) -> list[Parameter]:
@@ -45,7 +46,7 @@ def _base(c: Circumstances) -> list[Parameter]:
             "m" if axis[0] == "t" else "rad",
         )
         term = (Term(0, axis),)
-        out.append(Parameter(name, unit, term, BASE_SD[axis[0]], site="base", driver="1"))
+        out.append(Parameter(name, unit, term, BASE_SD[axis[0]], site=BASE))
     return out
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from bayescal.arm.motion import Term
 from bayescal.effects.compliance import loaded
 from bayescal.effects.joints import at, usual, without_masses
+from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 
 CHANGE = 0.3  # of the compliance
@@ -26,7 +27,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     return [
         Parameter(
             f"hardening {name}", "rad/(N m)^2", (Term(j, "rz", torque * np.abs(torque)),),
-            CHANGE * compliance**2 / WOUND_UP, **at(j, f"torque {j}"),
+            CHANGE * compliance**2 / WOUND_UP, **at(j, Driver("torque", j)),
         )
         for j, name, compliance, torque in loaded(c)
     ]  # fmt: skip
@@ -37,7 +38,7 @@ def _at(c: Circumstances, knee: float) -> list[Parameter]:
     return [
         Parameter(
             f"hardening {name}", "rad", (Term(j, "rz", np.tanh(torque / (knee * usual(c, torque)))),),
-            CHANGE * compliance * knee * usual(c, torque), **at(j, f"torque {j}"),
+            CHANGE * compliance * knee * usual(c, torque), **at(j, Driver("torque", j)),
         )
         for j, name, compliance, torque in loaded(c)
     ]  # fmt: skip

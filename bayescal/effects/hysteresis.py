@@ -14,6 +14,7 @@ import numpy as np
 from bayescal.arm.motion import Term
 from bayescal.effects.compliance import loaded
 from bayescal.effects.joints import at, usual, without_masses
+from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 
 SD = 5e-5  # rad
@@ -24,7 +25,7 @@ def _at(c: Circumstances, share: float) -> list[Parameter]:
     return [
         Parameter(
             f"hysteresis {name}", "rad", (Term(j, "rz", np.tanh(torque / (share * usual(c, torque)))),), SD,
-            **at(j, f"sign of torque {j}"),
+            **at(j, Driver("torque", j, form="sign")),
         )
         for j, name, _, torque in loaded(c)
     ]  # fmt: skip

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from bayescal.effects.encoder_scale import ENCODER_SCALE
 from bayescal.effects.geometry import GEOMETRY
+from bayescal.effects.location import BASE
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 
@@ -19,7 +20,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
 def _reads(p: Parameter) -> bool:
     """Whether a parameter of the geometry is a joint's zero, or where the base stands."""
-    return p.site.startswith("base") or (p.site.startswith("joint") and p.unit == "rad")
+    return p.site == BASE or (p.site.kind == "joint" and p.unit == "rad")
 
 
 JOINT = Effect(

@@ -8,9 +8,10 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.arm.robot import Robot
+from bayescal.effects import location
+from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Form, Parameter, Where
 
-TURNS = {1.0: "once a turn", 2.0: "twice a turn"}
 NO_TORQUE = 1e-6  # N m: a joint that never carries more tells nothing of what torque does to it
 
 
@@ -62,18 +63,21 @@ def waves(c: Circumstances, effect: str, joint: int, order: float, sd: float) ->
     """
     angle = order * c.q[:, joint - 1]
     name = f"{effect} {c.robot.joint_names[joint - 1]}"
-    turns = TURNS.get(order, f"{order:g} times a turn")
     return [
         Parameter(
-            f"{name} {wave}", "rad", (Term(joint, "rz", driver),), sd, **at(joint, f"angle {joint}, {turns}")
+            f"{name} {wave}",
+            "rad",
+            (Term(joint, "rz", driver),),
+            sd,
+            **at(joint, Driver("angle", joint, order)),
         )
         for wave, driver in (("sin", np.sin(angle)), ("cos", np.cos(angle)))
     ]
 
 
-def at(joint: int, driver: str) -> Where:
-    """Site and driver, in words, of a parameter that acts at a joint (from 1)."""
-    return {"site": f"joint {joint}", "driver": driver}
+def at(joint: int, driver: Driver) -> Where:
+    """Site and driver of a parameter that acts at a joint (from 1)."""
+    return {"site": location.joint(joint), "driver": driver}
 
 
 def carries(torque: np.ndarray) -> bool:

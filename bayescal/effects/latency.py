@@ -11,6 +11,7 @@ import numpy as np
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects.joints import without_surface, without_velocity
+from bayescal.effects.location import PROBE, Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 2e-3  # s
@@ -20,7 +21,11 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     assert c.speed is not None
     speed = np.where(c.touching, c.speed, 0.0)
     term = Term(CONTACT, "normal", speed)
-    return [Parameter("latency", "s", (term,), SD, site="probe", driver="speed")] if speed.any() else []
+    return (
+        [Parameter("latency", "s", (term,), SD, site=PROBE, driver=Driver("contact speed"))]
+        if speed.any()
+        else []
+    )
 
 
 def _missing(c: Circumstances) -> str:

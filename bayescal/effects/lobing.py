@@ -12,11 +12,12 @@ import numpy as np
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects.joints import without_surface
+from bayescal.effects.location import PROBE, Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
 
 SD = 5e-6  # m
 LOBES = 3
-PROBE: Where = {"site": "probe", "driver": "direction of contact"}
+HERE: Where = {"site": PROBE, "driver": Driver("contact direction")}
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
@@ -24,7 +25,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     across, azimuth = np.hypot(x, y), LOBES * np.arctan2(y, x)
     waves = (("sin", across * np.sin(azimuth)), ("cos", across * np.cos(azimuth)))
     return [
-        Parameter(f"lobing {wave}", "m", (Term(CONTACT, "normal", driver),), SD, **PROBE)
+        Parameter(f"lobing {wave}", "m", (Term(CONTACT, "normal", driver),), SD, **HERE)
         for wave, driver in waves
         if driver.any()
     ]

@@ -16,6 +16,7 @@ from bayescal.arm.motion import Term
 from bayescal.arm.statics import gravity_moments
 from bayescal.effects.compliance import expected
 from bayescal.effects.joints import carries, without_masses
+from bayescal.effects.location import TOOL, Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 0.3  # kg
@@ -31,7 +32,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
         for j, compliance in enumerate(known, start=1)
         if carries(moments[:, j, 2])
     )
-    return [Parameter("payload mass", "kg", terms, SD, site="tool", driver="mass")] if terms else []
+    return [Parameter("payload mass", "kg", terms, SD, site=TOOL, driver=Driver("mass"))] if terms else []
 
 
 PAYLOAD = Effect(

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.polynomial.legendre import legvander2d
 
 from bayescal.arm.motion import CONTACT, Term
+from bayescal.effects import location
+from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Face, Parameter, Where
 
 GRANITE = 3e-6  # m, root mean square
@@ -37,7 +39,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     out = []
     for face in c.faces:
         scale = GRANITE if face.u_form is None else face.u_form
-        where: Where = {"site": face.name, "driver": "place on the face"}
+        where: Where = {"site": location.face(face.name), "driver": Driver("face")}
         for name, share, values in shapes(face):
             # material that stands out meets the ball early: the arm's own residual is larger by it
             term = (Term(CONTACT, "normal", -values),)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
+from bayescal.effects.location import BASE, Driver
 from bayescal.effects.sessions import apart, each, within
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan, Where
 
@@ -46,7 +47,7 @@ def _at(c: Circumstances, row: float) -> list[Parameter]:
 
 def _bump(c: Circumstances, row: float) -> list[Parameter]:
     since = after(c, row)
-    where: Where = {"site": "base", "driver": "moment"}
+    where: Where = {"site": BASE, "driver": Driver("event")}
     out = []
     for axis in ("tx", "ty", "tz", "rx", "ry", "rz"):
         unit, sd = SD[axis[0]]

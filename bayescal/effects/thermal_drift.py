@@ -15,6 +15,7 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.effects.joints import at
+from bayescal.effects.location import ARM, BASE, Driver
 from bayescal.effects.sessions import apart, each
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 from bayescal.errors import BayescalError
@@ -54,15 +55,17 @@ def _lengths(c: Circumstances, driver: np.ndarray) -> tuple[Term, ...]:
 def _drifting(c: Circumstances, by: str, driver: np.ndarray) -> list[Parameter]:
     lengths, out = _lengths(c, driver), []
     if lengths:
-        out.append(Parameter(f"thermal-drift growth by {by}", "1", lengths, GROWTH_SD, site="arm", driver=by))
+        out.append(
+            Parameter(f"thermal-drift growth by {by}", "1", lengths, GROWTH_SD, site=ARM, driver=Driver(by))
+        )
     for axis in "xyz":
         term = (Term(0, f"t{axis}", driver),)
         out.append(
-            Parameter(f"thermal-drift base {axis} by {by}", "m", term, BASE_SD, site="base", driver=by)
+            Parameter(f"thermal-drift base {axis} by {by}", "m", term, BASE_SD, site=BASE, driver=Driver(by))
         )
     for j, name in enumerate(c.robot.joint_names, start=1):
         term = (Term(j, "rz", driver),)
-        out.append(Parameter(f"thermal-drift {name} by {by}", "rad", term, ZERO_SD, **at(j, by)))
+        out.append(Parameter(f"thermal-drift {name} by {by}", "rad", term, ZERO_SD, **at(j, Driver(by))))
     return out
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import TURN, Term
+from bayescal.effects import location
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 LOOSE, LOOSE_ANGLE = 5e-3, 0.2  # m, rad: the contract's priors where none is stated
@@ -32,8 +33,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
                     terms,
                     sd,
                     float(c.tool_centres[k, axis]),
-                    site="tool",
-                    driver="1",
+                    site=location.TOOL,
                 )
             )
     return [*out, *_turns(c)]
@@ -50,7 +50,7 @@ def _turns(c: Circumstances) -> list[Parameter]:
         used = (c.tool == k).astype(float)
         for axis in ("rx", "ry", "rz"):
             terms = (Term(TURN, axis, used),)
-            out.append(Parameter(f"{c.tool_names[k]} {axis}", "rad", terms, sd, site="tool", driver="1"))
+            out.append(Parameter(f"{c.tool_names[k]} {axis}", "rad", terms, sd, site=location.TOOL))
     return out
 
 

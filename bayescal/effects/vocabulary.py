@@ -11,6 +11,7 @@ import numpy as np
 from bayescal.arm.chain import Chain
 from bayescal.arm.motion import CERTIFICATE, Term
 from bayescal.arm.robot import Robot
+from bayescal.effects.location import ARM, CONSTANT, Driver, Site
 from bayescal.errors import BayescalError
 
 UNITS = {
@@ -103,10 +104,10 @@ class Circumstances:
 
 
 class Where(TypedDict):
-    """Site and driver of a parameter, in words."""
+    """Site and driver of a parameter, to be given by keyword."""
 
-    site: str  # where it acts: "joint 4", "base", "probe"
-    driver: str  # what it varies with: "torque 4", "time"
+    site: Site  # where it acts
+    driver: Driver  # what it varies with
 
 
 @dataclass(frozen=True)
@@ -125,8 +126,8 @@ class Parameter:
     nominal: float = 0.0
     mean: float | None = None  # of the prior
     positive: bool = False
-    site: str = ""  # see `Where`
-    driver: str = ""
+    site: Site = ARM
+    driver: Driver = CONSTANT
     effect: str = field(default="", compare=False)
 
     @property
@@ -140,6 +141,8 @@ class Parameter:
             return f"the unit '{self.unit}' is unknown; known: {', '.join(UNITS)}"
         if not 0 < self.sd < np.inf or not np.isfinite(self.centre):
             return f"its prior, {self.centre:g} with standard deviation {self.sd:g}, is not normal"
+        if not isinstance(self.site, Site) or not isinstance(self.driver, Driver):
+            return "its site is no Site, or its driver no Driver"
         for term in self.terms:
             shape = np.shape(term.driver)
             if term.frame != CERTIFICATE and shape not in ((), (rows,)):

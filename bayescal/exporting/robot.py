@@ -34,7 +34,7 @@ def calibrated_robot(fitted: Estimate, name: str = "") -> Robot:
     side = asked[0] if asked else side_of(robot)
     for value, p in zip(values, model.parameters, strict=True):
         if p.name.startswith(ENCODER_SCALE.name):
-            joint = int(p.site.removeprefix("joint ")) - 1
+            joint = p.site.number - 1
             if side == READING:  # every link that the reading moves turns so
                 coupling[:, joint] *= 1.0 + value
             else:

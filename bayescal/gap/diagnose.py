@@ -68,7 +68,7 @@ def with_compliance(c: Circumstances, fitted: Estimate) -> Circumstances:
     values = fitted.model.physical(fitted.z)
     for value, p in zip(values, fitted.model.parameters, strict=False):
         if p.effect == COMPLIANCE:
-            known[int(p.site.removeprefix("joint ")) - 1] = max(value, 0.2 * p.centre)
+            known[p.site.number - 1] = max(value, 0.2 * p.centre)
     return replace(c, compliance=known)
 
 
@@ -305,7 +305,7 @@ def _verdict(e: Examined, without: Decision | None) -> Verdict:
     if without is not None:
         sure = without.probability[COMPLIANCE]
         probability |= {COMPLIANCE: sure, "null": without.probability["null"]}
-        compliance = Named(COMPLIANCE, COMPLIANCE, "", "", sure, without.lost(COMPLIANCE))
+        compliance = Named(COMPLIANCE, COMPLIANCE, (), "", sure, without.lost(COMPLIANCE))
         named = [compliance, *named]
         # where nothing is left beside it, nothing is confounded with it either
         credible = (COMPLIANCE,) if kind == "null" else (COMPLIANCE, *credible)
@@ -325,7 +325,7 @@ def _verdict(e: Examined, without: Decision | None) -> Verdict:
 def _named(member, d: Decision, e: Examined) -> Named:
     v = member.variant
     setting = EFFECTS[v.effect].words(v.setting)
-    return Named(v.effect, model_name(member), v.site, setting, d.probability[v.effect], d.lost(v.effect))
+    return Named(v.effect, model_name(member), v.sites, setting, d.probability[v.effect], d.lost(v.effect))
 
 
 def _rungs(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.dataset import Dataset
+from bayescal.effects.location import Driver, Site, words_of
 
 VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
 """Kinds of validation measurement, as reports name them."""
@@ -59,8 +60,8 @@ class Curve:
 class Place:
     """A site and a driver, and what of the gap lies there."""
 
-    site: str
-    driver: str
+    site: Site
+    driver: Driver
     rms: float  # m, of what it explains at the fitted contacts, freed of what the model absorbs
     share: float  # of the excess variance
     p_value: float
@@ -87,10 +88,15 @@ class Named:
 
     effect: str
     model: str  # as --model takes it: "backlash", "step@212"
-    site: str  # where, in words; "" for all its sites
+    sites: tuple[Site, ...]  # where; () for all its sites
     setting: str  # in words, or ""
     probability: float
     log_evidence: float  # nats that the data lose without it
+
+    @property
+    def site(self) -> str:
+        """Its sites in words, "" for all."""
+        return words_of(self.sites)
 
 
 @dataclass(frozen=True)
@@ -160,7 +166,7 @@ class BlindSpot:
     """What could be there at a plausible size, unseen by these data."""
 
     effect: str
-    site: str
+    site: Site
     smallest: float  # amplitude that would be named, SI
     plausible: float  # prior standard deviation, SI
     unit: str  # SI, a key of effects.UNITS

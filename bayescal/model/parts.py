@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bayescal.effects import Parameter
+from bayescal.effects import Parameter, Site
 from bayescal.errors import BayescalError
 
 OPTION = "--without"
@@ -21,7 +21,7 @@ class Part:
     """
 
     effect: str
-    site: str
+    site: Site
 
     @classmethod
     def of(cls, words: str) -> Part:
@@ -33,19 +33,14 @@ class Part:
                 OPTION,
                 "say, for example, 'geometry at joint 4'",
             )
-        return cls(effect, site)
+        return cls(effect, Site.read(site))
 
     def __str__(self) -> str:
         return f"{self.effect} at {self.site}"
 
     def holds(self, p: Parameter) -> bool:
         """Whether a parameter belongs to the part."""
-        return p.effect == self.effect and self.site in places(p)
-
-
-def places(p: Parameter) -> tuple[str, ...]:
-    """Sites by which a parameter is called: a link's goes with its joint too."""
-    return tuple(dict.fromkeys((p.site.replace("link", "joint"), p.site)))
+        return p.effect == self.effect and str(self.site) in map(str, p.site.also)
 
 
 def parts_of(words: Sequence[str], effects: Sequence[str]) -> tuple[Part, ...]:
@@ -76,7 +71,7 @@ def kept(parameters: Sequence[Parameter], without: Sequence[Part]) -> tuple[Para
     for part in without:
         own = [p for p in parameters if p.effect == part.effect]
         if own and not any(map(part.holds, own)):
-            sites = dict.fromkeys(place for p in own for place in places(p))
+            sites = dict.fromkeys(str(site) for p in own for site in p.site.also)
             what = f"{part.effect} has nothing at '{part.site}'"
             raise BayescalError(what, OPTION, f"it has: {', '.join(sites)}")
     return tuple(p for p in parameters if not any(part.holds(p) for part in without))

@@ -52,7 +52,7 @@ def fitted(left, said):
 def diagnosed(left, said):
     """What was hidden is found, at a joint that has it, and the distances are the better for it."""
     assert left["named"] == {left["HIDDEN"]}
-    assert left["first"].driver.startswith("approach")
+    assert left["first"].driver.kind == "direction"
     assert f"90 % set: {left['HIDDEN']}" in said
     distances = next(s for s in left["gap"].shrinkage if s.what == "distances")
     assert distances.after < 0.5 * distances.before

@@ -12,6 +12,7 @@ from bayescal.dataset import Certificate, Target
 from bayescal.effects import EFFECTS
 from bayescal.effects.compliance import typical
 from bayescal.effects.joints import usual
+from bayescal.effects.location import Driver
 from bayescal.model import build
 from bayescal.model.scene import Scene
 
@@ -399,7 +400,7 @@ def test_an_arm_that_warms_up_slows_down(dataset):
         halfway.append(courses[0][len(c.q) // 2])
     assert np.all(np.diff(halfway) < 0)
     assert halfway[-1] == pytest.approx(0.0, abs=0.1)  # a straight line
-    assert EFFECTS["thermal-drift"].scan.parameters(c, 600.0)[-1].driver == "time"
+    assert EFFECTS["thermal-drift"].scan.parameters(c, 600.0)[-1].driver == Driver("time")
 
 
 def test_approach_is_the_inward_normal_in_the_flange(dataset):

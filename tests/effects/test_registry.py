@@ -11,6 +11,7 @@ import pytest
 
 from bayescal import effects
 from bayescal.effects import EFFECTS, MODELS, Effect, Parameter, Term, confusable, parameters_of, registry
+from bayescal.effects.location import Driver, joint
 from bayescal.errors import BayescalError
 from bayescal.gap.search.candidates import candidates
 from bayescal.model import build
@@ -21,7 +22,12 @@ OWN = Effect(
     "a cable that pulls the last joint round as the first one turns",
     lambda c: [
         Parameter(
-            "cable-drag", "rad", (Term(6, "rz", np.cos(c.q[:, 0])),), 1e-4, site="joint 6", driver="angle 1"
+            "cable-drag",
+            "rad",
+            (Term(6, "rz", np.cos(c.q[:, 0])),),
+            1e-4,
+            site=joint(6),
+            driver=Driver("angle", 1),
         )
     ],
     phrase=("the last joint", "is pulled by its cable"),

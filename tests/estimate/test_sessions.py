@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from bayescal.assess.agreement import agreement, difference_covariance, known_directions, pair
 from bayescal.dataset.join import joined
 from bayescal.effects import EFFECTS, parameters_of
+from bayescal.effects.location import BASE
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate, unit_weights
 from bayescal.estimate.unexplained import unexplained
@@ -256,7 +257,7 @@ def test_every_tied_session_stands_on_a_base_of_its_own():
     known = replace(a, targets=tuple(replace(t, u=1e-5, u_angle=1e-5) for t in a.targets))
     placed = replace(b, targets=tuple(replace(t, u=1e-5, u_angle=1e-5) for t in b.targets))
     bases = {
-        label: [p.name for p in build(Scene(joined(pair)), BOTH).parameters if p.site == "base"]
+        label: [p.name for p in build(Scene(joined(pair)), BOTH).parameters if p.site == BASE]
         for label, pair in {"none": (a, b), "first": (known, b), "both": (known, placed)}.items()
     }
     assert bases["none"] == []

@@ -8,7 +8,7 @@ import pytest
 
 from bayescal.estimate import Estimate, estimate, solve
 from bayescal.gap.design import advise as advising
-from bayescal.gap.design.blind_spots import blind_spots, distances, located, sites, unseen
+from bayescal.gap.design.blind_spots import blind_spots, distances, located, seats, unseen
 from bayescal.gap.design.candidate_contacts import SPHERES, possibilities
 from bayescal.gap.design.interventions import AGAIN, turns, widened
 from bayescal.gap.linear.evidence import project
@@ -181,7 +181,7 @@ def test_the_smallest_amplitude_that_is_named():
     j = np.vstack([p.jacobian * white[:, None], np.eye(len(p.z))])
     for spot in spots:
         site = next(
-            t for t in sites(s.known) if (t.effect, t.name, t.unit) == (spot.effect, spot.site, spot.unit)
+            t for t in seats(s.known) if (t.effect, t.site, t.unit) == (spot.effect, spot.site, spot.unit)
         )
         x = np.vstack([p.pool[:, site.columns] * white[:, None], np.zeros((len(p.z), len(site.columns)))])
         left = x - j @ np.linalg.lstsq(j, x, rcond=None)[0]

@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 from bayescal.arm.statics import gravity_moments
 from bayescal.effects import EFFECTS
 from bayescal.effects.compliance import expected
+from bayescal.effects.location import joint
 from bayescal.estimate import STATED_WORTH, linearise
 from bayescal.gap.linear import evidence
 from bayescal.gap.linear import masses as mass_errors
@@ -300,7 +301,7 @@ def test_screening_finds_the_ratio_of_a_gear(session):
     bench = Bench.of(dataset)
     c = bench.circumstances
     assert "gear-mesh" not in candidates(c, BASELINE).variants
-    own = [p for p in EFFECTS["gear-mesh"].at(c, 77.0) if p.site == "joint 3"]
+    own = [p for p in EFFECTS["gear-mesh"].at(c, 77.0) if p.site == joint(3)]
     p = bench.made_up(1, bench.visible(bench.slopes.columns(own), 150.0, 2))
     known = screened(bench.known, bench.slopes, [fit_state(p, (), ())], c, BASELINE)
     settings = {v.setting for v in known.variants["gear-mesh"]}

@@ -158,7 +158,7 @@ def test_worlds_of_another_author(world):
     if kind == "null":
         return
     assert record["effects"] == truth["effects"]
-    assert gap.where[0].site == truth["where"][0]["site"]
+    assert str(gap.where[0].site) == truth["where"][0]["site"]
     assert gap.where[0].family_p_value < 1e-3
     if kind == "named":
         assert gap.where[0].explained_by == truth["effects"][0]

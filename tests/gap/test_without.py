@@ -7,6 +7,7 @@ import pytest
 
 from bayescal.cli import main
 from bayescal.dataset import write_dataset
+from bayescal.effects.location import joint, link
 from bayescal.errors import BayescalError
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.search.candidates import candidates
@@ -74,7 +75,7 @@ def test_a_part_keeps_the_setting_of_its_effect(scene):
     (variant,) = known.variants["gear-mesh"]
     assert (variant.setting, variant.site) == (50.0, "joint 3")
     drivers = [f"angle 3, {turns} times a turn" for turns in (50, 100)]
-    assert variant.places == tuple(("joint 3", driver) for driver in drivers)
+    assert [(str(site), str(driver)) for site, driver in variant.places] == [("joint 3", d) for d in drivers]
 
 
 def test_what_was_taken_out_is_named_and_shrinks_as_foreseen(dataset):
@@ -132,7 +133,7 @@ def test_refusals_are_one_line(words, told, dataset, tmp_path, monkeypatch, caps
 def test_what_is_kept_and_what_is_refused(scene):
     own = build(scene, BASE).parameters
     assert kept(own, ()) == own
-    assert kept(own, [Part("bending", "link 2")]) == own  # no such effect here: nothing to take
+    assert kept(own, [Part("bending", link(2))]) == own  # no such effect here: nothing to take
     with pytest.raises(BayescalError, match="nothing at 'wrist'"):
-        kept(own, [Part("geometry", "wrist")])
-    assert parts_of(("geometry  at  joint 4", "geometry at joint 4"), BASE) == (Part("geometry", "joint 4"),)
+        kept(own, [Part.of("geometry at wrist")])
+    assert parts_of(("geometry  at  joint 4", "geometry at joint 4"), BASE) == (Part("geometry", joint(4)),)

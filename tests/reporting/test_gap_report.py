@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
+from bayescal.effects.location import BASE, PROBE, Driver, Site, joint
 from bayescal.errors import BayescalError
 from bayescal.gap.result import (
     VERDICTS,
@@ -38,8 +39,8 @@ ROOT = Path(__file__).resolve().parents[2]
 CUBE = ROOT / "data" / "lrmate200ic-cube"
 PICTURES = {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}
 NAN = float("nan")
-BACKLASH = Named("backlash", "backlash", "joint 3", "", 0.97, 120.0)
-STEP = Named("step", "step@41", "base", "from row 41 on", 0.95, 30.0)
+BACKLASH = Named("backlash", "backlash", (joint(3),), "", 0.97, 120.0)
+STEP = Named("step", "step@41", (BASE,), "from row 41 on", 0.95, 30.0)
 NAMED = {"named": (BACKLASH,), "named+unexplained": (BACKLASH, STEP)}
 SETS = {
     "null": ("null",),
@@ -63,11 +64,11 @@ def diagnosis(dataset, kind: str = "named", distances: bool = True) -> Gap:
     named = NAMED.get(kind, ())
     p = 0.6 if null else 1e-9
     where = (
-        Place("joint 3", "approach 3", 12e-6, 0.7, p, p, 100.0, "backlash" if named else "",
+        Place(joint(3), Driver("direction", 3), 12e-6, 0.7, p, p, 100.0, "backlash" if named else "",
               Curve("sign of the speed of joint 3", sign, before, 4e-6 * sign * np.sin(x), rows)),
-        Place("joint 1", "angle 1, one place", 5e-6, 0.1, p, p, 18.0, "",
+        Place(joint(1), Driver("angle", 1, form="one place"), 5e-6, 0.1, p, p, 18.0, "",
               Curve("reading of joint 1 (deg)", x, before, bump, rows)),
-        Place("probe", "direction of contact", 1e-6, NAN, 0.4, 1.0, -2.0, "",
+        Place(PROBE, Driver("contact direction"), 1e-6, NAN, 0.4, 1.0, -2.0, "",
               Curve("", x[:0], x[:0], x[:0], rows[:0])),
     )  # fmt: skip
     sure = dict.fromkeys(SETS[kind], 0.9 / len(SETS[kind]))
@@ -95,8 +96,8 @@ def diagnosis(dataset, kind: str = "named", distances: bool = True) -> Gap:
         where, {"target": (Margin("cube.+y", 30, 14e-6, 1e-6, 1e-4),)}, verdict,
         () if null else shrinkage, tuple(ladder),
         (Advice(("bending", "base-compliance"), "payload +2 kg", poses, 12.0, 260.0),),
-        (BlindSpot("lobing", "", 4e-6, 8e-6, "m", 2e-6),
-         BlindSpot("backlash", "joint 6", 1e-5, 2e-5, "rad", NAN)),
+        (BlindSpot("lobing", PROBE, 4e-6, 8e-6, "m", 2e-6),
+         BlindSpot("backlash", joint(6), 1e-5, 2e-5, "rad", NAN)),
         (rows, before, noise), ("beware",),
     )  # fmt: skip
 
@@ -250,9 +251,10 @@ def test_sites_are_marked_wherever_they_are(session, tmp_path):
     from bayescal.reporting.gap.arm import draw_where
 
     gap = diagnosis(session, "unknown")
-    for site in ("link 2", "base", "tool", "probe", "arm", "artefact", "cube.+y", "joint 4 to joint 5"):
+    for words in ("joint 3", "link 2", "base", "tool", "probe", "arm", "artefact", "cube.+y", "no target"):
+        site = Site.read(words)
         marked = draw_where(replace(gap, where=(replace(gap.where[0], site=site),)))
-        assert any(t.get_text() == site for a in marked.axes for t in a.texts)
+        assert any(t.get_text() == words for a in marked.axes for t in a.texts)
 
 
 def test_without_pictures_and_into_an_earlier_result(session, tmp_path):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.effects import Parameter
+from bayescal.effects import Parameter, Site
 from bayescal.estimate import Estimate
 from bayescal.gap.linear.evidence import Projected, project
 from bayescal.gap.linear.problem import Problem, State
@@ -25,29 +25,29 @@ from factors.sphere import Sphere
 
 
 @dataclass(frozen=True)
-class Site:
+class Seat:
     """Parameters of an effect at one site, in one unit: columns of the pool."""
 
     effect: str
-    name: str
+    site: Site
     unit: str
     columns: np.ndarray  # (k,)
 
 
-def sites(known: Candidates, named: Sequence[str] = ()) -> list[Site]:
+def seats(known: Candidates, named: Sequence[str] = ()) -> list[Seat]:
     """Sites of every candidate but the named ones, in the effect's usual setting, else in its middle one."""
-    out: list[Site] = []
+    out: list[Seat] = []
     for effect, variants in known.variants.items():
         if effect in named:
             continue
         settings = list(dict.fromkeys(v.setting for v in variants))
         setting = None if None in settings else settings[len(settings) // 2]
         own = np.unique(np.concatenate([v.columns for v in variants if v.setting == setting]))
-        groups: dict[tuple[str, str], list[int]] = {}
+        groups: dict[tuple[Site, str], list[int]] = {}
         for k in own:
             p = known.pool[k]
             groups.setdefault((p.site, p.unit), []).append(int(k))
-        out += [Site(effect, *key, np.array(columns)) for key, columns in groups.items()]
+        out += [Seat(effect, *key, np.array(columns)) for key, columns in groups.items()]
     return out
 
 
@@ -83,7 +83,7 @@ def blind_spots(
     unseen, or, where all would be seen, the one seen least: a wrist joint that carries no load is
     always the least visible, and never matters.
     """
-    judged = sites(known, named)
+    judged = seats(known, named)
     if not judged:
         return ()
     free = state.columns[state.columns < len(known.pool)]
@@ -100,7 +100,7 @@ def blind_spots(
         ratio = np.sqrt(DESIGN.named / total) if total > 0 else np.inf
         plausible = float(np.sqrt(np.mean([known.pool[k].sd ** 2 for k in s.columns])))
         error = float(np.sqrt(np.sum(harm[at])))
-        spot = BlindSpot(s.effect, s.name, float(ratio) * plausible, plausible, s.unit, error)
+        spot = BlindSpot(s.effect, s.site, float(ratio) * plausible, plausible, s.unit, error)
         blind = bool(ratio > 1.0)
         rank = (blind, error if blind and not np.isnan(error) else float(ratio))
         if s.effect not in best or rank > best[s.effect][0]:

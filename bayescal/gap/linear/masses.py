@@ -46,7 +46,7 @@ def masses(c: Circumstances, delta: np.ndarray | None = None) -> list[Parameter]
             if compliance[j - 1] > 0 and carries(torque[:, j - 1])
         )
         if terms:
-            out.append(Parameter(name, "1", terms, 1.0, site="masses", driver=name))
+            out.append(Parameter(name, "1", terms, 1.0))
 
     def add_body(name: str, body: int, place: np.ndarray, centre: np.ndarray, mass: np.ndarray) -> None:
         """Add the mass and the centre (N, 3) of what stands at `place` (N, 4, 4)."""

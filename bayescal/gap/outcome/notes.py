@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from bayescal.dataset import Dataset
+from bayescal.effects import Driver
 from bayescal.estimate import Estimate
 from bayescal.gap.outcome.magnitude import stated_noise
 from bayescal.gap.search.unknown import Found, Pool
@@ -27,9 +28,8 @@ def play_or_late(alone: tuple[Found, ...], pool: Pool, credible: tuple[str, ...]
     gain = {(pool.cells[f.cell].site, pool.cells[f.cell].driver): f.gain for f in alone}
     out = []
     for (site, driver), by_sign in gain.items():
-        word, _, joint = driver.partition(" ")
-        by_speed = gain.get((site, f"speed {joint}"))
-        if word != "approach" or by_speed is None or max(by_sign, by_speed) < OUTCOME.plain:
+        by_speed = gain.get((site, Driver("joint speed", driver.joint)))
+        if driver.kind != "direction" or by_speed is None or max(by_sign, by_speed) < OUTCOME.plain:
             continue
         apart = by_sign - by_speed
         if apart > OUTCOME.apart:

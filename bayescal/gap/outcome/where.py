@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from bayescal.effects import Circumstances, Parameter
+from bayescal.effects import Circumstances, Driver, Parameter, Site
+from bayescal.effects.location import ARM
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import State, fit_state, without_nuisance
 from bayescal.gap.result import Curve, Place
@@ -93,7 +94,7 @@ def unabsorbed(state: State, contribution: np.ndarray) -> np.ndarray:
 
 
 def _place(
-    site: str, driver: str, parameters: Sequence[Parameter], columns: np.ndarray, amplitude: np.ndarray,
+    site: Site, driver: Driver, parameters: Sequence[Parameter], columns: np.ndarray, amplitude: np.ndarray,
     without: State, with_it: State, c: Circumstances, excess: float, size: int, tests: int, gain: float,
     name: str,
 ) -> Place:  # fmt: skip
@@ -134,12 +135,12 @@ def places_named(
     amplitudes = dict(zip(state.columns.tolist(), state.amplitudes, strict=True))
     out: list[Place] = []
     for member in hypothesis.members:
-        groups: dict[tuple[str, str], list[int]] = {}
+        groups: dict[tuple[Site, Driver], list[int]] = {}
         for k in member.variant.columns.tolist():
             groups.setdefault((named[k].site, named[k].driver), []).append(k)
         drivers = {driver for _, driver in groups}
         if len(groups) > 1 and len(drivers) == 1:  # one cause all over the arm comes before its parts
-            groups = {("arm", drivers.pop()): member.variant.columns.tolist()} | groups
+            groups = {(ARM, drivers.pop()): member.variant.columns.tolist()} | groups
         mine = []
         for (site, driver), own in groups.items():
             rest = ~np.isin(state.columns, own)
@@ -155,16 +156,16 @@ def places_named(
                     len(groups), gain, member.effect,
                 )
             )  # fmt: skip
-        out += sorted(mine, key=lambda place: (place.site != "arm", -place.rms))[: OUTCOME.places_named]
+        out += sorted(mine, key=lambda place: (place.site != ARM, -place.rms))[: OUTCOME.places_named]
     return tuple(out)
 
 
 def _curve(
-    site: str, driver: str, parameters: Sequence[Parameter], columns: np.ndarray, contribution: np.ndarray,
-    state: State, c: Circumstances,
+    site: Site, driver: Driver, parameters: Sequence[Parameter], columns: np.ndarray,
+    contribution: np.ndarray, state: State, c: Circumstances,
 ) -> Curve:  # fmt: skip
     p = state.problem
-    name, values = coordinate(driver, site, c)
+    along = driver.coordinate(site, c)
     rows = p.rows[p.contact[: p.lengths]]
     fitted = contribution[: p.lengths] * p.sigma
     residual = state.residual[: p.lengths] * p.sigma + fitted
@@ -180,39 +181,4 @@ def _curve(
         scaled = columns[: p.lengths][at, best] * p.sigma / np.array([q.sd for q in parameters])[best]
         lever = np.where(size != 0, scaled / np.where(size != 0, size, 1.0), 0.0)[keep]
         unit = "rad" if next(iter(frames))[1][0] == "r" else "m"
-    return Curve(name, values[rows][keep], residual[keep], fitted[keep], rows[keep], lever, unit)
-
-
-def coordinate(driver: str, site: str, c: Circumstances) -> tuple[str, np.ndarray]:
-    """Name with unit, and values (N,), of the coordinate that a driver varies with; "" where none tells."""
-    word, _, rest = driver.partition(" ")
-    number = "".join(ch for ch in rest.split(",")[0] if ch.isdigit())
-    joint = int(number) - 1 if number else -1
-    order = np.arange(1.0, len(c.q) + 1)
-    tables: dict[str, Callable[[], tuple[str, np.ndarray]]] = {
-        "angle": lambda: (f"reading of joint {joint + 1} (deg)", np.degrees(c.readings[:, joint])),
-        "approach": lambda: (f"speed of joint {joint + 1} (deg/s)", np.degrees(_or(c.velocity, c)[:, joint])),
-        "torque": lambda: (f"gravity torque on joint {joint + 1} (N m)", _or(c.moments, c)[:, joint + 1, 2]),
-        "time": lambda: ("row", order) if c.time is None else ("time (min)", c.time / 60.0),
-        "temperature": lambda: ("temperature (degC)", _or(c.temperature, c)),
-        "base": lambda: ("gravity moment on the base (N m)", np.linalg.norm(_or(c.moments, c)[:, 0], axis=1)),
-    }
-    tables["moment"], tables["sign"] = tables["time"], tables["torque"]
-    if driver == "speed":
-        return "speed of contact (mm/s)", 1e3 * _or(c.speed, c)
-    if driver == "direction of contact":
-        return "azimuth of contact in the flange (deg)", np.degrees(
-            np.arctan2(c.approach[:, 1], c.approach[:, 0])
-        )
-    if driver == "place on the face":
-        face = next((f for f in c.faces if f.name == site), None)
-        if face is not None:
-            return "place along the face (-1 to 1)", face.place[:, 0]
-    if word == "speed":
-        word = "approach"
-    return tables[word]() if word in tables else ("", order)
-
-
-def _or(values: np.ndarray | None, c: Circumstances) -> np.ndarray:
-    assert values is not None
-    return values
+    return Curve(along.label, along.values[rows][keep], residual[keep], fitted[keep], rows[keep], lever, unit)

@@ -12,6 +12,7 @@ import numpy as np
 
 from bayescal.effects import EFFECTS, Circumstances, Effect, Parameter, Setting, named, parameters_of
 from bayescal.effects.compliance import SPREAD
+from bayescal.effects.location import ARM, Driver, Site, words_of
 from bayescal.gap.settings import SEARCH
 from bayescal.model.parts import Part
 
@@ -20,14 +21,19 @@ NOTHING = "nothing in this session varies with it"
 
 @dataclass(frozen=True)
 class Variant:
-    """One form of an effect: its setting if any, its site or "" for all, its columns of the pool."""
+    """One form of an effect: its setting if any, its sites or () for all, its columns of the pool."""
 
     effect: str
     setting: Setting
-    site: str
+    sites: tuple[Site, ...]
     columns: np.ndarray  # (k,)
     log_prior: float  # within the effect
-    places: tuple[tuple[str, str], ...] = ()  # sites and drivers of its columns
+    places: tuple[tuple[Site, Driver], ...] = ()  # of its columns
+
+    @property
+    def site(self) -> str:
+        """Its sites in words, "" for all."""
+        return words_of(self.sites)
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,7 @@ def with_parts(known: Candidates, name: str, parts: Sequence[Part], c: Circumsta
         return Variant(
             effect.name,
             setting,
-            " and ".join(part.site for part in own),
+            tuple(part.site for part in own),
             len(known.pool) + np.array(at, int),
             -float(np.log(weight)),
             tuple(dict.fromkeys((parameters[k].site, parameters[k].driver) for k in at)),
@@ -111,7 +117,7 @@ def extended(
         variants += _subsets(effect, value, parameters, len(pool), weight)
         pool += parameters
         places = tuple(dict.fromkeys((p.site, p.driver) for p in parameters))
-        variants += [Variant(effect.name, value, "", np.array([len(pool)]), weight, places) for _ in joined]
+        variants += [Variant(effect.name, value, (), np.array([len(pool)]), weight, places) for _ in joined]
         pool += joined
     for name, parameters, sites in forms:
         weight = float(np.log(SEARCH.other_forms / len(forms)))
@@ -120,7 +126,7 @@ def extended(
     return replace(known, pool=tuple(pool), variants=known.variants | {effect.name: tuple(variants)})
 
 
-def _other_forms(effect: Effect, c: Circumstances) -> list[tuple[str, list[Parameter], set[str]]]:
+def _other_forms(effect: Effect, c: Circumstances) -> list[tuple[str, list[Parameter], set[Site]]]:
     """Forms of an effect that differ from the usual one in a session: name, parameters, sites that differ."""
     usual = {p.name: p for p in effect.at(c)} if effect.forms else {}
     out = []
@@ -151,27 +157,27 @@ def in_proportion(effect: Effect, parameters: Sequence[Parameter]) -> list[Param
     name = f"{effect.name} in proportion"
     return [
         Parameter(
-            name, "1", terms, SPREAD, site=sites.pop() if len(sites) == 1 else "arm",
-            driver=parameters[0].driver.split(" ")[0], effect=effect.name,
+            name, "1", terms, SPREAD, site=sites.pop() if len(sites) == 1 else ARM,
+            driver=replace(parameters[0].driver, joint=0), effect=effect.name,
         )
     ]  # fmt: skip
 
 
 def _subsets(
     effect: Effect, value: Setting, parameters: list[Parameter], first: int, log_prior: float,
-    own: Collection[str] = (),
+    own: Collection[Site] = (),
 ) -> list[Variant]:  # fmt: skip
     """An effect at all sites and at each alone, or only at each of `own` where given."""
-    sites: dict[tuple[str, str], list[int]] = {}
+    sites: dict[tuple[Site, Driver], list[int]] = {}
     for k, p in enumerate(parameters):
         sites.setdefault((p.site, p.driver), []).append(first + k)
     every = np.arange(first, first + len(parameters))
     if len(sites) == 1 or effect.whole:
-        return [Variant(effect.name, value, "", every, log_prior, tuple(sites))]
+        return [Variant(effect.name, value, (), every, log_prior, tuple(sites))]
     single = {place: columns for place, columns in sites.items() if not own or place[0] in own}
     half = log_prior - np.log(2.0)
     alone = half - np.log(len(single))
-    return [Variant(effect.name, value, "", every, half, tuple(sites))] + [
-        Variant(effect.name, value, place[0], np.array(columns), alone, (place,))
+    return [Variant(effect.name, value, (), every, half, tuple(sites))] + [
+        Variant(effect.name, value, place[:1], np.array(columns), alone, (place,))
         for place, columns in single.items()
     ]

@@ -14,9 +14,10 @@ import numpy as np
 
 from bayescal.arm import chain as reference
 from bayescal.arm.motion import CONTACT, Term
-from bayescal.effects import Circumstances, Parameter
+from bayescal.effects import Circumstances, Parameter, location
 from bayescal.effects.backlash import STANDSTILL
 from bayescal.effects.joints import LINK, READING, motion, side_of, turned
+from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.effects.plane_form import shapes
 from bayescal.gap.settings import CELLS
 
@@ -25,8 +26,8 @@ from bayescal.gap.settings import CELLS
 class Cell:
     """A site, a coordinate, and the sets of columns that stand for it: one smooth set, or many local ones."""
 
-    site: str
-    driver: str
+    site: Site
+    driver: Driver
     sets: tuple[tuple[Parameter, ...], ...]
     known: bool = False  # to the vocabulary, as this very function: no rival of its name
 
@@ -69,7 +70,7 @@ def _passes(c: Circumstances, j: int) -> tuple[str, ...]:
 def _joints(c: Circumstances) -> Iterator[Cell]:
     n = c.robot.n
     for j in range(1, n + 1):
-        site = f"joint {j}"
+        site = joint(j)
         for k in range(1, n + 1):
             forms = [
                 (side, angle)
@@ -79,26 +80,26 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
             ]
             if forms:
                 waves = [_at_joint(c, j, smooth(angle, c.fitted), side) for side, angle in forms]
-                yield Cell(site, f"angle {k}", tuple(waves))
+                yield Cell(site, Driver("angle", k), tuple(waves))
                 bends = [
                     _at_joint(c, j, [d], side) for side, angle in forms for d in _beyond(angle, c.fitted)
                 ]
-                yield Cell(site, f"angle {k}, beyond one place", tuple(bends))
-        yield Cell(site, f"angle {j}, one place", tuple(_bumps(c, j)))
+                yield Cell(site, Driver("angle", k, form="beyond"), tuple(bends))
+        yield Cell(site, Driver("angle", j, form="one place"), tuple(_bumps(c, j)))
         if c.moments is not None:
             load = smooth(c.moments[:, j, 2], c.fitted)
             if load and np.ptp(c.moments[c.fitted, j, 2]) > 1e-3:
-                yield Cell(site, f"torque {j}", (_at_joint(c, j, load),))
+                yield Cell(site, Driver("torque", j), (_at_joint(c, j, load),))
                 late = [_at_joint(c, j, [d]) for d in _past(c, c.moments[:, j, 2])]
-                yield Cell(site, f"past torque {j}", tuple(late))
+                yield Cell(site, Driver("torque", j, form="past"), tuple(late))
         if c.velocity is not None:
             sides = max(_moves(c, j), _passes(c, j), key=len)
             speeds = [(side, motion(c.robot, j, c.velocity, side)) for side in sides]
             speeds = [(side, speed) for side, speed in speeds if np.any(speed[c.fitted])]
             play = [_at_joint(c, j, [v / np.hypot(v, STANDSTILL)], side) for side, v in speeds]
-            yield Cell(site, f"approach {j}", tuple(play), known=True)
+            yield Cell(site, Driver("direction", j), tuple(play), known=True)
             late = [_at_joint(c, j, [v / np.sqrt(np.mean(v[c.fitted] ** 2))], side) for side, v in speeds]
-            yield Cell(site, f"speed {j}", tuple(late))
+            yield Cell(site, Driver("joint speed", j), tuple(late))
 
 
 def _beyond(x: np.ndarray, fitted: np.ndarray) -> Iterator[np.ndarray]:
@@ -140,8 +141,8 @@ def _bending(c: Circumstances) -> Iterator[Cell]:
     for j in range(1, c.robot.n + 1):
         waves = smooth(c.q[:, j - 1], c.fitted)
         yield Cell(
-            f"link {j}",
-            f"angle {j}",
+            link(j),
+            Driver("angle", j),
             (
                 tuple(
                     Parameter("", "rad", (Term(j, axis, w),), CELLS.angle)
@@ -156,13 +157,13 @@ def _bending(c: Circumstances) -> Iterator[Cell]:
         waves = smooth(c.moments[:, 0, axis], c.fitted, 3)
         if waves and np.ptp(c.moments[c.fitted, 0, axis]) > 1e-3:
             turns = [Parameter("", "rad", (Term(0, f"r{'xyz'[axis]}", w),), CELLS.angle) for w in waves]
-            yield Cell("base", "base moment", (tuple(turns),))
+            yield Cell(BASE, Driver("base moment"), (tuple(turns),))
 
 
 Mover = Callable[[np.ndarray], list[Parameter]]
 
 
-def movers(c: Circumstances) -> dict[str, Mover]:
+def movers(c: Circumstances) -> dict[Site, Mover]:
     """Every site that may wander with time, and the parameters that a driver gives it."""
 
     def frame(f: int, axes: tuple[str, ...]) -> Mover:
@@ -176,18 +177,18 @@ def movers(c: Circumstances) -> dict[str, Mover]:
             for a in axes
         ]
 
-    def joint(j: int) -> Mover:
+    def turn(j: int) -> Mover:
         return lambda d: list(_at_joint(c, j, [d], side_of(c.robot)))
 
     def contact(rows: np.ndarray) -> Mover:
         return lambda d: [Parameter("", "m", (Term(CONTACT, "normal", d * rows),), CELLS.length)]
 
-    out = {"base": frame(0, ("tx", "ty", "tz", "rx", "ry", "rz"))}
-    out |= {f"joint {j}": joint(j) for j in range(1, c.robot.n + 1)}
-    out["tool"] = frame(c.chain.n + 1, ("tx", "ty", "tz"))
+    out = {BASE: frame(0, ("tx", "ty", "tz", "rx", "ry", "rz"))}
+    out |= {joint(j): turn(j) for j in range(1, c.robot.n + 1)}
+    out[TOOL] = frame(c.chain.n + 1, ("tx", "ty", "tz"))
     if np.any(c.touching):
-        out["probe"] = contact(c.touching.astype(float))
-    out |= {face.name: contact(face.rows) for face in c.faces}
+        out[PROBE] = contact(c.touching.astype(float))
+    out |= {location.face(face.name): contact(face.rows) for face in c.faces}
     return out
 
 
@@ -201,10 +202,10 @@ def _time(c: Circumstances) -> Iterator[Cell]:
     at = np.linspace(CELLS.fewest, count - CELLS.fewest, moments).round().astype(int)
     for site, move in movers(c).items():
         for name, clock in clocks:
-            waves = smooth(clock, c.fitted, 3 if site == "base" else CELLS.waves)
-            yield Cell(site, name, (tuple(p for w in waves for p in move(w)),) if waves else ())
+            waves = smooth(clock, c.fitted, 3 if site == BASE else CELLS.waves)
+            yield Cell(site, Driver(name), (tuple(p for w in waves for p in move(w)),) if waves else ())
         steps = [tuple(move((order >= c.fitted[k]).astype(float))) for k in at]
-        yield Cell(site, "moment", tuple(steps), known=site == "base")
+        yield Cell(site, Driver("event"), tuple(steps), known=site == BASE)
 
 
 def _sway(c: Circumstances) -> Iterator[Cell]:
@@ -213,12 +214,12 @@ def _sway(c: Circumstances) -> Iterator[Cell]:
     span = float(np.ptp(clock[c.fitted]))
     if not span > 0:
         return
-    base, sets = movers(c)["base"], []
+    base, sets = movers(c)[BASE], []
     for turns in CELLS.swings:
         phase = 2 * np.pi * turns * clock / span
         every = [*base(np.sin(phase)), *base(np.cos(phase))]
         sets += [tuple(every), tuple(p for p in every if p.terms[0].axis in ("rx", "ry"))]
-    yield Cell("base", "time, to and fro", tuple(sets))
+    yield Cell(BASE, Driver("time", form="to and fro"), tuple(sets))
 
 
 def _region(c: Circumstances) -> Iterator[Cell]:
@@ -231,13 +232,13 @@ def _region(c: Circumstances) -> Iterator[Cell]:
     u = np.clip((place - 0.5 * (low + high)) / half, -1.2, 1.2)
     on = c.touching.astype(float)
     products = [u[:, i] * u[:, j] for i in range(3) for j in range(i, 3)]
-    yield Cell("probe", "place in the workspace", (_contact(on, [*u.T, *products]),))
+    yield Cell(PROBE, Driver("workspace"), (_contact(on, [*u.T, *products]),))
     spots = [
         1.0 / (1.0 + (np.linalg.norm(u - at, axis=1) / CELLS.region_size) ** 3)
         for at in itertools.product(CELLS.region_grid, repeat=3)
     ]
     seen = [s for s in spots if np.sum(s[c.fitted] > 0.5) >= CELLS.fewest / 2]
-    yield Cell("probe", "place in the workspace, one region", tuple(_contact(on, [s]) for s in seen))
+    yield Cell(PROBE, Driver("workspace", form="one region"), tuple(_contact(on, [s]) for s in seen))
 
 
 def _probe(c: Circumstances) -> Iterator[Cell]:
@@ -254,10 +255,10 @@ def _probe(c: Circumstances) -> Iterator[Cell]:
     ]
     third += [y * (5 * z * z - 1), z * (5 * z * z - 3)]
     on = c.touching.astype(float)
-    yield Cell("probe", "direction of contact", (_contact(on, second + third),))
+    yield Cell(PROBE, Driver("contact direction"), (_contact(on, second + third),))
     if c.speed is not None:
         waves = smooth(np.where(c.touching, c.speed, 0.0), c.fitted, 2)
-        yield Cell("probe", "speed", (_contact(on, waves),) if waves else ())
+        yield Cell(PROBE, Driver("contact speed"), (_contact(on, waves),) if waves else ())
 
 
 def _contact(on: np.ndarray, drivers: list[np.ndarray]) -> tuple[Parameter, ...]:
@@ -266,16 +267,17 @@ def _contact(on: np.ndarray, drivers: list[np.ndarray]) -> tuple[Parameter, ...]
 
 def _faces(c: Circumstances) -> Iterator[Cell]:
     for face in c.faces:
+        site = location.face(face.name)
         spots = []
         for width, end, count in CELLS.face_spots:
             for at in itertools.product(np.linspace(-end, end, count), repeat=2):
                 spot = np.exp(-0.5 * np.sum(((face.place - at) / width) ** 2, axis=1)) * face.rows
                 if np.sum(spot[c.fitted] > 0.5) >= CELLS.fewest_on_spot:
                     spots.append(_contact(face.rows, [spot]))
-        yield Cell(face.name, "place on the face, one spot", tuple(spots))
+        yield Cell(site, Driver("face", form="one spot"), tuple(spots))
         yield Cell(
-            face.name,
-            "place on the face",
+            site,
+            Driver("face"),
             (_contact(face.rows, [v for _, _, v in shapes(face)]),),
             known=True,
         )

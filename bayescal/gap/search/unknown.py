@@ -33,7 +33,7 @@ class Pool:
     @cached_property
     def log_prior(self) -> np.ndarray:
         """Log weight of every cell among what may be unknown, (cells,): -inf for what has a name."""
-        kinds = [next((k for k in UNKNOWN.sites if cell.site.startswith(k)), "") for cell in self.cells]
+        kinds = [cell.site.kind for cell in self.cells]
         known = np.array([cell.known for cell in self.cells])
         weight = np.array([UNKNOWN.sites.get(k, UNKNOWN.faces) / kinds.count(k) for k in kinds])
         weight[known] = 0.0
@@ -134,12 +134,7 @@ def same_place(hypothesis: Hypothesis, pool: Pool) -> np.ndarray:
     mine = {place for m in hypothesis.members for place in m.variant.places}
     return np.array(
         [
-            any(cell.site == site and course(driver) == cell.driver for site, driver in mine)
+            any(cell.site == site and driver.course == cell.driver for site, driver in mine)
             for cell in pool.cells
         ]
     )
-
-
-def course(driver: str) -> str:
-    """The coordinate behind an effect's driver: "angle 4, once a turn" goes by "angle 4"."""
-    return driver.partition(",")[0].removeprefix("sign of ")

@@ -12,7 +12,7 @@ from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.outcome.where import unabsorbed, visible
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.cells import Cell
-from bayescal.gap.search.unknown import Found, Pool, course, unknown, with_set
+from bayescal.gap.search.unknown import Found, Pool, unknown, with_set
 from bayescal.gap.settings import SEARCH, VERDICT
 
 
@@ -96,10 +96,10 @@ def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[Found]]
 def given_away(cell: Cell, ranked: Sequence[Hypothesis]) -> float:
     """Share of its nats that a cell gives away to the forms that leading hypotheses have for its place."""
     members = [m for h in ranked[: VERDICT.leaders + 1] for m in h.members]
-    named = {(site, course(driver)) for m in members for site, driver in m.variant.places}
+    named = {(site, driver.course) for m in members for site, driver in m.variant.places}
     if (cell.site, cell.driver) in named:
         return VERDICT.same_place
-    return VERDICT.same_course if (cell.site, course(cell.driver)) in named else VERDICT.form
+    return VERDICT.same_course if (cell.site, cell.driver.course) in named else VERDICT.form
 
 
 def softened(weighed: Sequence[Weighed]) -> list[Weighed]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayescal.arm import chain as reference
+from bayescal.effects.location import ARTEFACT, BASE, PROBE, TOOL, Site
 from bayescal.gap.result import Curve, Gap, Place
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.phrases import headline, place, unexplained
@@ -103,7 +103,7 @@ def _arm(gap: Gap, axes: Any) -> None:
     line = np.vstack([frames[0, :3, 3], *(f[:3, 3] for f in joints), frames[-1, :3, 3], ball])
     axes.plot(*(MM * line.T), color=INK, lw=3, alpha=0.75, solid_capstyle="round", solid_joinstyle="round")
     site = _site(gap)
-    number = int(found.group(1)) if (found := re.match(r"(?:joint|link) (\d+)", site)) else 0
+    number = site.number if site else 0
     axis_lines: list[np.ndarray] = []
     for k, frame in enumerate(joints, start=1):
         stroke = np.outer([-AXIS, AXIS], frame[:3, 2]) + frame[:3, 3]
@@ -113,7 +113,8 @@ def _arm(gap: Gap, axes: Any) -> None:
             *(MM * stroke.T), color=MARKED if marked else ACCENT, lw=7 if marked else 4, solid_capstyle="butt"
         )
     axes.scatter(*(MM * ball), s=30, color=INK)
-    _mark(gap, axes, site, number, line, points)
+    if site:
+        _mark(gap, axes, site, line, points)
     _equal(axes, MM * np.vstack([line, points, *axis_lines]))
     bar = axes.figure.colorbar(shown, ax=axes, shrink=0.62, pad=0.09, aspect=26)
     bar.set_label("residual (µm)", fontsize=10, color=INK)
@@ -121,41 +122,40 @@ def _arm(gap: Gap, axes: Any) -> None:
     bar.outline.set_visible(False)
 
 
-def _site(gap: Gap) -> str:
+def _site(gap: Gap) -> Site | None:
     """The site to mark: of the first named effect, else of the unmodelled effect, else the largest."""
     if gap.verdict.kind == "null":
-        return ""
+        return None
     chosen = unexplained(gap) if gap.verdict.kind == "unknown" else next(iter(gap.where), None)
-    own = gap.verdict.named[0].site if gap.verdict.named else ""
-    return own or (chosen.site if chosen else "")
+    own = gap.verdict.named[0].sites if gap.verdict.named else ()
+    return own[0] if own else chosen.site if chosen else None
 
 
-def _mark(gap: Gap, axes: Any, site: str, number: int, line: np.ndarray, points: np.ndarray) -> None:
+def _mark(gap: Gap, axes: Any, site: Site, line: np.ndarray, points: np.ndarray) -> None:
     """Label the site in the figure: joint, link, base, stylus tip or the contacts of a target."""
-    if not site:
-        return
     above = 0.16 * float(np.max(np.ptp(np.vstack([line, points]), axis=0))) * np.array([0, 0, 1])
     names = [t.name for t in gap.dataset.targets]
     mine = gap.dataset.measurements.target[gap.residuals[0]]
+    number = site.number
     if number:
-        if site.startswith("link"):
+        if site.kind == "link":
             axes.plot(*(MM * line[number : number + 2].T), color=MARKED, lw=6, alpha=0.8)
         at = line[number]
-    elif site in names:
-        chosen = points[mine == names.index(site)]
+    elif site.name in names:
+        chosen = points[mine == names.index(site.name)]
         at = chosen.mean(axis=0)
         axes.scatter(*(MM * chosen.T), s=46, facecolors="none", edgecolors=MARKED, lw=0.7)
-    elif site in ("tool", "probe"):
+    elif site in (TOOL, PROBE):
         at = line[-1]
         axes.plot(*(MM * line[-2:].T), color=MARKED, lw=6, alpha=0.8)
-    elif site == "artefact":
+    elif site == ARTEFACT:
         at = points.mean(axis=0)
     else:
         at = line[0]
-        if site == "base":
+        if site == BASE:
             axes.scatter(*(MM * at), s=120, color=MARKED, marker="s")
     axes.text(
-        *(MM * (at + above)), site, color=MARKED, fontsize=11, fontweight="bold", ha="center",
+        *(MM * (at + above)), str(site), color=MARKED, fontsize=11, fontweight="bold", ha="center",
         bbox={"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 1.5}, zorder=100,
     )  # fmt: skip
 
@@ -254,11 +254,11 @@ def _displacement(axes: Any, w: Place, first: bool) -> None:
         axes.legend(frameon=False, loc="best", handletextpad=0.3)
 
 
-def _displaced(site: str, unit: str) -> str:
+def _displaced(site: Site, unit: str) -> str:
     """Axis label; the error of a joint is an error of its link angle, whatever the sign of its reading."""
     if unit != "rad":
         return f"displacement of {site} (µm)"
-    return f"link angle error of {site} (µrad)" if site.startswith("joint") else f"rotation of {site} (µrad)"
+    return f"link angle error of {site} (µrad)" if site.kind == "joint" else f"rotation of {site} (µrad)"
 
 
 def is_line(curve: Curve) -> bool:

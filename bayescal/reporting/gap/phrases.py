@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 
 import numpy as np
@@ -17,59 +16,17 @@ LOOSE = 4.0
 POSSIBLE, PLAIN = 0.05, 0.05
 """Least probability of the noise-only model to list it; largest p-value of a location that is listed."""
 
-ONE_OF_A_KIND = ("base", "tool", "probe", "arm", "artefact")
-
-DRIVERS = (
-    (r"1", "constant"),
-    (r"angle (\d+), beyond one place", r"angle of J\1 beyond a threshold"),
-    (r"angle (\d+), one place", r"angle of J\1, local"),
-    (r"angle (\d+), once a turn", r"angle of J\1, once per revolution"),
-    (r"angle (\d+), twice a turn", r"angle of J\1, twice per revolution"),
-    (r"angle (\d+), (.+) a turn", r"angle of J\1, \2 per revolution"),
-    (r"angle (\d+)", r"angle of J\1"),
-    (r"torque (\d+)", r"gravity torque of J\1"),
-    (r"past torque (\d+)", r"earlier gravity torque of J\1"),
-    (r"sign of torque (\d+)", r"sign of the gravity torque of J\1"),
-    (r"approach (\d+)", r"direction of motion of J\1"),
-    (r"speed (\d+)", r"speed of J\1"),
-    (r"angle", "joint angle"),
-    (r"torque", "gravity torque"),
-    (r"sign", "sign of the gravity torque"),
-    (r"approach", "direction of motion"),
-    (r"speed", "speed of contact"),
-    (r"mass", "payload mass"),
-    (r"moment", "row of the event"),
-    (r"base moment", "gravity moment on the base"),
-    (r"bending moment", "bending moment of the link"),
-    (r"time, to and fro", "time, oscillating"),
-    (r"direction of contact", "contact direction"),
-    (r"place on the face, one spot", "position on the face, local"),
-    (r"place on the face", "position on the face"),
-    (r"place in the workspace, one region", "position in the workspace, local"),
-    (r"place in the workspace", "position in the workspace"),
-    (r"certificate", "certified value"),
-)
-"""Drivers, as gap.json writes them, and their text: the first pattern that matches."""
-
-
-def driver_text(driver: str) -> str:
-    """What an error varies with, as text: ``approach 3`` is ``direction of motion of J3``."""
-    for pattern, text in DRIVERS:
-        if found := re.fullmatch(pattern, driver):
-            return found.expand(text)
-    return driver
-
 
 def place(where: Place) -> str:
     """A location as text: site and dependence."""
-    return f"{where.site}, {driver_text(where.driver)}"
+    return f"{where.site}, {where.driver.text}"
 
 
 def named(effect: Named) -> str:
     """A named effect: ``joint 3 has lost motion on reversal (backlash, probability 0.97)``."""
     who, does = EFFECTS[effect.effect].phrase
-    if effect.site:
-        who = f"the {effect.site}" if effect.site in ONE_OF_A_KIND else effect.site
+    if effect.sites:
+        who = listed(site.text for site in effect.sites)
     setting = f", {effect.setting}" if effect.setting else ""
     return f"{who} {does}{setting} ({effect.effect}, probability {probability(effect.probability)})"
 

@@ -120,8 +120,8 @@ def _magnitude(m: Magnitude) -> dict[str, Any]:
 
 def _place(w: Place) -> dict[str, Any]:
     return {
-        "site": w.site,
-        "driver": w.driver,
+        "site": str(w.site),
+        "driver": str(w.driver),
         "rms_um": UM * w.rms,
         "share": w.share,
         "p_value": w.p_value,
@@ -171,7 +171,7 @@ def _blind(b: BlindSpot) -> dict[str, Any]:
     plausible, _ = amplitude(b.plausible, b.unit)
     return {
         "effect": b.effect,
-        "site": b.site,
+        "site": str(b.site),
         "smallest_nameable": {"value": smallest, "unit": unit},
         "plausible": {"value": plausible, "unit": unit},
         "distance_error_um": UM * b.distance_error,
@@ -182,8 +182,8 @@ def _curve(gap: Gap, w: Place) -> dict[str, Any]:
     """The data of a curve of `gap-where.png`; x in the unit that the coordinate states."""
     ids, curve = gap.dataset.measurements.ids, w.curve
     return {
-        "site": w.site,
-        "driver": w.driver,
+        "site": str(w.site),
+        "driver": str(w.driver),
         "coordinate": curve.coordinate,
         "id": [ids[row] for row in curve.rows],
         "x": np.round(curve.x, DIGITS),

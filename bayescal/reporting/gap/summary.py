@@ -223,9 +223,8 @@ def _blind(gap: Gap) -> Table:
     table = plain_table(f"may be missed{more}", "plausible", "detectable", "distance error")
     for b in largest[:BLIND]:
         does = f"{um(b.distance_error)} µm" if np.isfinite(b.distance_error) else "-"
-        site = f", {b.site}" if b.site else ""
         least = size(b.smallest, b.unit) if b.smallest < NEVER * b.plausible else "not detectable"
-        table.add_row(f"{b.effect}{site}", size(b.plausible, b.unit), least, does)
+        table.add_row(f"{b.effect}, {b.site}", size(b.plausible, b.unit), least, does)
     return table
 
 

@@ -1,0 +1,230 @@
+"""Where an error acts, its site, and what it varies with, its driver: types, their words, and coordinates.
+
+Files carry the words (`str`), which the output contract fixes; text for people is `text`. Nothing reads the
+words back but `--without` (`Site.read`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypedDict
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from bayescal.effects.vocabulary import Circumstances
+
+NUMBERED = ("joint", "link")
+"""Kinds of site that are counted from 1."""
+PLAIN = ("base", "tool", "probe", "arm", "artefact")
+"""Kinds of site of which an arm has one."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where an error acts: a kind of `PLAIN`, a kind of `NUMBERED` with its number, or a named face."""
+
+    kind: str
+    number: int = 0
+    name: str = ""
+
+    def __str__(self) -> str:
+        return self.name or (f"{self.kind} {self.number}" if self.number else self.kind)
+
+    @property
+    def text(self) -> str:
+        """As a sentence names it: ``joint 4``, ``the base``."""
+        return str(self) if self.name or self.number else f"the {self.kind}"
+
+    @property
+    def also(self) -> tuple[Site, ...]:
+        """Sites whose name covers it: a link moves with its joint."""
+        return (joint(self.number), self) if self.kind == "link" else (self,)
+
+    @classmethod
+    def read(cls, words: str) -> Site:
+        """The site that a user names: ``joint 4``, ``base``, or else a face."""
+        if found := re.fullmatch(rf"({'|'.join(NUMBERED)}) (\d+)", words):
+            return cls(found[1], int(found[2]))
+        return cls(words) if words in PLAIN else face(words)
+
+
+BASE, TOOL, PROBE, ARM, ARTEFACT = (Site(kind) for kind in PLAIN)
+
+
+def joint(number: int) -> Site:
+    """A joint, from 1."""
+    return Site("joint", number)
+
+
+def link(number: int) -> Site:
+    """The link that a joint (from 1) moves."""
+    return Site("link", number)
+
+
+def face(name: str) -> Site:
+    """A face, by the name of its target."""
+    return Site("face", name=name)
+
+
+def words_of(sites: tuple[Site, ...]) -> str:
+    """Several sites in words: ``joint 4 and link 3``; "" for none."""
+    return " and ".join(map(str, sites))
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """What a driver goes by, one value per row (N,); without a name and unit, the number of the row."""
+
+    name: str
+    unit: str
+    values: np.ndarray
+
+    @property
+    def label(self) -> str:
+        """Name with unit, "" where nothing is known."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+
+class Form(TypedDict):
+    """Words of a form, for files and for people, around those of its coordinate."""
+
+    words: str
+    text: str
+
+
+FORMS: dict[str, Form] = {
+    "": {"words": "{}", "text": "{}"},
+    "sign": {"words": "sign of {}", "text": "sign of the {}"},
+    "past": {"words": "past {}", "text": "earlier {}"},
+    "one place": {"words": "{}, one place", "text": "{}, local"},
+    "beyond": {"words": "{}, beyond one place", "text": "{} beyond a threshold"},
+    "one spot": {"words": "{}, one spot", "text": "{}, local"},
+    "one region": {"words": "{}, one region", "text": "{}, local"},
+    "to and fro": {"words": "{}, to and fro", "text": "{}, oscillating"},
+}
+"""How an error follows its coordinate, where that is not left open."""
+
+
+@dataclass(frozen=True)
+class Driver:
+    """What an error varies with: a kind of `KINDS` (or a user's own), of a joint where it has one, in a form.
+
+    `order` counts the periods per turn of an angle, 0 where the error is not periodic.
+    """
+
+    kind: str
+    joint: int = 0
+    order: float = 0.0
+    form: str = ""
+
+    def __str__(self) -> str:
+        plain = KINDS[self.kind].words if self.kind in KINDS else self.kind
+        plain = f"{plain} {self.joint}" if self.joint else plain
+        turns = {0.0: "", 1.0: ", once a turn", 2.0: ", twice a turn"}
+        every = turns.get(self.order, f", {self.order:g} times a turn")
+        return FORMS[self.form]["words"].format(plain) + every
+
+    @property
+    def text(self) -> str:
+        """As a report names it: ``direction of motion of J3``."""
+        plain = KINDS[self.kind].text if self.kind in KINDS else self.kind
+        plain = f"{plain} of J{self.joint}" if self.joint else plain
+        turns = {0.0: "", 1.0: ", once per revolution", 2.0: ", twice per revolution"}
+        every = turns.get(self.order, f", {self.order:g} times per revolution")
+        return FORMS[self.form]["text"].format(plain) + every
+
+    @property
+    def course(self) -> Driver:
+        """The driver whose smooth functions hold it: that of its coordinate, but for what lags behind it."""
+        return self if self.form == "past" else replace(self, order=0.0, form="")
+
+    def coordinate(self, site: Site, c: Circumstances) -> Coordinate:
+        """What it goes by at a site of a session."""
+        found = None
+        if self.kind in KINDS and self.form != "past":
+            found = KINDS[self.kind].coordinate(self, site, c)
+        return found or Coordinate("", "", np.arange(1.0, len(c.q) + 1))
+
+
+CONSTANT = Driver("constant")
+
+Found = Coordinate | None
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of driver: its words in files, its text for people, and its coordinate if a session has it."""
+
+    words: str
+    text: str
+    coordinate: Callable[[Driver, Site, Circumstances], Found] = lambda driver, site, c: None
+
+
+def _angle(d: Driver, site: Site, c: Circumstances) -> Found:
+    return Coordinate(f"reading of joint {d.joint}", "deg", np.degrees(c.readings[:, d.joint - 1]))
+
+
+def _velocity(d: Driver, site: Site, c: Circumstances) -> Found:
+    if c.velocity is None:
+        return None
+    return Coordinate(f"speed of joint {d.joint}", "deg/s", np.degrees(c.velocity[:, d.joint - 1]))
+
+
+def _torque(d: Driver, site: Site, c: Circumstances) -> Found:
+    if c.moments is None or not d.joint:  # of all joints at once there is no one torque
+        return None
+    return Coordinate(f"gravity torque on joint {d.joint}", "N m", c.moments[:, d.joint, 2])
+
+
+def _base_moment(d: Driver, site: Site, c: Circumstances) -> Found:
+    if c.moments is None:
+        return None
+    return Coordinate("gravity moment on the base", "N m", np.linalg.norm(c.moments[:, 0], axis=1))
+
+
+def _time(d: Driver, site: Site, c: Circumstances) -> Found:
+    if c.time is None:
+        return Coordinate("row", "", np.arange(1.0, len(c.q) + 1))
+    return Coordinate("time", "min", c.time / 60.0)
+
+
+def _temperature(d: Driver, site: Site, c: Circumstances) -> Found:
+    return None if c.temperature is None else Coordinate("temperature", "degC", c.temperature)
+
+
+def _speed(d: Driver, site: Site, c: Circumstances) -> Found:
+    return None if c.speed is None else Coordinate("speed of contact", "mm/s", 1e3 * c.speed)
+
+
+def _direction(d: Driver, site: Site, c: Circumstances) -> Found:
+    azimuth = np.degrees(np.arctan2(c.approach[:, 1], c.approach[:, 0]))
+    return Coordinate("azimuth of contact in the flange", "deg", azimuth)
+
+
+def _on_face(d: Driver, site: Site, c: Circumstances) -> Found:
+    own = next((f for f in c.faces if f.name == site.name), None)
+    return None if own is None else Coordinate("place along the face", "-1 to 1", own.place[:, 0])
+
+
+KINDS = {
+    "constant": Kind("1", "constant"),
+    "angle": Kind("angle", "angle", _angle),
+    "torque": Kind("torque", "gravity torque", _torque),
+    "direction": Kind("approach", "direction of motion", _velocity),
+    "joint speed": Kind("speed", "speed", _velocity),
+    "contact speed": Kind("speed", "speed of contact", _speed),
+    "contact direction": Kind("direction of contact", "contact direction", _direction),
+    "time": Kind("time", "time", _time),
+    "temperature": Kind("temperature", "temperature", _temperature),
+    "event": Kind("moment", "row of the event", _time),
+    "base moment": Kind("base moment", "gravity moment on the base", _base_moment),
+    "bending moment": Kind("bending moment", "bending moment of the link"),
+    "face": Kind("place on the face", "position on the face", _on_face),
+    "workspace": Kind("place in the workspace", "position in the workspace"),
+    "mass": Kind("mass", "payload mass"),
+    "certificate": Kind("certificate", "certified value"),
+}
+"""Kinds of driver."""
