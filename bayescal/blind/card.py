@@ -1,4 +1,4 @@
-"""The score card: one screen of a terminal, and the tables of a page of the documentation."""
+"""The score card: a terminal summary, and the tables of a documentation page."""
 
 from __future__ import annotations
 
@@ -17,23 +17,28 @@ from bayescal.errors import BayescalError
 from bayescal.reporting.shared.text import facts, plain_table
 
 BEGIN, END = "<!-- blind: begin -->", "<!-- blind: end -->"
-KINDS = {"null": "hide nothing", "single": "one effect", "pair": "two", "outside": "something without a name"}
+KINDS = {
+    "null": "noise only",
+    "single": "one effect",
+    "pair": "two effects",
+    "outside": "outside the vocabulary",
+}
 MET = {True: Text("yes", style="green"), False: Text("no", style="yellow"), None: Text("")}
 ALTERNATIVE = {
-    "blind-lambda.png": "Shares of right answers by lambda",
-    "blind-reliability.png": "Stated probabilities beside how often they held, and the log score",
-    "blind-shrinkage.png": "Shrinkage of held-out errors, as predicted and as achieved",
-    "blind-confusion.png": "What was said of what",
+    "blind-lambda.png": "Share of correct answers by detectability lambda",
+    "blind-reliability.png": "Reliability: stated probability and observed frequency; log score",
+    "blind-shrinkage.png": "Reduction of validation errors, predicted and achieved",
+    "blind-confusion.png": "Confusion matrix",
 }
-"""Pictures of a page, in their order, and their words."""
+"""Figures of a page in their order, and their alternative texts."""
 SUMS = {"code": "code_sha256", "sealed truth": "truth_sha256", "answers": "answers_sha256"}
 
 
 def terminal(found: Mapping[str, Any]) -> RenderableType:
     """The figures on one screen, at most 100 columns wide."""
-    title = Text.assemble((f"{found['worlds']} worlds", "bold"), f"  {kinds(found)}")
+    title = Text.assemble((f"{found['worlds']} simulated sessions", "bold"), f"  {kinds(found)}")
     bins = found["reliability"]
-    strength = plain_table("by lambda", *bands())
+    strength = plain_table("by detectability", *bands())
     for label, cells in by_lambda(found):
         strength.add_row(label, *cells)
     stated = plain_table("probability stated", *(span(b["bin"]) for b in bins))
@@ -55,7 +60,7 @@ def terminal(found: Mapping[str, Any]) -> RenderableType:
 
 def _figures(found: Mapping[str, Any]) -> Table:
     table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
-    for heading in ("figure", "found (95 %)", "wanted", ""):
+    for heading in ("criterion", "result (95 %)", "required", ""):
         table.add_column(heading)
     for row in rows(found):
         table.add_row(row.label, row.found, row.wanted, MET[row.met if row.wanted else None])
@@ -63,7 +68,7 @@ def _figures(found: Mapping[str, Any]) -> Table:
 
 
 def kinds(found: Mapping[str, Any]) -> str:
-    """'48 hide nothing, 120 one effect, ...'."""
+    """'48 noise only, 120 one effect, ...'."""
     return ", ".join(f"{found['kinds'][kind]} {words}" for kind, words in KINDS.items())
 
 
@@ -76,16 +81,16 @@ def reliability(found: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
     """Rows of the reliability table, a cell a bin."""
     bins = found["reliability"]
     return [
-        ("how often", [str(b["count"]) for b in bins]),
-        ("mean of them", [f"{b['said']:.2f}" for b in bins]),
-        ("held", [f"{b['held']:.2f}" for b in bins]),
+        ("count", [str(b["count"]) for b in bins]),
+        ("mean", [f"{b['said']:.2f}" for b in bins]),
+        ("observed frequency", [f"{b['held']:.2f}" for b in bins]),
         ("95 % band", ["{:.2f}-{:.2f}".format(*b["band95"]) for b in bins]),
     ]
 
 
 def _misses(found: Mapping[str, Any]) -> Iterable[tuple[str, str, str]]:
-    told = "; ".join(f"{title} {count}" for title, count in found["reasons"].items())
-    yield f"misses ({len(found['misses'])})", told or "none", ""
+    reasons = "; ".join(f"{title} {count}" for title, count in found["reasons"].items())
+    yield f"misses ({len(found['misses'])})", reasons or "none", ""
 
 
 def page(path: Path, found: Mapping[str, Any], about: Mapping[str, Any], folder: Path) -> None:
@@ -130,7 +135,9 @@ def between(path: Path, marks: tuple[str, str], text: str) -> None:
     except OSError as error:
         raise BayescalError(error.strerror or "cannot be read", str(path)) from None
     except ValueError:
-        raise BayescalError("no marks to write between", str(path), f"add {begin} and {end}") from None
+        raise BayescalError(
+            "the page has no marks for the tables", str(path), f"add {begin} and {end}"
+        ) from None
     stage = path.with_name(f".{path.name}.part")
     stage.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8", newline="\n")
     os.replace(stage, path)
@@ -146,13 +153,13 @@ def tables(found: Mapping[str, Any], about: Mapping[str, Any], pictures: Iterabl
              for kind, s in (found["log_score"] or {"kinds": {}})["kinds"].items()]  # fmt: skip
     blocks = [
         origin(found, about),
-        table(["figure", "found (Wilson 95 %)", "wanted", "met"], judged),
-        table(["by lambda", *bands()], strength),
+        table(["criterion", "result (Wilson 95 %)", "required", "met"], judged),
+        table(["by detectability lambda", *bands()], strength),
         table(["probability stated", *(span(b["bin"]) for b in bins)], stated),
-        table(["log score, nats", "worlds", "answers", "base rates"], score),
+        table(["log score (nats)", "sessions", "answers", "base rates"], score),
         "\n\n".join(f"![{ALTERNATIVE[name]}](pictures/{name})" for name in pictures),
         _worse(found),
-        f"**Misses, {len(found['misses'])}, by their reason.**",
+        f"**{len(found['misses'])} misses by reason**",
         *(_of_reason(found, title) for title in found["reasons"]),
     ]
     return "\n\n".join(block for block in blocks if block)
@@ -160,23 +167,23 @@ def tables(found: Mapping[str, Any], about: Mapping[str, Any], pictures: Iterabl
 
 def origin(found: Mapping[str, Any], about: Mapping[str, Any]) -> str:
     """Where the figures come from, in lines that can be checked."""
-    frozen = about.get("note") or "no note of when thresholds were frozen"
+    frozen = about.get("note") or "date of freezing the thresholds not recorded"
     software = ", ".join(f"{name} {version}" for name, version in about.get("software", {}).items())
     sums = ", ".join(f"{what} {_short(about, key)}" for what, key in SUMS.items())
     lines = [
-        f"{found['worlds']} worlds of seed {about.get('seed', 'not told')}: {kinds(found)}.",
-        f"Frozen: {frozen}. SHA-256: {sums}. Software: {software or 'not told'}.",
+        f"{found['worlds']} simulated sessions of seed {about.get('seed', 'not recorded')}: {kinds(found)}.",
+        f"Frozen: {frozen}. SHA-256: {sums}. Software: {software or 'not recorded'}.",
     ]
     return "\n".join(lines)
 
 
 def _short(about: Mapping[str, Any], key: str) -> str:
-    return f"`{str(about.get(key) or 'not told')[:16]}`"
+    return f"`{str(about.get(key) or 'not recorded')[:16]}`"
 
 
 def _worse(found: Mapping[str, Any]) -> str:
-    each = (f"{world} ({old:.1f} to {new:.1f} um)" for world, (old, new) in found["worse"].items())
-    return f"Sphere distances made worse by over 5 %: {', '.join(each) or 'nowhere'}."
+    each = (f"{world} ({old:.1f} to {new:.1f} µm)" for world, (old, new) in found["worse"].items())
+    return f"Sphere distance errors increased by more than 5 %: {', '.join(each) or 'none'}."
 
 
 def _of_reason(found: Mapping[str, Any], title: str) -> str:
@@ -184,10 +191,10 @@ def _of_reason(found: Mapping[str, Any], title: str) -> str:
     lines = [f"{title} ({len(own)}):", ""]
     for m in own:
         at = f" at {m['acts_at']}" if m["acts_at"] else ""
-        said = m["named"] or "no name"
+        said = m["named"] or "no effect named"
         line = f"- {m['world']}: {m['truth']}{at} (lambda {m['lambda'] or 0}): {m['verdict']}, {said}"
-        told = f"; {m['detail']}" if m["detail"] not in line else ""
-        lines.append(f"{line} ({m['leaders']}){told}")
+        detail = f"; {m['detail']}" if m["detail"] not in line else ""
+        lines.append(f"{line} ({m['leaders']}){detail}")
     return "\n".join(lines)
 
 

@@ -17,7 +17,7 @@ CONNECT = 10.0
 PATIENCE = 30.0
 """Seconds to wait for a worker to come, or to come back."""
 MISSING = "a scheduler and workers are started with `dask scheduler` and `dask worker ADDRESS --nthreads 1`"
-AGAIN = "the same command goes on where it stopped"
+AGAIN = "the same command continues where it stopped"
 PACKAGE = "bayescal"
 INSTALL = "install the same bayescal for its scheduler and workers"
 
@@ -37,7 +37,7 @@ class Cluster:
             raise BayescalError(
                 "needs the package `distributed`", "--dask", "pip install 'bayescal[dask]'"
             ) from None
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is told here
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported here
         self.address, self.jobs, self._killed = address, dict[Future[Any], Job](), KilledWorker
         try:  # whether anybody listens there at all: a client would try again and again
             socket.create_connection(get_address_host_port(address), CONNECT).close()

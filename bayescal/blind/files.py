@@ -1,4 +1,4 @@
-"""The score folder: figures and records in score.json, what was missed in misses.csv, pictures."""
+"""The score folder: results and records in score.json, misses in misses.csv, figures."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def write_score(
     folder: Path,
     pictures: bool = True,
 ) -> tuple[str, ...]:
-    """Write the score, whole or not at all.
+    """Write the score atomically.
 
     Parameters
     ----------

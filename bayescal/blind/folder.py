@@ -1,4 +1,4 @@
-"""What stands where in a blind folder, and how its files are written and read."""
+"""Layout of the folder of a blind check, and how its files are written and read."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from bayescal.errors import BayescalError
 WORLDS, ANSWERS = "worlds", "answers"
 TRUTH, SEALED = "truth.json", "answers.json"
 PLAN = ".making/plan.json"
-"""What is being made; there from the first world to the seal."""
+"""The plan; it exists from the first session until the seal."""
 SEAL, BASELINE = "seal.txt", "baseline.txt"
 DATASET = ("dataset.yaml", "robot.yaml", "measurements.csv")
 FILES = (*DATASET, BASELINE)
-"""A world, without its seal."""
+"""Files of a session, without its seal."""
 
 
 def name_of(number: int) -> str:
-    """Name of a world."""
+    """Name of a session."""
     return f"{number:03d}"
 
 
 def names(folder: Path, what: str = WORLDS) -> list[str]:
-    """Names of the worlds, or of those that have an answer, in their order."""
+    """Names of the sessions, or of those that have an answer, in order."""
     found = (p.stem for p in (folder / what).glob("*") if p.stem.isdigit())
     return sorted(found, key=int)
 
 
 def texts(folder: Path, name: str) -> dict[str, str]:
-    """The files of a world by name, without its seal."""
+    """The files of a session by name, without its seal."""
     return {file: read(folder / WORLDS / name / file) for file in FILES}
 
 
 def answer_path(folder: Path, name: str) -> Path:
-    """Where the answer to a world is."""
+    """Path of the answer to a session."""
     return folder / ANSWERS / f"{name}.json"
 
 
@@ -54,11 +54,11 @@ def read(path: Path) -> str:
     except OSError as error:
         raise BayescalError(error.strerror or "cannot be read", str(path)) from None
     except UnicodeDecodeError:
-        raise BayescalError("is no text", str(path)) from None
+        raise BayescalError("is not a text file", str(path)) from None
 
 
 def parsed(text: str, path: Path) -> dict[str, Any]:
-    """What a JSON file says.
+    """The contents of a JSON text.
 
     Raises
     ------
@@ -68,19 +68,19 @@ def parsed(text: str, path: Path) -> dict[str, Any]:
     try:
         found = json.loads(text)
     except ValueError as error:
-        raise BayescalError(f"no JSON: {error}", str(path)) from None
+        raise BayescalError(f"invalid JSON: {error}", str(path)) from None
     if not isinstance(found, dict):
-        raise BayescalError("no JSON object", str(path))
+        raise BayescalError("not a JSON object", str(path))
     return found
 
 
 def record(path: Path) -> dict[str, Any]:
-    """What a JSON file says; see `read` and `parsed`."""
+    """The contents of a JSON file; see `read` and `parsed`."""
     return parsed(read(path), path)
 
 
 def write(path: Path, content: str | Mapping[str, Any]) -> None:
-    """Write a text, or a record as JSON, whole or not at all; the folder is made where it is missing.
+    """Write a text, or a record as JSON, atomically; a missing folder is created.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""One answer held against the truth of its world: what was said, where, and whether it is right."""
+"""The answer to one session compared with its ground truth."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 FLAGGED = ("unknown", "named+unexplained")
-"""Verdicts that say 'something else'."""
+"""Verdicts that flag an unmodelled effect."""
 CRASHED = "crashed"
 COMPLIANCE = "compliance"
 OTHERS = ("null", "unknown")
-"""What a probability is stated of beside effects."""
+"""Names with a stated probability that are not effects."""
 
 Record = dict[str, Any]
 
 
 def record(truth: Mapping[str, Any], answer: Mapping[str, Any] | None) -> Record:
-    """What was said of one world, beside what is true of it; lengths in um.
+    """The answer to one session and its ground truth; lengths in µm.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def record(truth: Mapping[str, Any], answer: Mapping[str, Any] | None) -> Record
 
 
 def _acts(where: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Where every effect acts, in words: the first place of each, and how many more."""
+    """Where every effect acts, as text: the first location of each, and the number of others."""
     places: dict[str, list[str]] = {}
     for w in where:
         places.setdefault(w["effect"], []).append(_words(w))
@@ -52,7 +52,7 @@ def _acts(where: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 
 
 def _silence(answer: Mapping[str, Any] | None) -> Record:
-    """A world without a diagnosis: nothing is right about it."""
+    """A session without a diagnosis counts as incorrect in every respect."""
     return {
         "verdict": CRASHED,
         "error": str((answer or {}).get("error", "no answer")),
@@ -75,7 +75,7 @@ def _said(gap: Mapping[str, Any], truth: Mapping[str, Any], answer: Mapping[str,
     named = list(dict.fromkeys(n["effect"] for n in gap["named"]))
     left = [p for p in gap["where"] if not p["explained_by"]]
     of_name = {name: next((p for p in gap["where"] if p["explained_by"] == name), None) for name in named}
-    told = [p for p in of_name.values() if p] if named else left[:1]
+    first = [p for p in of_name.values() if p] if named else left[:1]
     return {
         "verdict": gap["verdict"],
         "error": None,
@@ -91,7 +91,7 @@ def _said(gap: Mapping[str, Any], truth: Mapping[str, Any], answer: Mapping[str,
             if p and (own := [w for w in truth["where"] if w["effect"] == name])
         },
         "at_right_site": bool(left) and meets(left[0], truth["where"]),
-        "first_place_right": bool(told) and meets(told[0], truth["where"]),
+        "first_place_right": bool(first) and meets(first[0], truth["where"]),
         "distance_um": _distances(gap, float(truth["distance_rms_um"]["fit_without_effect"])),
         "plane_um": _planes(gap, float(truth["noise_um"])),
         "seconds": float(answer["seconds"]),
@@ -116,7 +116,7 @@ def _words(place: Mapping[str, Any]) -> str:
 
 
 def meets(place: Mapping[str, Any], where: Iterable[Mapping[str, Any]]) -> bool:
-    """Whether a place is one that the truth names in its own words; time may be told by a driver."""
+    """Whether a location is among those of the ground truth; time may also be given by a driver."""
     for w in where:
         words = [w["site"], *w.get("also", [])]
         if any(word == place["site"] or word in place["site"] for word in words):
@@ -139,7 +139,7 @@ def _distances(gap: Mapping[str, Any], floor: float) -> dict[str, float | None] 
 
 
 def _planes(gap: Mapping[str, Any], noise: float) -> dict[str, float | None] | None:
-    """Held-out planes likewise; their floor has the true noise in place of the estimated one."""
+    """Validation planes likewise; the error of the true model uses the true noise."""
     found = _measure(gap, "planes", 0.0)
     if found is None:
         return None
@@ -161,7 +161,7 @@ def _measure(gap: Mapping[str, Any], what: str, floor: float) -> dict[str, float
 
 
 def right(r: Record) -> bool:
-    """Whether a verdict is what the truth asks for, no name more and none less."""
+    """Whether a verdict names exactly the effects of the ground truth."""
     if r["kind"] == "outside":
         return r["verdict"] in FLAGGED
     if r["kind"] == "null":
@@ -170,12 +170,12 @@ def right(r: Record) -> bool:
 
 
 def missing(r: Record) -> list[str]:
-    """Effects that are there and were not named."""
+    """Effects that are present and were not named."""
     return [name for name in r["effects"] if name not in r["named"]]
 
 
 def false_names(r: Record) -> list[str]:
-    """Names of what is not there."""
+    """Named effects that are not present."""
     return [name for name in r["named"] if name not in r["effects"]]
 
 

@@ -1,4 +1,4 @@
-"""Sealed worlds: sessions to be diagnosed, and one truth of them all."""
+"""Simulated test sessions, and their ground truth sealed in one file."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from bayescal.folders import check_free, whole
 
 SEEDS = 2**48
 """How many seeds there are to draw from."""
-NO_PINOCCHIO = BayescalError("making worlds needs Pinocchio", "", "pip install 'bayescal[world]'")
-Told = Callable[[str, float], None]
+NO_PINOCCHIO = BayescalError("simulating test sessions needs Pinocchio", "", "pip install 'bayescal[world]'")
+Notify = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is made: the seed, how many worlds, and what keeps the truth from being guessed from its hash."""
+    """The seed, the number of sessions, and the salt that protects the hash of the ground truth."""
 
     seed: int
     worlds: int
@@ -39,9 +39,9 @@ def make(
     seed: int | None = None,
     workers: int = 1,
     dask: str | None = None,
-    told: Told = lambda words, fraction: None,
+    notify: Notify = lambda words, fraction: None,
 ) -> str:
-    """Make blind worlds, or those that are missing yet, and seal their truth.
+    """Simulate the test sessions that are missing, and seal their ground truth.
 
     Parameters
     ----------
@@ -50,11 +50,11 @@ def make(
     worlds : int
         How many.
     seed : int, optional
-        One seed, one set of worlds; drawn where left out, and then told by the truth alone.
+        One seed, one set of worlds; drawn at random by default, and then recorded in the ground truth only.
     workers, dask
         See `workers.results`.
-    told : callable
-        Told how many there are, in words and as a fraction.
+    notify : callable
+        Notify how many there are, in words and as a fraction.
 
     Returns
     -------
@@ -64,11 +64,11 @@ def make(
     Raises
     ------
     BayescalError
-        Where the folder holds something else, or worlds of another seed or number; where Pinocchio is
+        Where the folder holds other files, or sessions of another seed or number; where Pinocchio is
         missing.
     """
     if worlds < 1 or (seed is not None and seed < 0):
-        raise BayescalError("a positive number of worlds and a seed from 0 on are needed")
+        raise BayescalError("the number of sessions must be positive and the seed not negative")
     if (folder / TRUTH).is_file() and not (folder / PLAN).exists():
         return _made(folder, worlds, seed)
     if dask is None and find_spec("pinocchio") is None:
@@ -76,20 +76,20 @@ def make(
     plan = _plan(folder, worlds, seed)
     todo = [k for k in range(plan.worlds) if not _record_path(folder, k).exists()]
     done = plan.worlds - len(todo)
-    told(f"{done} of {plan.worlds}", done / plan.worlds)
+    notify(f"{done} of {plan.worlds}", done / plan.worlds)
     with closing(results(built, ((plan.seed, k) for k in todo), workers, dask)) as found:
         for index, result in found:
             if isinstance(result, Lost):
                 raise BayescalError(f"could not be made: {result.words}", f"world {todo[index]}")
             _keep(folder, todo[index], *result)
             done += 1
-            told(f"{done} of {plan.worlds}", done / plan.worlds)
+            notify(f"{done} of {plan.worlds}", done / plan.worlds)
     return _seal(folder, plan)
 
 
 def built(task: tuple[int, int]) -> tuple[dict[str, str], dict[str, Any]]:
     """The files of a world by name and its truth, from its seed and number, on a worker."""
-    try:  # here, for the process that hands out the work needs no Pinocchio
+    try:  # imported here: the process that distributes the work does not need Pinocchio
         from bayescal.world.build import build
     except ImportError:
         raise NO_PINOCCHIO from None
@@ -125,14 +125,19 @@ def _plan(folder: Path, worlds: int, seed: int | None) -> Plan:
 
 
 def _check_same(folder: Path, plan: Plan, worlds: int, seed: int | None) -> None:
-    differs = {f"{plan.worlds} worlds": worlds != plan.worlds, "another seed": seed not in (None, plan.seed)}
+    differs = {
+        f"{plan.worlds} sessions": worlds != plan.worlds,
+        "another seed": seed not in (None, plan.seed),
+    }
     if any(differs.values()):
         words = " and ".join(what for what, so in differs.items() if so)
-        raise BayescalError(f"was begun with {words}", str(folder), "ask for these, or give another --out")
+        raise BayescalError(
+            f"was started with {words}", str(folder), "use the same options, or another --out"
+        )
 
 
 def _record_path(folder: Path, number: int) -> Path:
-    """Where the truth of a world is while others are made; it is there when the world is."""
+    """Path of the ground truth of a session until all are simulated."""
     return (folder / PLAN).with_name(f"{name_of(number)}.json")
 
 
@@ -144,7 +149,7 @@ def _keep(folder: Path, number: int, texts: dict[str, str], truth: dict[str, Any
 
 
 def _seal(folder: Path, plan: Plan) -> str:
-    """Put the truths into one file and its hash into every world; gone through again, it does the same."""
+    """Write all ground truths to one file and its hash to every session; repeatable."""
     made = {name_of(k): record(_record_path(folder, k)) for k in range(plan.worlds)}
     truth = {
         "schema": seal.TRUTHS,
@@ -164,6 +169,6 @@ def _seal(folder: Path, plan: Plan) -> str:
 
 
 def _tidy(folder: Path) -> None:
-    """Remove what the making, killed or not, leaves beside the worlds."""
+    """Remove temporary files, also those of an interrupted run."""
     for left in ((folder / PLAN).parent, *(folder / WORLDS).glob(".*")):
         shutil.rmtree(left, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""The pictures of a score: each function takes records and figures and returns a figure."""
+"""Figures of a score: each function takes records and results and returns a figure."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Found = Mapping[str, Any]
-KINDS = {"null": "nothing", "single": "one effect", "pair": "two effects", "outside": "outside"}
-NOTHING, OTHER, UNSURE = "nothing", "something else", "ambiguous"
+KINDS = {"null": "noise only", "single": "one effect", "pair": "two effects", "outside": "outside"}
+NOTHING, OTHER, UNSURE = "noise only", "unmodelled", "ambiguous"
 VERDICTS = {"null": NOTHING, "unknown": OTHER, "named+unexplained": OTHER, "ambiguous": UNSURE}
-BESIDE = "only the other"
-"""Said of an effect of a pair of which the other one was named."""
+BESIDE = "only the other effect"
+"""Answer to an effect of a pair of which only the other was named."""
 
 
 def draw_lambda(records: Sequence[Record], found: Found) -> Figure:
-    """Right answers by lambda, with their intervals: one effect, each of two, outside the vocabulary."""
+    """Correct answers by lambda with intervals: one effect, each of two, outside the vocabulary."""
     del records
-    out = figure(12, 4.6, ["How much has to be visible before it is found"])
+    out = figure(12, 4.6, ["Share of correct answers by detectability"])
     single = found["single"]
     panels: tuple[tuple[str, Any, Any, Sequence[float]], ...] = (
-        ("one effect: named, no other name", single["right"], single["wrong_name"], (0.9, 0.9, 0.98)),
-        ("two effects: each that was named", found["each_of_two"], None, (0.93, 0.93, 0.93)),
+        ("one effect: named, no false name", single["right"], single["wrong_name"], (0.9, 0.9, 0.98)),
+        ("two effects: each named", found["each_of_two"], None, (0.93, 0.93, 0.93)),
         ("outside the vocabulary: flagged", found["outside_flagged"], None, (0.9,)),
     )
     for axes, (title, right, wrong, wanted) in zip(out.subplots(1, 3, sharey=True), panels, strict=True):
         at = np.arange(len(right))[-len(wanted) :]
-        axes.hlines(wanted, at - 0.45, at + 0.45, color=INK, lw=1.4, ls=":", label="wanted")
-        _shares(axes, right, ACCENT, "right")
+        axes.hlines(wanted, at - 0.45, at + 0.45, color=INK, lw=1.4, ls=":", label="required")
+        _shares(axes, right, ACCENT, "correct")
         if wrong is not None:
-            _shares(axes, wrong, MARKED, "a wrong name", shift=0.18)
+            _shares(axes, wrong, MARKED, "a false name", shift=0.18)
         for k, share in enumerate(right):
             axes.text(k, -0.05, f"n {share['count']}", ha="center", va="top", color=GREY)
         axes.set_xticks(range(len(right)), [words.replace(" to ", "-") for words in bands()], rotation=25)
@@ -48,12 +48,12 @@ def draw_lambda(records: Sequence[Record], found: Found) -> Figure:
         axes.set_xlim(-0.6, len(right) - 0.4)
         axes.set_yticks(np.linspace(0, 1, 6))
         axes.grid(axis="y", color=NOISE)
-        axes.set_xlabel("lambda = contacts x (visible rms / noise)^2")
+        axes.set_xlabel("detectability λ = contacts × (visible RMS / noise)²")
         axes.set_title(title, loc="left")
         if wrong is not None:
             axes.legend(frameon=False, loc="center right", bbox_to_anchor=(1.0, 0.4))
         tidy(axes)
-    out.axes[0].set_ylabel("share of worlds (bars: Wilson 95 %)")
+    out.axes[0].set_ylabel("share of sessions (bars: Wilson 95 %)")
     return out
 
 
@@ -66,9 +66,9 @@ def _shares(axes: Any, shares: Sequence[Found], colour: str, words: str, shift: 
 
 
 def draw_reliability(records: Sequence[Record], found: Found) -> Figure:
-    """Stated probabilities beside how often they held, and the log score beside that of base rates."""
+    """Stated probabilities and observed frequencies; log scores of the answers and of base rates."""
     del records
-    out = figure(12, 5.4, ["Does a stated probability of p hold in a share p of cases?"])
+    out = figure(12, 5.4, ["Reliability of the stated probabilities"])
     left, right = out.subplots(1, 2, width_ratios=(1.25, 1))
     left.plot([0, 1], [0, 1], color=GREY, lw=1, ls="--")
     for b in found["reliability"]:
@@ -84,9 +84,9 @@ def draw_reliability(records: Sequence[Record], found: Found) -> Figure:
                       color=GREY)  # fmt: skip
     left.set_xlim(-0.02, 1.05)
     left.set_ylim(-0.02, 1.08)
-    left.set_xlabel("probability stated (mean of a bin)")
-    left.set_ylabel("share that held")
-    left.set_title("of nothing, of something else, of every effect; grey: binomial 95 %", loc="left")
+    left.set_xlabel("stated probability (mean of a bin)")
+    left.set_ylabel("observed frequency")
+    left.set_title("noise only, unmodelled effect, every effect; grey: binomial 95 %", loc="left")
     left.grid(color=NOISE)
     kinds = (found["log_score"] or {"kinds": {}})["kinds"]
     shown = [(KINDS[kind], s) for kind, s in kinds.items() if s["count"]][::-1]
@@ -97,10 +97,10 @@ def draw_reliability(records: Sequence[Record], found: Found) -> Figure:
         for y, v in zip(at, values, strict=True):
             right.annotate(f"{v:.2f}", (v, y), (-4, 0), textcoords="offset points", ha="right", va="center",
                            color=INK)  # fmt: skip
-    right.set_yticks(range(len(shown)), [f"{words}\n({s['count']} worlds)" for words, s in shown])
+    right.set_yticks(range(len(shown)), [f"{words}\n({s['count']} sessions)" for words, s in shown])
     lowest = min([-1.0, *(s[key] for _, s in shown for key in ("mean", "base"))])
     right.set_xlim(1.18 * lowest, 0)
-    right.set_xlabel("mean log of the probability given to the truth (nats; 0 is certainty)")
+    right.set_xlabel("mean log probability of the ground truth (nats)")
     right.set_title("log score", loc="left")
     right.legend(frameon=False, loc="lower left")
     for axes in (left, right):
@@ -109,18 +109,18 @@ def draw_reliability(records: Sequence[Record], found: Found) -> Figure:
 
 
 def draw_shrinkage(records: Sequence[Record], found: Found) -> Figure:
-    """Factors by which held-out errors shrank, as predicted from fitted rows alone and as achieved."""
-    out = figure(12, 6.0, ["Held-out errors, after over before the refit: predicted and achieved"])
-    panels = zip(out.subplots(1, 2), MEASURES, ("held-out planes", "sphere distances"), strict=True)
+    """Ratios of validation errors after / before the refit: predicted from fitted rows, and achieved."""
+    out = figure(12, 6.0, ["Validation RMS, after / before the refit: predicted and achieved"])
+    panels = zip(out.subplots(1, 2), MEASURES, ("validation planes", "sphere distances"), strict=True)
     for axes, what, words in panels:
         own = factors(records, what)
         every = [x for _, said, done in own for x in (said, done)] or [0.5, 1.0]
         ends = np.array([min(every) / 1.15, max(every) * 1.15])
-        axes.fill_between(ends, ends / FAR, ends * FAR, color=NOISE, lw=0, label=f"within {FAR:g} x")
+        axes.fill_between(ends, ends / FAR, ends * FAR, color=NOISE, lw=0, label=f"within a factor {FAR:g}")
         axes.plot(ends, ends, color=GREY, lw=1, ls="--")
         for exact, colour, marker, label in (
-            (True, ACCENT, "o", "verdict right"),
-            (False, SERIES[1], "D", "verdict not right"),
+            (True, ACCENT, "o", "verdict correct"),
+            (False, SERIES[1], "D", "verdict incorrect"),
         ):
             mine = [(said, done) for r, said, done in own if r["right"] == exact]
             x, y = np.array(mine).reshape(-1, 2).T
@@ -139,9 +139,13 @@ def draw_shrinkage(records: Sequence[Record], found: Found) -> Figure:
             axis.set_ticks(ticks, [f"{t:g}" for t in ticks])
             axis.set_ticks([], minor=True)
         s = found["predicted"][what]
-        told = f": median {s['median']:.2f} of predicted, {100 * s['near']:.0f} % within 1.3 x" if own else ""
-        axes.set_title(words + told, loc="left")
-        axes.set_xlabel("predicted (from fitted rows alone)")
+        text = (
+            f": median {s['median']:.2f} of predicted, {100 * s['near']:.0f} % within a factor 1.3"
+            if own
+            else ""
+        )
+        axes.set_title(words + text, loc="left")
+        axes.set_xlabel("predicted from fitted rows")
         axes.set_ylabel("achieved")
         axes.legend(frameon=False, loc="upper left")
         tidy(axes)
@@ -149,7 +153,7 @@ def draw_shrinkage(records: Sequence[Record], found: Found) -> Figure:
 
 
 def draw_confusion(records: Sequence[Record], found: Found) -> Figure:
-    """What was said of every effect that is there, of nothing, and of what has no name."""
+    """Answers to every effect, to noise only and to effects outside the vocabulary."""
     del found
     counts = Counter(pair for r in records for pair in said_of(r))
     there = Counter(true for r in records for true in dict(said_of(r)))
@@ -157,7 +161,9 @@ def draw_confusion(records: Sequence[Record], found: Found) -> Figure:
     rows = [NOTHING, *names, OTHER]
     columns = [NOTHING, UNSURE, BESIDE, *names, OTHER]
     rows = [row for row in rows if any(true == row for true, _ in counts)]
-    out = figure(12, 1.6 + 0.36 * max(len(rows), 4), ["What was said (columns) of what is there (rows)"])
+    out = figure(
+        12, 1.6 + 0.36 * max(len(rows), 4), ["Confusion matrix: ground truth (rows), answer (columns)"]
+    )
     axes = out.subplots()
     table = np.array([[counts[row, column] for column in columns] for row in rows]).reshape(-1, len(columns))
     share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
@@ -174,14 +180,14 @@ def draw_confusion(records: Sequence[Record], found: Found) -> Figure:
     axes.set_yticks(np.arange(len(rows) + 1) - 0.5, minor=True)
     axes.grid(which="minor", color=NOISE)
     axes.tick_params(which="both", length=0)
-    axes.set_title("blue: right; orange: not; the deeper, the larger the share of its row", loc="left")
+    axes.set_title("blue: correct; orange: incorrect; darker: larger share of the row", loc="left")
     tidy(axes)
     axes.spines[:].set_visible(False)
     return out
 
 
 def said_of(r: Record) -> list[tuple[str, str]]:
-    """Pairs of what is there and what was said of it: the name, else a false one, else the verdict."""
+    """Pairs of ground truth and answer: the name, else a false name, else the verdict."""
     there: dict[str, list[str]] = {"null": [NOTHING], "outside": [OTHER]}
     true = there[r["kind"]] if r["kind"] in there else r["effects"]
     if r["kind"] == "outside" and r["right"]:
@@ -199,4 +205,4 @@ PICTURES: dict[str, Callable[[Sequence[Record], Found], Figure]] = {
     "blind-shrinkage.png": draw_shrinkage,
     "blind-confusion.png": draw_confusion,
 }
-"""What draws each picture."""
+"""File name of each figure and the function that draws it."""

@@ -1,4 +1,4 @@
-"""Shares with their intervals, and shares by lambda."""
+"""Proportions with intervals, and proportions by lambda."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from scipy.stats import binomtest
 
 BANDS = ((0.0, 10.0), (10.0, 20.0), (20.0, 30.0), (30.0, 50.0), (50.0, 100.0), (100.0, np.inf))
-"""Of lambda; no world of the maker asks for less than 3."""
+"""Bands of lambda; no simulated session has less than 3."""
 
 
 def share(records: Sequence[Any], hit: Callable[[Any], bool]) -> dict[str, Any]:
-    """How many of how many, with Wilson's 95 % interval of the share; None where there are none."""
+    """Hits and count with the Wilson 95 % interval; None without cases."""
     return proportion(sum(map(bool, map(hit, records))), len(records))
 
 
 def proportion(hits: int, count: int) -> dict[str, Any]:
-    """Hits of a count, with Wilson's 95 % interval."""
+    """Hits and count with the Wilson 95 % interval."""
     ends = None
     if count:
         found = binomtest(hits, count).proportion_ci(method="wilson")
@@ -27,7 +27,7 @@ def proportion(hits: int, count: int) -> dict[str, Any]:
 
 
 def value(rate: Mapping[str, Any]) -> float | None:
-    """The share itself; None of nothing."""
+    """The proportion; None without cases."""
     return rate["hits"] / rate["count"] if rate["count"] else None
 
 
@@ -46,6 +46,6 @@ def ends(band: tuple[float, float]) -> list[float | None]:
 
 
 def mean(values: Iterable[float]) -> float | None:
-    """Mean, None of nothing."""
+    """Mean; None without values."""
     every = list(values)
     return float(np.mean(every)) if every else None

@@ -1,4 +1,4 @@
-"""Why an answer missed, in a few words decided from truth and answer: the first of `REASONS` that holds."""
+"""The reason of a miss, from ground truth and answer: the first of `REASONS` that applies."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from bayescal.blind.judge import CRASHED, FLAGGED, Record, false_names, leader, 
 from bayescal.effects import confusable
 
 WEAK = 30.0
-"""Lambda below which an effect is called weak: about half of these can be named at all."""
+"""Lambda below which an effect is called weak: about half of these can be named."""
 
 
 class Reason(NamedTuple):
-    """A kind of miss."""
+    """A kind of miss: title, condition and detail."""
 
     title: str
     holds: Callable[[Record], bool]
@@ -27,7 +27,7 @@ def reason(r: Record) -> tuple[str, str]:
 
 
 def mate(r: Record) -> tuple[str, str]:
-    """A false name and the missing effect whose mate it is; ("", "") without."""
+    """A false name and the missing effect that it is confusable with; ("", "") without."""
     return _mates(false_names(r), missing(r))
 
 
@@ -83,55 +83,56 @@ def _misplaced(r: Record) -> str:
 
 REASONS = (
     Reason("crashed", lambda r: r["verdict"] == CRASHED, lambda r: r["error"]),
-    Reason("false alarm: a name for nothing", lambda r: _null(r) and bool(r["named"]), _names),
+    Reason("false alarm: effect named", lambda r: _null(r) and bool(r["named"]), _names),
     Reason(
-        "false alarm: flagged without cause",
+        "false alarm: flagged",
         lambda r: _null(r) and r["verdict"] in FLAGGED,
         lambda r: f"P(unknown) {_p(r, 'unknown')}",
     ),
     Reason(
-        "nothing there, but not called nothing",
+        "noise only, but ambiguous",
         lambda r: _null(r) and not r["right"],
         lambda r: f"P(null) {_p(r, 'null')}",
     ),
     Reason(
-        "outside: named as something else",
+        "outside: named as an effect",
         lambda r: _outside(r) and not r["right"] and bool(r["named"]),
         _names,
     ),
-    Reason("outside: right flag, wrong place",
+    Reason("outside: flagged, wrong location",
            lambda r: _outside(r) and r["right"] and not r["at_right_site"],
-           lambda r: r["places"][0] if r["places"] else "no place"),
-    Reason("outside: too weak to see", lambda r: _outside(r) and not r["right"] and r["lambda"] < WEAK,
+           lambda r: r["places"][0] if r["places"] else "no location"),
+    Reason("outside: too weak", lambda r: _outside(r) and not r["right"] and r["lambda"] < WEAK,
            _sizes),
     Reason("outside: not flagged", lambda r: _outside(r) and not r["right"],
            lambda r: f"{_sizes(r)}, P(unknown) {_p(r, 'unknown')}"),
-    Reason("its mate was named", lambda r: _hidden(r) and bool(mate(r)[0]), _mate_words),
-    Reason("one name too many", lambda r: _hidden(r) and bool(false_names(r)) and not missing(r),
+    Reason("a confusable effect was named", lambda r: _hidden(r) and bool(mate(r)[0]), _mate_words),
+    Reason("additional false name", lambda r: _hidden(r) and bool(false_names(r)) and not missing(r),
            lambda r: ", ".join(false_names(r))),
-    Reason("wrong name", lambda r: _hidden(r) and bool(false_names(r)),
+    Reason("false name", lambda r: _hidden(r) and bool(false_names(r)),
            lambda r: f"{', '.join(false_names(r))} for {_lost(r)}"),
     Reason("second effect weak", lambda r: _hidden(r) and bool(r["named"]) and 0 < _second(r) < WEAK, _lost),
     Reason("second effect missed", lambda r: _hidden(r) and bool(r["named"]) and bool(missing(r)), _lost),
-    Reason("right, but something unexplained was added",
+    Reason("correct, but also flagged as unmodelled",
            lambda r: _hidden(r) and not missing(r) and r["verdict"] in FLAGGED,
            lambda r: f"P(unknown) {_p(r, 'unknown')}"),
-    Reason("right, but called ambiguous", lambda r: _hidden(r) and not missing(r) and not r["right"], _names),
-    Reason("flagged as unknown", lambda r: _hidden(r) and r["verdict"] in FLAGGED,
+    Reason("correct, but ambiguous", lambda r: _hidden(r) and not missing(r) and not r["right"], _names),
+    Reason("flagged as unmodelled", lambda r: _hidden(r) and r["verdict"] in FLAGGED,
            lambda r: f"{_sizes(r)}, P(unknown) {_p(r, 'unknown')}"),
-    Reason("right, but not sure enough",
+    Reason("leading effect correct, probability too low",
            lambda r: _hidden(r) and leader(r) in missing(r) and r["probability"][leader(r)]
            > r["probability"].get("null", 0.0),
            lambda r: f"{leader(r)} P {_p(r, leader(r))}, {_sizes(r)}"),
-    Reason("too weak to see", lambda r: _hidden(r) and bool(missing(r)) and _strongest(r) < WEAK, _sizes),
-    Reason("not told from its mate", lambda r: _hidden(r) and bool(_mates([leader(r)], missing(r))[0]),
+    Reason("too weak", lambda r: _hidden(r) and bool(missing(r)) and _strongest(r) < WEAK, _sizes),
+    Reason("not distinguished from a confusable effect",
+           lambda r: _hidden(r) and bool(_mates([leader(r)], missing(r))[0]),
            lambda r: f"{leader(r)} P {_p(r, leader(r))}, {_sizes(r)}"),
-    Reason("not seen", lambda r: _hidden(r) and bool(missing(r)), _sizes),
-    Reason("right name, wrong place", lambda r: not all(r["named_at_right_site"].values()), _misplaced),
+    Reason("not detected", lambda r: _hidden(r) and bool(missing(r)), _sizes),
+    Reason("correct name, wrong location", lambda r: not all(r["named_at_right_site"].values()), _misplaced),
 )  # fmt: skip
-"""From the particular to the general; the first that holds is told."""
+"""Ordered from specific to general; the first that applies is reported."""
 
 
 def _second(r: Record) -> float:
-    """Lambda of the strongest effect that was left out beside a name, 0 where none was."""
+    """Lambda of the strongest effect that was missed beside a named effect, else 0."""
     return _strongest(r) if missing(r) else 0.0

@@ -1,4 +1,4 @@
-"""The figures of a score as rows of words, each beside what is wanted: terminal and page share them."""
+"""The criteria of a score as rows of text with their required values, for terminal and page."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from bayescal.blind.score import CLEAR, STRONG, SURE
 Found = Mapping[str, Any]
 NONE = "-"
 SHOWN = 2
-"""Worlds that are named in a row before the rest is counted."""
+"""Sessions that are listed in a row before the rest is counted."""
 
 
 class Row(NamedTuple):
-    """A figure, in words, and whether it is as wanted; None where nothing is wanted or nothing was found."""
+    """A criterion as text and whether it is met; None where nothing is required or there are no cases."""
 
     label: str
     found: str
@@ -24,35 +24,37 @@ class Row(NamedTuple):
 
 
 def rows(f: Found) -> list[Row]:
-    """All figures that are one number."""
+    """All criteria that are a single number."""
     single, pair, clear, out = f["single"], f["pairs"]["all"], f["pairs"]["clear"], f["outside"]
     d, planes = f["distances"], f["planes"]
     return [
-        _at_most("nothing hidden: carries a name", f["null"]["named"], 0.02),
-        _at_least(f"one effect, lambda {CLEAR:g} to {STRONG:g}: right", single["clear"], 0.90),
-        _at_least(f"one effect, lambda over {STRONG:g}: right", single["strong"], 0.98),
-        _at_least(f"named with P over {SURE:g}: right", f["sure"]["right"], 0.96),
-        Row("the same: no name wrong", of(f["sure"]["names_true"])),
-        _at_least("the 90 % set holds all effects", f["set"]["holds"], 0.87),
-        _under("its mean size", f["set"]["size"], 5.0, f"{number(f['set']['size_all'])} over all worlds"),
-        _at_least(f"two effects, {pair['worlds']} worlds: recall", pair["recall"], 0.93),
+        _at_most("noise only: an effect was named", f["null"]["named"], 0.02),
+        _at_least(f"one effect, lambda {CLEAR:g} to {STRONG:g}: correct", single["clear"], 0.90),
+        _at_least(f"one effect, lambda over {STRONG:g}: correct", single["strong"], 0.98),
+        _at_least(f"named with P over {SURE:g}: correct", f["sure"]["right"], 0.96),
+        Row("the same: no false name", of(f["sure"]["names_true"])),
+        _at_least("90 % set contains all effects", f["set"]["holds"], 0.87),
+        _under(
+            "mean size of the set", f["set"]["size"], 5.0, f"{number(f['set']['size_all'])} over all sessions"
+        ),
+        _at_least(f"two effects, {pair['worlds']} sessions: recall", pair["recall"], 0.93),
         _at_least("the same: precision", pair["precision"], 0.97),
-        _at_least(f"both lambda over {CLEAR:g}, {clear['worlds']} worlds: recall", clear["recall"], 0.93),
+        _at_least(f"both lambda over {CLEAR:g}, {clear['worlds']} sessions: recall", clear["recall"], 0.93),
         _at_least("the same: precision", clear["precision"], 0.97),
         _at_least(f"outside, lambda from {STRONG:g}: flagged", out["flagged"], 0.90),
-        _at_least("the same: at the right site", out["right_site"], 0.95),
-        Row("outside, all: a name and no flag", of(out["named_alone"])),
-        Row("a name's first place is where it acts", of(f["named_place"])),
-        Row("unnamed: the first place is right", of(f["unnamed_place"])),
-        _closed(f"distances, {d['count']} named worlds: closed", d),
+        _at_least("the same: correct site", out["right_site"], 0.95),
+        Row("outside, all: named and not flagged", of(out["named_alone"])),
+        Row("named: first location correct", of(f["named_place"])),
+        Row("not named: first location correct", of(f["unnamed_place"])),
+        _closed(f"distances, {d['count']} named sessions: excess removed", d),
         _closed(f"the same, lambda from {CLEAR:g}", f["distances_clear"]),
         _worse(f["worse"]),
-        _near("distances: refit over true model", d),
-        _near("planes: refit over true model", planes),
+        _near("distances: RMS after refit / true model", d),
+        _near("planes: RMS after refit / true model", planes),
         *(_predicted(what, f["predicted"][what]) for what in f["predicted"]),
         _log_score(f["log_score"]),
-        Row("seconds a world, median and most", f"{number(f['seconds']['median'])}, {_most(f)}"),
-        Row("crashed", listed([f"{w}: {e}" for w, e in f["crashed"].items()]), "none", not f["crashed"]),
+        Row("seconds per session, median and maximum", f"{number(f['seconds']['median'])}, {_most(f)}"),
+        Row("crashes", listed([f"{w}: {e}" for w, e in f["crashed"].items()]), "none", not f["crashed"]),
     ]
 
 
@@ -60,20 +62,20 @@ def by_lambda(f: Found) -> list[tuple[str, list[str]]]:
     """Rows of shares, a cell a band of lambda."""
     single = f["single"]
     return [
-        ("one effect: worlds", [str(b["count"]) for b in single["right"]]),
-        ("right", _cells(single["right"])),
-        ("its 95 % interval", [_ends(s) for s in single["right"]]),
-        ("a wrong name", _cells(single["wrong_name"])),
-        ("the 90 % set holds it", _cells(single["set_holds"])),
-        ("its mean size", [number(b["mean"]) for b in single["set_size"]]),
-        ("each of two: named", _cells(f["each_of_two"], counts=True)),
+        ("one effect: sessions", [str(b["count"]) for b in single["right"]]),
+        ("correct", _cells(single["right"])),
+        ("95 % interval", [_ends(s) for s in single["right"]]),
+        ("a false name", _cells(single["wrong_name"])),
+        ("90 % set contains it", _cells(single["set_holds"])),
+        ("mean size of the set", [number(b["mean"]) for b in single["set_size"]]),
+        ("two effects: each named", _cells(f["each_of_two"], counts=True)),
         ("outside: flagged", _cells(f["outside_flagged"], counts=True)),
-        ("first place right, all", _cells(f["first_place"], counts=True)),
+        ("first location correct, all", _cells(f["first_place"], counts=True)),
     ]
 
 
 def bands() -> list[str]:
-    """The bands of lambda in words."""
+    """The bands of lambda as text."""
     return [
         f"over {low:g}" if high == BANDS[-1][1] else f"{low:g} to {high:g}" if low else f"under {high:g}"
         for low, high in BANDS
@@ -94,7 +96,7 @@ def _ends(s: Found) -> str:
 def of(s: Found) -> str:
     """'12 of 13, 92 % (67 to 99)'."""
     if not s["count"]:
-        return "none to judge"
+        return "no cases"
     low, high = (f"{100 * end:.0f}" for end in s["interval95"])
     return f"{s['hits']} of {s['count']}, {percent(value(s))} ({low} to {high})"
 
@@ -136,26 +138,26 @@ def _closed(label: str, s: Found) -> Row:
     share, wanted = s["closed"], "at least 95 %"
     if share is None:
         return Row(label, NONE, wanted)
-    lengths = f"{s['before_um']:.1f} to {s['after_um']:.1f}, floor {s['floor_um']:.1f} um"
+    lengths = f"{s['before_um']:.1f} to {s['after_um']:.1f}, true model {s['floor_um']:.1f} µm"
     return Row(label, f"{percent(share)} ({lengths})", wanted, share >= 0.95)
 
 
 def _worse(worse: Found) -> Row:
     names = [f"{world}: x {new / old:.2f}" for world, (old, new) in worse.items()]
-    told = f"{len(names)} ({listed(names)})" if names else "none"
-    return Row("distances made worse by over 5 %", told, "none", not names)
+    text = f"{len(names)} ({listed(names)})" if names else "none"
+    return Row("distance errors increased by more than 5 %", text, "none", not names)
 
 
 def _near(label: str, s: Found) -> Row:
     if s["ratio"] is None:
         return Row(label, NONE, "at most 1.15")
-    exact = "" if s["ratio_right"] is None else f", {s['ratio_right']:.2f} where right"
-    told = f"{s['ratio']:.2f}, median {s['ratio_median']:.2f}{exact}"
-    return Row(label, told, "at most 1.15", s["ratio"] <= 1.15)
+    exact = "" if s["ratio_right"] is None else f", {s['ratio_right']:.2f} where correct"
+    text = f"{s['ratio']:.2f}, median {s['ratio_median']:.2f}{exact}"
+    return Row(label, text, "at most 1.15", s["ratio"] <= 1.15)
 
 
 def _predicted(what: str, s: Found) -> Row:
-    label = f"{what}: achieved/predicted shrinkage"
+    label = f"{what}: achieved / predicted reduction"
     if not s["count"]:
         return Row(label, NONE)
     near, going = percent(s["near"]), number(s["correlation"], 2)
@@ -166,8 +168,8 @@ def _log_score(s: Found | None) -> Row:
     label = "log score: mean ln P(truth), nats"
     if s is None:
         return Row(label, NONE)
-    told = f"{s['mean']:.2f}, base rates {s['base']:.2f}"
-    return Row(label, told, "above them", s["mean"] > s["base"])
+    text = f"{s['mean']:.2f}, base rates {s['base']:.2f}"
+    return Row(label, text, "above base rates", s["mean"] > s["base"])
 
 
 def _most(f: Found) -> str:

@@ -1,4 +1,4 @@
-"""Answers to blind worlds: a diagnosis of each, its truth unread, and their seal."""
+"""Answers: a diagnosis of each simulated session without its ground truth, and their seal."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from bayescal.blind.folder import (
     texts,
     write,
 )
-from bayescal.blind.make import Told
+from bayescal.blind.make import Notify
 from bayescal.blind.workers import Lost, results
 from bayescal.errors import BayescalError
 
 LONG = ("curves", "residuals")
-"""Keys of gap.json that are the data of pictures, and no answer."""
+"""Keys of gap.json that hold data of figures and are not part of an answer."""
 
 
 @dataclass(frozen=True)
 class Answered:
-    """Answers that are all given: their seal, how many there are, those of crashes, those given again."""
+    """All answers: their seal, their number, crashes, and answers that were computed again."""
 
     sha256: str
     worlds: int
@@ -42,7 +42,7 @@ class Answered:
 
 @dataclass(frozen=True)
 class Task:
-    """A world as a worker gets it: its name and its files, and nothing else."""
+    """A session as a worker receives it: its name and its files only."""
 
     name: str
     texts: dict[str, str]
@@ -52,9 +52,9 @@ def run(
     folder: Path,
     workers: int = 1,
     dask: str | None = None,
-    told: Told = lambda words, fraction: None,
+    notify: Notify = lambda words, fraction: None,
 ) -> Answered:
-    """Diagnose every world that has no answer yet, and seal the answers.
+    """Diagnose every session that has no answer yet, and seal the answers.
 
     A world that was answered by other sources than these, or whose files have changed since, is answered
     again.
@@ -65,8 +65,8 @@ def run(
         Worlds of `make.make`. Their truth is not read: it may be elsewhere meanwhile.
     workers, dask
         See `workers.results`. The answers are the same, whoever gives them.
-    told : callable
-        Told how many are answered, in words and as a fraction.
+    notify : callable
+        Notify how many are answered, in words and as a fraction.
 
     Raises
     ------
@@ -80,11 +80,11 @@ def run(
     given = {name: answer_path(folder, name).exists() for name in worlds}
     todo = [name for name in worlds if not (given[name] and _stands(folder, name))]
     done = len(worlds) - len(todo)
-    told(f"{done} of {len(worlds)}", done / len(worlds))
+    notify(f"{done} of {len(worlds)}", done / len(worlds))
     for answer in _answers(folder, todo, workers, dask):
         write(answer_path(folder, answer["world"]), answer)
         done += 1
-        told(f"{done} of {len(worlds)}", done / len(worlds))
+        notify(f"{done} of {len(worlds)}", done / len(worlds))
     answers = {name: record(answer_path(folder, name)) for name in worlds}
     write(folder / SEALED, _sealed(truth, answers))
     return Answered(
@@ -96,14 +96,14 @@ def run(
 
 
 def _stands(folder: Path, name: str) -> bool:
-    """Whether an answer is one to the world as it is, by the sources as they are."""
+    """Whether an answer belongs to the present session files and the present sources."""
     answer = record(answer_path(folder, name))
     now = seal.of_world(texts(folder, name)), seal.of_code()
     return (answer.get("dataset_sha256"), answer.get("code_sha256")) == now
 
 
 def _answers(folder: Path, todo: list[str], workers: int, dask: str | None) -> Iterator[dict[str, Any]]:
-    """Answers as they come."""
+    """Answers in the order of completion."""
     own = seal.of_code()
     tasks = (Task(name, texts(folder, name)) for name in todo)
     with closing(results(answered, tasks, workers, dask)) as found:
@@ -113,16 +113,16 @@ def _answers(folder: Path, todo: list[str], workers: int, dask: str | None) -> I
                 answer = about | {"error": answer.words}
             if answer["code_sha256"] != own:
                 raise BayescalError(
-                    "a worker has other sources of bayescal than this process",
+                    "a worker has a different version of bayescal than this process",
                     dask or "",
-                    "install the same for all, leave them alone meanwhile, and start again",
+                    "install the same version for all workers, and start again",
                 )
             yield answer
 
 
 def answered(task: Task) -> dict[str, Any]:
-    """Diagnose one world in a folder that holds its dataset alone, on a worker; a crash is an answer too."""
-    # here, for the process that hands out the work needs none of it
+    """Diagnose one session in a folder that holds only its dataset; a crash is recorded as an answer."""
+    # imported here: the process that distributes the work does not need it
     from bayescal.dataset import read_dataset
     from bayescal.gap.diagnose import diagnose
     from bayescal.reporting.gap.record import gap_record
@@ -135,8 +135,8 @@ def answered(task: Task) -> dict[str, Any]:
             effects = tuple(task.texts[BASELINE].split()[-1].split(","))
             gap = gap_record(diagnose(read_dataset(folder), effects))
         except Exception as error:
-            told = error if isinstance(error, BayescalError) else f"{type(error).__name__}: {error}"
-            words = " ".join(str(told).replace(f"{folder}/", "").split())
+            text = error if isinstance(error, BayescalError) else f"{type(error).__name__}: {error}"
+            words = " ".join(str(text).replace(f"{folder}/", "").split())
             return about | {"seconds": time.process_time() - start, "error": words}
     return about | {
         "seconds": time.process_time() - start,
@@ -153,7 +153,7 @@ def _about(task: Task) -> dict[str, Any]:
 
 
 def _sealed(truth: str, answers: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """The contents of answers.json; the time that answers took is not part of it."""
+    """The contents of answers.json, without computing times."""
     from bayescal.reporting.gap.record import LIBRARIES
     from bayescal.reporting.shared.origin import software
 

@@ -1,4 +1,4 @@
-"""The score of a blind check: a record of every world, and the figures of them all."""
+"""The score of a blind check: a record of every session, and the results of all."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from bayescal.errors import BayescalError
 SCHEMA = "bayescal-blind-score/1"
 KINDS = ("null", "single", "pair", "outside")
 BINS = (0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98, 1.0)
-"""Edges of stated probabilities; those below say that an effect is not there, and nearly all are right."""
+"""Edges of the bins of stated probabilities; smaller ones are not assessed."""
 SURE = 0.9
 CLEAR, STRONG = 30.0, 100.0
-"""Lambda from which on an effect must be seen, and one outside the vocabulary flagged."""
+"""Lambda from which on an effect must be named, and an effect outside the vocabulary flagged."""
 
 
 def records(truths: Mapping[str, dict], answers: Mapping[str, dict]) -> list[Record]:
-    """Hold every answer against the truth of its world.
+    """Compare every answer with the ground truth of its session.
 
     Parameters
     ----------
@@ -44,25 +44,29 @@ def records(truths: Mapping[str, dict], answers: Mapping[str, dict]) -> list[Rec
     """
     strangers = sorted(set(answers) - set(truths))
     if strangers:
-        raise BayescalError("an answer to a world that there is no truth of", f"world {strangers[0]}")
+        raise BayescalError("an answer has no ground truth", f"session {strangers[0]}")
     out = []
     for name, truth in sorted(truths.items()):
         try:
             r = record(truth, answers.get(name))
         except KeyError as key:
-            raise BayescalError(f"truth or answer lacks {key}", f"world {name}", "answer it again") from None
+            raise BayescalError(
+                f"{key} is missing in the ground truth or the answer",
+                f"session {name}",
+                "run `bayescal blind run` again",
+            ) from None
         title, detail = reason(r)
         out.append(r | {"reason": title, "detail": detail})
     return out
 
 
 def figures(records: Sequence[Record]) -> dict[str, Any]:
-    """All figures of a number of worlds.
+    """All results of a number of sessions.
 
     Returns
     -------
     dict
-        Shares as ``{"count", "hits", "interval95"}`` (Wilson), lengths in um, bands of lambda as lists.
+        Shares as ``{"count", "hits", "interval95"}`` (Wilson), lengths in µm, bands of lambda as lists.
     """
     of = {kind: [r for r in records if r["kind"] == kind] for kind in KINDS}
     hidden = of["single"] + of["pair"]
@@ -115,7 +119,7 @@ def figures(records: Sequence[Record]) -> dict[str, Any]:
 
 
 def single(records: Sequence[Record]) -> dict[str, Any]:
-    """Single effects: by lambda, and over the two bands that something is wanted of."""
+    """Single effects: by lambda, and over the two bands with a requirement."""
     return {
         "right": by_lambda((r["lambda"], r["right"]) for r in records),
         "wrong_name": by_lambda((r["lambda"], bool(false_names(r))) for r in records),
@@ -130,12 +134,12 @@ def single(records: Sequence[Record]) -> dict[str, Any]:
 
 
 def coverage(records: Sequence[Record]) -> dict[str, Any]:
-    """How often the 90 % set holds all that is true, and how many names it has."""
+    """Coverage of the 90 % set, and its mean size."""
     return {"holds": share(records, _holds), "size": mean(len(r["set"]) for r in records)}
 
 
 def pairs(records: Sequence[Record]) -> dict[str, Any]:
-    """Names found of those that are true, and true of those that were found."""
+    """Recall and precision of the named effects."""
     found = sum(len(set(r["named"]) & set(r["effects"])) for r in records)
     return {
         "worlds": len(records),
@@ -146,7 +150,7 @@ def pairs(records: Sequence[Record]) -> dict[str, Any]:
 
 
 def reliability(records: Sequence[Record]) -> list[dict[str, Any]]:
-    """Stated probabilities of effects, of nothing and of something else, by bins, beside how often they held.
+    """Stated probabilities of effects, noise only and unmodelled, with observed frequencies by bin.
 
     The band is binomial: where the share would lie were the stated probabilities right and independent.
     """
@@ -171,14 +175,14 @@ def reliability(records: Sequence[Record]) -> list[dict[str, Any]]:
 
 
 def _holds_true(r: Record, name: str) -> bool:
-    """Whether what a probability was stated of is so; effects outside are all called 'unknown'."""
+    """Whether a named alternative is true; all effects outside the vocabulary are 'unknown'."""
     return r["kind"] == "null" if name == OTHERS[0] else name in r["effects"]
 
 
 def miss(r: Record) -> dict[str, Any]:
-    """What an answer missed, for the list: what is true, what was said, and why they differ."""
+    """An entry of the list of misses: ground truth, answer and reason."""
     ranked = sorted(r["probability"].items(), key=lambda item: -item[1])[:3]
-    true = r["outside"] or " + ".join(r["effects"]) or "nothing"
+    true = r["outside"] or " + ".join(r["effects"]) or "noise only"
     return {
         "world": r["world"],
         "kind": r["kind"],

@@ -1,4 +1,4 @@
-"""What refits take off held-out errors: how much of the gap, to which floor, and whether as predicted."""
+"""Reduction of validation errors by the refits: achieved, predicted, and of the true model."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from bayescal.blind.judge import Record
 
 WORSE = 1.05
-"""Times the distances' rms from which on they count as made worse: refitting costs some noise."""
+"""Ratio of the distance RMS after / before that counts as increased: a refit adds some noise."""
 NEAR, FAR = 1.3, 1.5
-"""Factors between predicted and achieved shrinkage within which a prediction is good, and fair."""
+"""Factors between predicted and achieved reduction that count as good, and as fair."""
 MEASURES = {"planes": "plane_um", "distances": "distance_um"}
-"""Keys of a record by what is measured."""
+"""Keys of a record by measurement."""
 
 
 def shrunk(records: Sequence[Record], key: str) -> dict[str, Any]:
-    """What a refit takes off held-out errors, in worlds where something was named.
+    """Reduction of validation errors by the refit, in sessions with a named effect.
 
-    `closed` is of the pooled excess variance over the floor; `ratio` the pooled rms after the refit over the
-    floor's, once more of the worlds whose verdict is right, and its median.
+    `closed` is the share of the pooled excess variance that is removed. `ratio` is the pooled RMS after the
+    refit over that of the true model, also for sessions with a correct verdict, and its median.
     """
     own = [r for r in records if r["named"] and r[key] and r[key]["after"] is not None]
     if not own:
@@ -43,13 +43,13 @@ def shrunk(records: Sequence[Record], key: str) -> dict[str, Any]:
 
 
 def made_worse(r: Record) -> bool:
-    """Whether sphere distances rose, beyond what a parameter more costs in noise."""
+    """Whether sphere distance errors increased by more than an additional parameter explains."""
     d = r["distance_um"]
     return bool(r["named"]) and d is not None and d["after"] > WORSE * d["before"]
 
 
 def factors(records: Sequence[Record], what: str) -> list[tuple[Record, float, float]]:
-    """Worlds with a refit, and the factors (after over before) that it predicted and achieved."""
+    """Sessions with a refit, and the ratios (after / before) that it predicted and achieved."""
     key = MEASURES[what]
     return [
         (r, m["predicted_after"] / m["predicted_before"], m["after"] / m["before"])
@@ -59,7 +59,7 @@ def factors(records: Sequence[Record], what: str) -> list[tuple[Record, float, f
 
 
 def predicted(records: Sequence[Record], what: str) -> dict[str, Any]:
-    """Achieved over predicted shrinkage: its median, how often it is near, and how the two go together."""
+    """Achieved / predicted reduction: median, share within the factors, correlation."""
     own = factors(records, what)
     if not own:
         return {"count": 0, "median": None, "near": None, "fair": None, "correlation": None}

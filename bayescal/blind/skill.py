@@ -1,9 +1,9 @@
-"""The log score: how much probability an answer gave to what is true, beside what base rates would give.
+"""The log score: log probability that an answer gives to the ground truth, compared with base rates.
 
 An answer states a probability of every set of effects; what is scored is that of the event that is true:
 
 - nothing is hidden: that of 'nothing';
-- something outside the vocabulary: that of 'something else', with or without names beside it;
+- an effect outside the vocabulary: that of 'unknown', with or without names beside it;
 - effects: that of exactly this set. gap.json lists the weightiest sets; what they leave over is spread on all
   other sets in proportion to the product of the stated marginals.
 
@@ -25,11 +25,11 @@ from bayescal.blind.rates import mean
 
 CLIP = 1e-4
 TOGETHER = {"null": 0, "single": 1, "pair": 2, "outside": 0}
-"""Effects of the vocabulary that a world of each kind hides."""
+"""Number of effects of the vocabulary in a session of each kind."""
 
 
 def stated(r: Record) -> float:
-    """Probability that an answer gives to what is true of its world."""
+    """Probability that an answer gives to the ground truth of its session."""
     p: Mapping[str, float] = r["probability"]
     if r["kind"] == "null":
         return p.get("null", 0.0)
@@ -46,7 +46,7 @@ def stated(r: Record) -> float:
 
 
 def independent(names: Iterable[str], marginals: Mapping[str, float]) -> float:
-    """Probability of exactly these effects, were they there or not independently of each other."""
+    """Probability of exactly these effects, if effects occur independently."""
     there = set(names)
     out = 1.0 if there <= set(marginals) else 0.0
     for name, p in marginals.items():
@@ -55,7 +55,7 @@ def independent(names: Iterable[str], marginals: Mapping[str, float]) -> float:
 
 
 def base_rates(records: Sequence[Record]) -> list[float]:
-    """What base rates give to what is true: the share of its kind, spread evenly over the sets of that kind.
+    """Probability by base rates: the share of a kind, divided evenly among the sets of that kind.
 
     The shares are those of these very worlds, which no answer could know: a hard reference.
     """
@@ -66,7 +66,7 @@ def base_rates(records: Sequence[Record]) -> list[float]:
 
 
 def log_score(records: Sequence[Record]) -> dict[str, Any]:
-    """Mean log score of all worlds and of each kind, nats, beside that of the base rates."""
+    """Mean log score of all sessions and of each kind, nats, and that of the base rates."""
     answers = [log(max(stated(r), CLIP)) for r in records]
     base = [log(max(p, CLIP)) for p in base_rates(records)]
 

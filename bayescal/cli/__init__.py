@@ -15,7 +15,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    help="Calibrate a robot arm from probed planes, and say how sure one can be.",
+    help="Calibrate a robot arm from probed contacts, with uncertainties, and diagnose unmodelled effects.",
 )
 
 
@@ -31,12 +31,12 @@ def _root(
         False, "--version", callback=_version, is_eager=True, help="Print the version."
     ),
 ) -> None:
-    """Calibrate a robot arm from probed planes, and say how sure one can be."""
+    """Calibrate a robot arm from probed contacts, with uncertainties, and diagnose unmodelled effects."""
 
 
 def main() -> None:
     """Entry point of the console script: a `BayescalError` becomes one line and exit code 1."""
-    # the matrices here are small: more than one thread of BLAS only waits for the others
+    # the matrices are small: several BLAS threads would slow the computation down
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from bayescal.cli import blind, compare, fit, gap, import_, simulate  # noqa: F401  (they register their commands)
 

@@ -1,4 +1,4 @@
-"""`bayescal blind`: make, run and score the blind check of `bayescal gap`."""
+"""`bayescal blind`: simulate, diagnose and score the blind check of `bayescal gap`."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ STOPPED = 130
 commands = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Check the diagnosis blind: make sealed worlds, diagnose them with their truth unread, and score.",
+    help="Blind check of the diagnosis: simulate test sessions, diagnose them without ground truth, score.",
 )
 app.add_typer(commands, name="blind")
 
-Folder = Annotated[Path, typer.Argument(help="Blind folder, of `bayescal blind make`.")]
+Folder = Annotated[Path, typer.Argument(help="Folder written by `bayescal blind make`.")]
 Workers = Annotated[int, typer.Option(min=1, help="Worker processes on this machine.")]
 Dask = Annotated[
     str | None,
@@ -32,73 +32,69 @@ Dask = Annotated[
 
 
 @contextmanager
-def _going_on() -> Iterator[None]:
-    """Say, where Ctrl-C ends a command, that nothing is lost."""
+def _resumable() -> Iterator[None]:
+    """Report on Ctrl-C that completed work is kept."""
     try:
         yield
     except KeyboardInterrupt:
-        typer.echo("stopped; what is done is kept, and the same command goes on from there", err=True)
+        typer.echo("stopped; completed work is kept; run the same command again to continue", err=True)
         raise typer.Exit(STOPPED) from None
 
 
 @commands.command()
 def make(
-    out: Annotated[Path, typer.Option("--out", help="Blind folder to make, or to go on with.")],
-    worlds: Annotated[int, typer.Option(min=1, help="How many.")] = 200,
+    out: Annotated[Path, typer.Option("--out", help="Folder to write; an interrupted run continues.")],
+    worlds: Annotated[int, typer.Option(min=1, help="Number of test sessions.")] = 200,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="One seed, one set of worlds [default: one that nobody knows].")
+        int | None, typer.Option(min=0, help="Random seed [default: drawn at random and sealed].")
     ] = None,
     workers: Workers = 1,
     dask: Dask = None,
 ) -> None:
-    """Make worlds in which something is wrong, and seal what it is.
+    """Simulate test sessions with unmodelled effects, and seal the ground truth.
 
-    A world is a session of an independent simulator (needs bayescal[world]). The truth of all is one file;
-    its SHA-256 is printed and kept in every world. What was interrupted goes on where it stopped.
+    The simulator is independent of the model (needs bayescal[world]). The ground truth of all sessions is in
+    a single file; its SHA-256 is printed and stored in every session. An interrupted run continues.
     """
     from bayescal.blind.make import make as run
     from bayescal.cli.progress import progress
 
-    with _going_on(), progress("worlds") as told:
-        sealed = run(out, worlds, seed, workers, dask, told)
-    typer.echo(f"{worlds} worlds in {out}/worlds, their truth sealed in {out}/truth.json")
-    typer.echo(f"SHA-256 of the truth    {sealed}")
+    with _resumable(), progress("worlds") as notify:
+        sealed = run(out, worlds, seed, workers, dask, notify)
+    typer.echo(f"{worlds} test sessions in {out}/worlds; ground truth sealed in {out}/truth.json")
+    typer.echo(f"SHA-256 of the ground truth  {sealed}")
 
 
 @commands.command()
 def run(folder: Folder, workers: Workers = 1, dask: Dask = None) -> None:
-    """Diagnose every world with `bayescal gap`, its truth unread, and seal the answers.
+    """Diagnose every test session with `bayescal gap` without its ground truth, and seal the answers.
 
-    A diagnosis gets a folder with the dataset alone. What was interrupted goes on where it stopped; once
-    sealed, answers stay as they are.
+    A diagnosis gets a folder that holds only the dataset. An interrupted run continues. Sealed answers are
+    not changed.
     """
     from bayescal.blind.run import run as answer
     from bayescal.cli.progress import progress
 
-    with _going_on(), progress("worlds") as told:
-        found = answer(folder, workers, dask, told)
+    with _resumable(), progress("worlds") as notify:
+        found = answer(folder, workers, dask, notify)
     crashed = f", {found.crashed} of them crashes" if found.crashed else ""
     typer.echo(f"{found.worlds} answers in {folder}/answers{crashed}, sealed in {folder}/answers.json")
     if found.again:
-        typer.echo(f"{found.again} were given again: their worlds or the sources of bayescal had changed")
-    typer.echo(f"SHA-256 of the answers  {found.sha256}")
+        typer.echo(f"{found.again} were computed again: the sessions or the sources of bayescal had changed")
+    typer.echo(f"SHA-256 of the answers       {found.sha256}")
 
 
 @commands.command()
 def score(
     folder: Folder,
     out: Annotated[Path | None, typer.Option(help="Score folder to write [default: FOLDER/score].")] = None,
-    page: Annotated[
-        Path | None, typer.Option(help="Markdown page whose tables to renew between its marks.")
-    ] = None,
-    note: Annotated[
-        str, typer.Option(help="When and at which commit thresholds were frozen, for the page.")
-    ] = "",
-    pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,
+    page: Annotated[Path | None, typer.Option(help="Markdown page whose tables are updated.")] = None,
+    note: Annotated[str, typer.Option(help="Date and commit of the frozen thresholds, for the page.")] = "",
+    pictures: Annotated[bool, typer.Option(help="Write the figures.")] = True,
 ) -> None:
-    """Check both seals, open the truth, and print the score card.
+    """Check the seals, open the ground truth, and print the score card.
 
-    Refuses where the truth, a world or an answer is not what was sealed.
+    Refuses if the ground truth, a session or an answer differs from what was sealed.
     """
     from bayescal.blind.card import page as renew
     from bayescal.blind.card import terminal

@@ -14,12 +14,14 @@ from bayescal.cli.progress import progress
 @app.command()
 def compare(
     dataset: Path = typer.Argument(..., help="Dataset folder: dataset.yaml, measurements.csv and the robot."),
-    model: str = typer.Option("geometry,compliance", help="Effects that every method fits, comma separated."),
-    seed: int = typer.Option(0, help="One seed, one result."),
+    model: str = typer.Option(
+        "geometry,compliance", help="Effects that every method fits, separated by commas."
+    ),
+    seed: int = typer.Option(0, help="Random seed."),
     out: Path | None = typer.Option(None, help="Run folder to write [default: runs/<dataset>-compare]."),
     allow_xacro: AllowXacro = False,
 ) -> None:
-    """Calibrate by every method of the survey, and judge all by the same held-out rows."""
+    """Calibrate by several published methods, and compare their errors on the same validation rows."""
     from bayescal.dataset import read_dataset
     from bayescal.folders import check_free
 
@@ -34,8 +36,8 @@ def compare(
     from bayescal.reporting.comparison import comparison_summary, write_comparison
 
     console = Console(highlight=False)
-    with progress("compare") as told:
-        result = run(session, effects, seed, progress=told)
+    with progress("compare") as notify:
+        result = run(session, effects, seed, progress=notify)
         write_comparison(result, folder)
     console.print(comparison_summary(result))
     console.print(f"[dim]written          [/dim]{folder}/compare.json", soft_wrap=True)

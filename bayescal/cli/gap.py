@@ -16,37 +16,38 @@ def gap(
     datasets: list[Path] = typer.Argument(
         ...,
         metavar="DATASET...",
-        help="Dataset folder: dataset.yaml, measurements.csv and the robot. Several, sessions of one arm, "
-        "are diagnosed together.",
+        help="Dataset folder with dataset.yaml, measurements.csv and the robot. Several sessions of the same "
+        "arm are diagnosed together.",
     ),
     model: str = typer.Option(
-        "geometry,compliance", help="Effects that the model has already, comma separated."
+        "geometry,compliance", help="Effects of the calibrated model, separated by commas."
     ),
     without: str = typer.Option(
         "",
-        help="Parts of these effects to leave out and look for, comma separated: 'geometry at joint 4' "
-        "(theta4, d4, and a4, alpha4, beta4 behind), 'geometry at link 4', 'compliance at joint 3'.",
+        help="Parts of these effects to keep nominal and to diagnose, separated by commas: "
+        "'geometry at joint 4' (theta4, d4, and a4, alpha4, beta4 of the next link), 'geometry at link 4', "
+        "'compliance at joint 3'.",
     ),
-    seed: int = typer.Option(0, help="One seed, one result."),
+    seed: int = typer.Option(0, help="Random seed."),
     out: Path | None = typer.Option(
-        None, help="Run folder to write [default: runs/<dataset>-gap; of several, their names joined by +]."
+        None, help="Run folder to write [default: runs/<dataset>-gap; several names are joined by +]."
     ),
-    robust: bool = typer.Option(True, help="Find outliers and leave them out."),
-    prior_width: float = typer.Option(1.0, help="Factor on the widths of the arm's tolerance priors."),
+    robust: bool = typer.Option(True, help="Exclude outliers."),
+    prior_width: float = typer.Option(1.0, help="Factor on the standard deviations of the arm's prior."),
     remounted: bool = typer.Option(
-        False, "--remounted", help="Of several sessions: the tools were taken off in between."
+        False, "--remounted", help="The tools were remounted between the sessions."
     ),
-    pictures: bool = typer.Option(True, help="Draw gap-where.png, -which, -ladder and -residuals."),
+    pictures: bool = typer.Option(True, help="Write gap-where.png, -which, -levels and -residuals."),
     allow_xacro: AllowXacro = False,
 ) -> None:
-    """Diagnose the gap between model and machine: how big, where, which effect, how far it shrinks."""
+    """Diagnose the difference between model and machine: size, location, effect, improvement."""
     from bayescal.cli.sessions import read_sessions
     from bayescal.folders import check_free
 
     effects, parts = (
-        tuple(name.strip() for name in words.split(",") if name.strip()) for words in (model, without)
+        tuple(name.strip() for name in text.split(",") if name.strip()) for text in (model, without)
     )
-    # places are told in one noise: the sessions share its scale
+    # the sessions share a noise scale, so that their residuals are comparable
     session, name = read_sessions(datasets, remounted, False, allow_xacro)
     folder = out or Path("runs") / f"{name}-gap"
     check_free(folder, "gap.json")
@@ -63,9 +64,9 @@ def gap(
     from bayescal.reporting.shared.text import facts
 
     console = Console(highlight=False)
-    with progress() as told:
-        result = diagnose(session, effects, seed, robust, prior_width, told, parts)
-        told("write", 1.0)
+    with progress() as notify:
+        result = diagnose(session, effects, seed, robust, prior_width, notify, parts)
+        notify("write", 1.0)
         written = write_gap(result, folder, pictures)
     console.print(gap_summary(result))
     if session.sessions:

@@ -1,4 +1,4 @@
-"""`bayescal import`: a log of a controller, an instrument or RoboDK to a dataset folder."""
+"""`bayescal import`: convert a log of a controller, an instrument or RoboDK to a dataset folder."""
 
 from __future__ import annotations
 
@@ -12,31 +12,37 @@ from bayescal.cli.options import AllowXacro
 
 @app.command("import")
 def import_(
-    log: Path = typer.Argument(..., help="Joint readings, one row a measurement: CSV, or text in columns."),
+    log: Path = typer.Argument(..., help="Joint readings, one row per measurement: CSV or text in columns."),
     out: Path = typer.Option(..., help="Dataset folder to write; new or empty."),
     map_: str = typer.Option(
-        "", "--map", help='What its columns hold: "j*=A* deg, x=X mm, id=Point", or a .yaml of such entries.'
+        "",
+        "--map",
+        help='Contents of the columns: "j*=A* deg, x=X mm, id=Point", or a .yaml file with such entries.',
     ),
-    robot: str = typer.Option("", help="Built-in name, or a file; the template's where left out."),
+    robot: str = typer.Option("", help="Built-in name or file [default: robot of the template]."),
     format_: str = typer.Option(
-        "csv", "--format", help="csv, or robodk: a calibration table, no map needed."
+        "csv", "--format", help="csv, or robodk (a calibration table; needs no map)."
     ),
-    points: Path | None = typer.Option(None, help="An instrument's points in a file of their own."),
+    points: Path | None = typer.Option(None, help="File with the points of the instrument."),
     points_map: str = typer.Option(
-        "", help="Their unit, where rows are names, then x y z; or a map: id=#1, x=#2 mm, ..."
+        "", help="Unit of the points if rows are names, x, y, z; else a map: id=#1, x=#2 mm, ..."
     ),
-    pair: str = typer.Option("row", help="How points and readings go together: row, or id."),
+    pair: str = typer.Option("row", help="How points are assigned to readings: row or id."),
     template: Path | None = typer.Option(
-        None, help="dataset.yaml, or its folder, with the tools, targets and noise of this session."
+        None, help="dataset.yaml, or its folder, with tools, targets and noise of the session."
     ),
-    tool: str = typer.Option("", help='Reflector on the flange, "0 0 31 mm"; found where left out.'),
+    tool: str = typer.Option(
+        "", help='Position of the reflector on the flange, "0 0 31 mm" [default: estimated].'
+    ),
     noise: str = typer.Option("", help='Standard uncertainty of a coordinate of the instrument: "0.03 mm".'),
-    readings: str = typer.Option("encoder", help="encoder or command: what the joint columns hold."),
-    name: str = typer.Option("", help="Name of the session; that of the log where left out."),
-    force: bool = typer.Option(False, "--force", help="Write also what cannot be, such as a wrong unit."),
+    readings: str = typer.Option("encoder", help="Contents of the joint columns: encoder or command."),
+    name: str = typer.Option("", help="Name of the session [default: name of the log]."),
+    force: bool = typer.Option(
+        False, "--force", help="Write the dataset even if a check fails (for example a wrong unit)."
+    ),
     allow_xacro: AllowXacro = False,
 ) -> None:
-    """Turn a log into a dataset folder; units are asked for, and wrong ones found out."""
+    """Convert a log to a dataset folder. Units must be stated and are checked."""
     from bayescal.importing import Request, convert, write
 
     request = Request(
@@ -58,6 +64,6 @@ def import_(
     write(draft, out, force)
     rows = len(draft.dataset.measurements.ids)
     typer.echo(f"{rows} rows of {draft.dataset.robot.name} from {draft.log}")
-    for note in (*draft.notes, *([f"WRITTEN AS IT IS: {draft.wrong}"] if draft.wrong else [])):
+    for note in (*draft.notes, *([f"WRITTEN DESPITE A FAILED CHECK: {draft.wrong}"] if draft.wrong else [])):
         typer.echo(note)
     typer.echo(f"written to {out}")

@@ -1,4 +1,4 @@
-"""The progress bar that long commands share."""
+"""The progress bar of long commands."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress(first: str = "estimate") -> Iterator[Callable[[str, float], None]]:
-    """A bar on the error stream while it lasts; it is told a stage (or '12 of 200') and the fraction done.
+    """A progress bar on the error stream; call it with a stage (or '12 of 200') and the fraction done.
 
     Parameters
     ----------
     first : str
-        What stands there until then.
+        The stage shown first.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn

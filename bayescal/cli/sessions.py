@@ -1,4 +1,4 @@
-"""The sessions that a command is given, read and joined."""
+"""Read and join the sessions of a command."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bayescal.dataset import Dataset
 def read_sessions(
     folders: Sequence[Path], remounted: bool = False, own_noise: bool = True, allow_xacro: bool = False
 ) -> tuple[Dataset, str]:
-    """The session of one folder, or those of several joined, and what to call a run of them.
+    """The session of a folder, or several sessions joined, and the name of a run.
 
     `remounted` and `own_noise` as of `dataset.join.joined`, `allow_xacro` as of `dataset.read_dataset`.
     """

@@ -1,4 +1,4 @@
-"""`bayescal simulate`: a session on a cube and spheres, with its truth apart."""
+"""`bayescal simulate`: a session on a cube and spheres, with its ground truth in a separate file."""
 
 from __future__ import annotations
 
@@ -17,26 +17,30 @@ def simulate(
         Path, typer.Option("--out", help="Folder to write; an earlier simulated session is replaced.")
     ],
     robot: str = typer.Option("fanuc-lrmate200ic", help="Built-in name, robot.yaml, URDF or xacro."),
-    effects: str = typer.Option("geometry,compliance", help="What is wrong with the true arm."),
-    error_scale: float = typer.Option(1.0, help="Factor on every error of the arm."),
-    contacts: int = typer.Option(500, help="Plane contacts to calibrate with, repeats among them."),
-    later: int = typer.Option(60, help="Plane contacts to validate with, later."),
-    repeats: int = typer.Option(15, help="Contacts that are made four times."),
-    spheres: int = typer.Option(3, help="Spheres of the artefact."),
-    placements: int = typer.Option(4, help="Places where the artefact is put."),
-    sphere_contacts: int = typer.Option(11, help="Contacts on each sphere."),
-    noise_um: float = typer.Option(5.0, help="Noise of a contact along the normal, 1 sigma."),
-    joint_noise_deg: float = typer.Option(0.0, help="Noise of a joint reading, 1 sigma."),
-    outliers: float = typer.Option(0.0, help="Fraction of contacts that are grossly wrong."),
-    payload: float = typer.Option(0.0, metavar="KG", help="Mass on half of the plane contacts."),
-    seed: int = typer.Option(0, help="One seed, one session."),
-    arm_seed: int | None = typer.Option(
-        None, help="Seed of the arm, for another session of the same one [default: that of the session]."
+    effects: str = typer.Option(
+        "geometry,compliance", help="Effects of the simulated arm, separated by commas."
     ),
-    name: str = typer.Option("", help="Name of the session; that of the folder where left out."),
+    error_scale: float = typer.Option(1.0, help="Factor on all errors of the arm."),
+    contacts: int = typer.Option(500, help="Plane contacts for calibration, including repeats."),
+    later: int = typer.Option(60, help="Plane contacts for validation."),
+    repeats: int = typer.Option(15, help="Contacts that are measured four times."),
+    spheres: int = typer.Option(3, help="Spheres of the artefact."),
+    placements: int = typer.Option(4, help="Placements of the artefact."),
+    sphere_contacts: int = typer.Option(11, help="Contacts on each sphere."),
+    noise_um: float = typer.Option(5.0, help="Noise of a contact along the normal, µm (standard deviation)."),
+    joint_noise_deg: float = typer.Option(0.0, help="Noise of a joint reading, deg (standard deviation)."),
+    outliers: float = typer.Option(0.0, help="Fraction of gross outliers."),
+    payload: float = typer.Option(
+        0.0, metavar="KG", help="Additional payload for half of the plane contacts."
+    ),
+    seed: int = typer.Option(0, help="Random seed."),
+    arm_seed: int | None = typer.Option(
+        None, help="Seed of the arm, to simulate several sessions of the same arm [default: --seed]."
+    ),
+    name: str = typer.Option("", help="Name of the session [default: name of the folder]."),
     allow_xacro: AllowXacro = False,
 ) -> None:
-    """Simulate a session on a cube and spheres, and write its truth apart."""
+    """Simulate a session on a cube and spheres; the ground truth is written to a separate file."""
     import math
 
     from bayescal.folders import check_free

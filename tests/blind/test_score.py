@@ -101,40 +101,43 @@ def test_known_answers_have_known_figures():
 
 MISSES = {
     "crashed": (truth(), None),
-    "false alarm: a name for nothing": (null(), answer()),
-    "false alarm: flagged without cause": (null(), silent("unknown")),
-    "nothing there, but not called nothing": (null(), silent("ambiguous")),
-    "outside: named as something else": (strange(), answer()),
-    "outside: right flag, wrong place": (
+    "false alarm: effect named": (null(), answer()),
+    "false alarm: flagged": (null(), silent("unknown")),
+    "noise only, but ambiguous": (null(), silent("ambiguous")),
+    "outside: named as an effect": (strange(), answer()),
+    "outside: flagged, wrong location": (
         strange(place={"site": "base", "driver": "time"}),
         silent("unknown"),
     ),
-    "outside: too weak to see": (strange(strength=(9.0,)), silent()),
+    "outside: too weak": (strange(strength=(9.0,)), silent()),
     "outside: not flagged": (strange(), silent("ambiguous")),
-    "its mate was named": (truth(), answer(named=("thermal-drift",))),
-    "one name too many": (truth(), answer(named=("step", "lobing"))),
-    "wrong name": (truth(), answer(named=("lobing",))),
+    "a confusable effect was named": (truth(), answer(named=("thermal-drift",))),
+    "additional false name": (truth(), answer(named=("step", "lobing"))),
+    "false name": (truth(), answer(named=("lobing",))),
     "second effect weak": (pair(strength=(200.0, 7.0)), answer()),
     "second effect missed": (pair(), answer()),
-    "right, but something unexplained was added": (truth(), answer(verdict="named+unexplained")),
-    "right, but called ambiguous": (truth(), answer(verdict="ambiguous")),
-    "flagged as unknown": (truth(), silent("unknown")),
-    "right, but not sure enough": (
+    "correct, but also flagged as unmodelled": (truth(), answer(verdict="named+unexplained")),
+    "correct, but ambiguous": (truth(), answer(verdict="ambiguous")),
+    "flagged as unmodelled": (truth(), silent("unknown")),
+    "leading effect correct, probability too low": (
         truth(),
         silent("ambiguous", p={"null": 0.3, "unknown": 0.2, "step": 0.43}),
     ),
-    "too weak to see": (truth(strength=7.0), silent()),
-    "not told from its mate": (truth(), silent(p={"null": 0.3, "unknown": 0.0, "thermal-drift": 0.6})),
-    "not seen": (truth(), silent()),
-    "right name, wrong place": (truth(place={"site": "base", "driver": "time"}), answer()),
+    "too weak": (truth(strength=7.0), silent()),
+    "not distinguished from a confusable effect": (
+        truth(),
+        silent(p={"null": 0.3, "unknown": 0.0, "thermal-drift": 0.6}),
+    ),
+    "not detected": (truth(), silent()),
+    "correct name, wrong location": (truth(place={"site": "base", "driver": "time"}), answer()),
 }
 DETAILS = {
     "crashed": "no answer",
-    "its mate was named": "same joint: thermal-drift for step",
+    "a confusable effect was named": "same joint: thermal-drift for step",
     "second effect weak": "lobing, lambda 7",
-    "right, but not sure enough": "P 0.43",
-    "too weak to see": "lambda 7",
-    "right name, wrong place": "step at joint 4, angle 4, acts at base, time",
+    "leading effect correct, probability too low": "P 0.43",
+    "too weak": "lambda 7",
+    "correct name, wrong location": "step at joint 4, angle 4, acts at base, time",
 }
 
 
@@ -245,11 +248,13 @@ def test_a_crash_and_a_lost_answer_are_not_right():
 
 
 def test_what_is_no_answer_is_refused():
-    with pytest.raises(BayescalError, match="world 007: an answer to a world that there is no truth of"):
+    with pytest.raises(BayescalError, match="session 007: an answer has no ground truth"):
         records({"000": truth()}, {"007": answer("007")})
     broken = answer()
     del broken["gap"]["verdict"]
-    with pytest.raises(BayescalError, match="world 000: truth or answer lacks 'verdict'"):
+    with pytest.raises(
+        BayescalError, match="session 000: 'verdict' is missing in the ground truth or the answer"
+    ):
         records({"000": truth()}, {"000": broken})
 
 

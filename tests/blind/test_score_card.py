@@ -25,7 +25,7 @@ SOME = [
 ]
 CASES = {
     "all kinds": SOME,
-    "nothing hidden": [(null(), silent())],
+    "noise only": [(null(), silent())],
     "crashed": [(truth(), None)],
 }
 
@@ -43,7 +43,7 @@ def test_terminal_is_one_screen():
     assert len(lines) <= 60
     assert max(map(len, lines)) <= 100
     for words in (
-        "12 worlds", "2 hide nothing", "1 of 2, 50 % (9 to 91)", "at most 2 %", "by lambda", "over 100",
+        "12 simulated sessions", "2 noise only", "1 of 2, 50 % (9 to 91)", "at most 2 %", "by detectability", "over 100",
         "probability stated", "log score", "misses (3)", "wrong name 1",
     ):  # fmt: skip
         assert words in text
@@ -51,20 +51,20 @@ def test_terminal_is_one_screen():
 
 def test_no_world_is_no_score_and_no_crash():
     text = printed(figures([]))
-    assert text.startswith("0 worlds")
-    assert "none to judge" in text
+    assert text.startswith("0 simulated sessions")
+    assert "no cases" in text
 
 
 def test_page_holds_figures_misses_and_where_they_are_from():
     text = tables(figures(many(*SOME)), ABOUT, ["blind-lambda.png"])
     assert "Frozen: at commit 0123abc." in text
     assert "truth `a1a1a1a1a1a1a1a1`" in text
-    assert "12 worlds of seed 2026" in text
+    assert "12 simulated sessions of seed 2026" in text
     assert "(pictures/blind-lambda.png)" in text
-    assert "| nothing hidden: carries a name | 1 of 2, 50 % (9 to 91) | at most 2 % | no |" in text
+    assert "| noise only: an effect was named | 1 of 2, 50 % (9 to 91) | at most 2 % | no |" in text
     assert "- 009: step at joint 4, joint angle (lambda 200): named, lobing" in text
     assert "009 (20.0 to 30.0 um)" in text
-    assert "no note of when thresholds were frozen" in tables(figures(many(*SOME)), {})
+    assert "date of freezing the thresholds not recorded" in tables(figures(many(*SOME)), {})
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -115,7 +115,7 @@ def test_page_keeps_what_is_around_and_takes_the_pictures(tmp_path):
     page(text, found, ABOUT, folder)
     assert text.read_text(encoding="utf-8") == new
     text.write_text("no marks\n", encoding="utf-8")
-    with pytest.raises(BayescalError, match="no marks to write between"):
+    with pytest.raises(BayescalError, match="the page has no marks for the tables"):
         page(text, found, ABOUT, folder)
     assert text.read_text(encoding="utf-8") == "no marks\n"
     with pytest.raises(BayescalError, match="No such file"):
@@ -126,6 +126,6 @@ def test_what_was_said_of_what():
     said = [pair for r in many(*SOME) for pair in said_of(r)]
     assert said.count(("step", "step")) == 7
     assert ("step", "lobing") in said
-    assert ("nothing", "step") in said
-    assert said.count(("something else", "nothing")) == 1
-    assert ("something else", "something else") in said
+    assert ("noise only", "step") in said
+    assert said.count(("unmodelled", "noise only")) == 1
+    assert ("unmodelled", "unmodelled") in said

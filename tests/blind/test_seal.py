@@ -179,7 +179,7 @@ def test_what_was_interrupted_goes_on(tmp_path, made, monkeypatch):
     with pytest.raises(BayescalError, match="not sealed"):
         opened(again)
     last = here(monkeypatch)
-    found = run(again, told=lambda words, fraction: told.append((words, fraction)))
+    found = run(again, notify=lambda words, fraction: told.append((words, fraction)))
     assert [t.name for t in (*done, *last)] == ["000", "001", "002"]
     assert told == [("2 of 3", 2 / 3), ("3 of 3", 1.0)]
     assert (found.worlds, found.crashed, found.again) == (3, 1, 0)
@@ -206,7 +206,7 @@ def test_a_worker_with_other_sources_is_refused(made, monkeypatch):
         yield 0, {"world": "000", "code_sha256": "other"}
 
     monkeypatch.setattr("bayescal.blind.run.results", results)
-    with pytest.raises(BayescalError, match=r"^tcp://there: a worker has other sources"):
+    with pytest.raises(BayescalError, match=r"^tcp://there: a worker has a different version"):
         run(made, dask="tcp://there")
     assert not (made / "answers").exists()
 
@@ -280,7 +280,7 @@ def test_made_once(made):
         (4, SEED, "3 worlds"),
         (4, 6, "3 worlds and another"),
     ):
-        with pytest.raises(BayescalError, match=f"begun with {words}"):
+        with pytest.raises(BayescalError, match=f"started with {words}"):
             make(made, worlds, seed)
     assert files(made) == before
 
