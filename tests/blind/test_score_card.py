@@ -43,8 +43,8 @@ def test_terminal_is_one_screen():
     assert len(lines) <= 60
     assert max(map(len, lines)) <= 100
     for words in (
-        "12 simulated sessions", "2 noise only", "1 of 2, 50 % (9 to 91)", "at most 2 %", "by detectability", "over 100",
-        "probability stated", "log score", "misses (3)", "wrong name 1",
+        "12 simulated sessions", "2 noise only", "1 of 2, 50 % (9 to 91)", "at most 2 %", "by detectability",
+        "probability stated", "log score", "misses (3)", "false name 1", "over 100",
     ):  # fmt: skip
         assert words in text
 

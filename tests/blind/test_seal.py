@@ -277,8 +277,8 @@ def test_made_once(made):
     assert make(made, WORLDS, SEED) == make(made, WORLDS) == sealed
     for worlds, seed, words in (
         (WORLDS, 6, "another seed"),
-        (4, SEED, "3 worlds"),
-        (4, 6, "3 worlds and another"),
+        (4, SEED, "3 sessions"),
+        (4, 6, "3 sessions and another"),
     ):
         with pytest.raises(BayescalError, match=f"started with {words}"):
             make(made, worlds, seed)
