@@ -1,0 +1,136 @@
+"""Texts use the terms of the field: a table of words and phrases that no text of the program may contain."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TERMS = {
+    r"as drawn|the drawing": "nominal",
+    r"rungs?|ladder": "model level",
+    r"held[- ]out|kept back|keeps back": "validation, cross-validation",
+    r"told apart|tell apart|tells? .{1,40} from|cannot tell": "distinguish, distinguishable, identifiable",
+    r"held to|holds? .{1,30} to (?:its|the) ": "checked against, validated against",
+    r"papers?": "certificate",
+    r"house|mend(?:s|ed)?|guilty|bump(?:s|ed)?|yields to|sick": "the technical term",
+    r"worth trying|worth a word": "plausible, relevant",
+    r"stands? out": "largest residual groups",
+    r"to go on|goes on|go on": "Documentation; continues",
+    r"nobody|thereof|wherein|whence|lest": "a plain sentence",
+    r"had from": "obtained from",
+    r"mates?": "confusable effects",
+    r"whole or not at all": "atomically",
+    r"how sure|how surely": "uncertainty, probability",
+    r"something else|something unknown|something more": "unmodelled effect outside the vocabulary",
+    r"data decide|only the prior|data and prior": "identifiable, weakly identifiable, not identifiable",
+    r"only as their sum": "only the combination is identifiable",
+    r"worst": "maximum",
+    r"play": "backlash, lost motion",
+    r"errs?": "has an error",
+    r"floor": "expected RMS for a correct model",
+    r"named from": "minimum detectable amplitude",
+    r"puts on": "resulting error",
+    r"one (?:can|could|would|may|might|must|has|wants|looks|knows|should|does)": "a sentence with a subject",
+    r"truth apart|another maker": "ground truth, sealed; independent simulator",
+    r"um|urad": "µm, µrad",
+}
+"""What must not be written, as a regular expression of whole words, and what to write instead."""
+PATTERN = re.compile(r"(?<![\w@./-])(?:" + "|".join(TERMS) + r")(?![\w/(]|\.\w|-\w)", re.IGNORECASE)
+
+FOLDERS = ("bayescal", "factors", "docs", "README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+NOT_YET: tuple[str, ...] = (
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "README.md",
+    "bayescal/arm",
+    "bayescal/assess",
+    "bayescal/calibration.py",
+    "bayescal/cli",
+    "bayescal/dataset",
+    "bayescal/effects",
+    "bayescal/errors.py",
+    "bayescal/estimate",
+    "bayescal/exporting",
+    "bayescal/files.py",
+    "bayescal/folders.py",
+    "bayescal/gap",
+    "bayescal/importing",
+    "bayescal/methods",
+    "bayescal/model",
+    "bayescal/predict",
+    "bayescal/reporting/comparison.py",
+    "bayescal/reporting/fit/files.py",
+    "bayescal/reporting/fit/posterior.py",
+    "bayescal/reporting/fit/record.py",
+    "bayescal/reporting/fit/summary.py",
+    "bayescal/reporting/gap/record.py",
+    "bayescal/reporting/shared/text.py",
+    "bayescal/simulation",
+    "bayescal/world",
+    "docs/blind.md",
+    "docs/decisions.md",
+    "docs/gap.md",
+    "docs/importing.md",
+    "docs/knock_out.md",
+    "docs/methods.md",
+    "docs/real_sessions.md",
+    "docs/robots.md",
+    "docs/sessions.md",
+    "docs/study.md",
+    "factors/certificate.py",
+    "factors/feature.py",
+    "factors/relation.py",
+)
+"""Files and folders not covered yet; empty when all are."""
+
+
+EXACT = {
+    "um": "unit of a JSON value, by the output contract",
+    "urad": "unit of a JSON value",
+    "floor": "key of a record",
+    "ladder": "key of gap.json, by the output contract",
+    "worst_distance_um": "key of fit.json",
+}
+"""String literals that are keys or units of the contract, and why."""
+
+
+def texts(path: Path) -> Iterator[tuple[int, str]]:
+    """Line number and text of everything a user or reader sees: Markdown, docstrings, comments, literals."""
+    source = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        inside = False
+        for k, line in enumerate(source.splitlines(), start=1):
+            inside ^= line.lstrip().startswith("```")
+            if not inside:
+                yield k, re.sub(r"`[^`]*`", "", line)
+        return
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value not in EXACT:
+            for k, line in enumerate(node.value.splitlines()):
+                yield node.lineno + k, re.sub(r"`[^`]*`", "", line)
+    for k, line in enumerate(source.splitlines(), start=1):
+        if found := re.search(r"(?:^|\s)# (.*)", line):
+            yield k, re.sub(r"`[^`]*`", "", found.group(1))
+
+
+def files() -> list[Path]:
+    """Every file that must use the terms."""
+    out: list[Path] = []
+    for name in FOLDERS:
+        at = ROOT / name
+        found = [at] if at.is_file() else [p for p in at.rglob("*") if p.suffix in (".py", ".md")]
+        out += [p for p in found if not str(p.relative_to(ROOT)).startswith(NOT_YET or ("\0",))]
+    return sorted(out)
+
+
+@pytest.mark.parametrize("path", files(), ids=lambda p: str(p.relative_to(ROOT)))
+def test_terms(path):
+    found = [
+        f"line {k}: '{m.group(0)}' in: {text.strip()}"
+        for k, text in texts(path)
+        for m in PATTERN.finditer(text)
+    ]
+    assert not found, "\n".join(found)
