@@ -33,8 +33,8 @@ def directions(model: Model) -> Directions:
     for block in model.states:
         _, u, _ = block.kind.linearise(np.zeros(len(block.kind.sd)), model.scene.points[block.rows].T)
         seen.append(np.moveaxis(u, 1, 2).reshape(-1, 3))
-    _, share, axes = np.linalg.svd(np.concatenate(seen), full_matrices=True)
-    share = np.append(share, np.zeros(3 - len(share)))
+    # at least three rows, so that the thin decomposition has all three axes; memory linear in the rows
+    _, share, axes = np.linalg.svd(np.concatenate([*seen, np.zeros((3, 3))]), full_matrices=False)
     return Directions(axes, share / max(share[0], 1e-30))
 
 

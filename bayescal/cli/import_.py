@@ -8,6 +8,7 @@ import typer
 
 from bayescal.cli import app
 from bayescal.cli.options import AllowXacro
+from bayescal.errors import BayescalError
 
 
 @app.command("import")
@@ -23,7 +24,7 @@ def import_(
     format_: str = typer.Option(
         "csv", "--format", help="csv, or robodk (a calibration table; needs no map)."
     ),
-    points: Path | None = typer.Option(None, help="File with the points of the instrument."),
+    points: list[Path] = typer.Option([], help="File with the points of the instrument."),
     points_map: str = typer.Option(
         "", help="Unit of the points if rows are names, x, y, z; else a map: id=#1, x=#2 mm, ..."
     ),
@@ -45,12 +46,14 @@ def import_(
     """Convert a log to a dataset folder. Units must be stated and are checked."""
     from bayescal.importing import Request, convert, write
 
+    if len(points) > 1:
+        raise BayescalError("two files of points", "--points", "join them into one file, or import each")
     request = Request(
         log=log,
         map=map_,
         format=format_,
         robot=robot,
-        points=points,
+        points=points[0] if points else None,
         points_map=points_map,
         pair=pair,
         template=template,

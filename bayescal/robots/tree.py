@@ -172,7 +172,9 @@ def _body(link: Any, file: str) -> Body:
 
 
 def _joint(joint: Any, file: str) -> Joint:
-    axis = _numbers(joint.axis or (1.0, 0.0, 0.0), f"the axis of {joint.name}", file)
+    # exporters write 0 0 0 for a joint that has no axis
+    moves = joint.type != "fixed"
+    axis = _numbers((joint.axis if moves else None) or (1.0, 0.0, 0.0), f"the axis of {joint.name}", file)
     size = float(np.linalg.norm(axis))
     if size == 0.0:
         raise BayescalError(f"the axis of {joint.name} is zero", file, "write its direction")

@@ -123,6 +123,17 @@ def test_simple_ends_are_no_frames(tmp_path):
     assert read(tmp_path, bare.replace("--></inertial>", '--><mass value="0"/></inertial>')).masses is None
 
 
+def test_a_fixed_joint_needs_no_axis(tmp_path):
+    """Exporters write 0 0 0 there (SO-101, TIAGo)."""
+    text = PLAIN.replace(
+        '<axis xyz="0.0 0.0 1.0"/><limit lower="-2" upper="3" effort="1" velocity="1"/></joint></robot>',
+        '<axis xyz="0 0 0"/></joint></robot>',
+    )
+    assert text != PLAIN
+    readings = np.array([[0.3, -0.2]])
+    np.testing.assert_array_equal(ours(read(tmp_path, text), readings), ours(read(tmp_path, PLAIN), readings))
+
+
 def test_fingers_beside_the_chain_weigh(tmp_path):
     finger = link("finger", 0.5, (0, 0, 0.1)) + joint("grip", "hand", "finger", "prismatic", (0, 0, 0.1))
     text = PLAIN.replace("</robot>", finger + "</robot>")
