@@ -55,7 +55,6 @@ NOT_YET: tuple[str, ...] = (
     "bayescal/exporting",
     "bayescal/files.py",
     "bayescal/folders.py",
-    "bayescal/gap",
     "bayescal/importing",
     "bayescal/methods",
     "bayescal/model",

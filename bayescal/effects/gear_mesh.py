@@ -52,6 +52,8 @@ GEAR_MESH = Effect(
     "error at the gear-mesh frequency of joint k (n per revolution)",
     _parameters,
     _missing,
-    Scan("motor turns a joint turn", "{:g} motor turns a joint turn", _ratios, _at),
+    Scan(
+        "motor revolutions per joint revolution", "{:g} motor revolutions per joint revolution", _ratios, _at
+    ),
     phrase=("every joint", "has an error at its gear-mesh frequency"),
 )

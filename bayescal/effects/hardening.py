@@ -50,7 +50,10 @@ HARDENING = Effect(
     _parameters,
     without_masses,
     Scan(
-        "knee as a share of the usual torque", "soft up to {:.0%} of the usual torque", lambda c: KNEES, _at
+        "knee as a share of the usual torque",
+        "low stiffness up to {:.0%} of the usual torque",
+        lambda c: KNEES,
+        _at,
     ),
     phrase=("every joint", "has torque-dependent stiffness"),
     confusable_with=("hysteresis",),

@@ -109,7 +109,7 @@ THERMAL_DRIFT = Effect(
     "lengths, base and joint zeros drift with temperature or time",
     lambda c: apart(c, _parameters),
     _missing,
-    Scan("time constant of warming up, s", "warming up in {:.0f} s", _constants, _warming),
+    Scan("time constant of the warm-up, s", "warm-up time constant {:.0f} s", _constants, _warming),
     whole=True,
     phrase=("the arm", "has thermal drift"),
     confusable_with=("step",),

@@ -45,7 +45,7 @@ from bayescal.model.parts import Part, parts_of
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import HeldOut, held_out
 
-UNSEEN = "no contact of this session would show it at any size worth trying"
+UNSEEN = "not detectable with these contacts at any plausible amplitude"
 Progress = Callable[[str, float], None]
 
 
@@ -137,7 +137,7 @@ def _alike(a: Estimate, b: Estimate) -> bool:
 
 @dataclass(frozen=True)
 class Explained:
-    """A baseline, what was named beside it, and what the two leave of the measurements that were held out."""
+    """A baseline, what was named beside it, and the validation residuals of both."""
 
     first: Examined
     last: Examined  # the same, or with compliance in the model where that was `promoted`
@@ -160,7 +160,7 @@ def explain(
     without: Sequence[Part] = (),
     progress: Progress = lambda stage, fraction: None,
 ) -> Explained:
-    """Name what a baseline leaves out, as far as held-out measurements bear it out; see `diagnose`."""
+    """Name what a baseline leaves out, as far as validation measurements confirm it; see `diagnose`."""
     progress("estimate", 0.0)
     first = examine(scene, effects, robust, prior_width, without)
     progress("search", 0.3)
@@ -243,7 +243,7 @@ def diagnose(
 
 
 def _confirmed(e: Examined, before: HeldOut, robust: bool) -> tuple[Examined, Estimate, HeldOut]:
-    """The refit with what was named, less the names that make held-out measurements worse."""
+    """The refit with the named effects, without those that increase the validation errors."""
     d = e.decision
     while d.members:
         final = refit(e.fitted, e.candidates.pool, d.members, robust)
@@ -252,7 +252,7 @@ def _confirmed(e: Examined, before: HeldOut, robust: bool) -> tuple[Examined, Es
         if not spoilt:
             return replace(e, decision=d), final, after
         *kept, last = d.members
-        withheld = f"{last.effect} explains the fitted contacts but spoils what was held out: {spoilt}"
+        withheld = f"{last.effect} explains the calibration rows but increases the validation error: {spoilt}"
         kind = "ambiguous" if d.kind == "named" else d.kind if kept else "unknown"
         footnotes = (*d.footnotes, withheld)
         d = replace(d, kind=kind, hypothesis=e.search.hypothesis(kept), footnotes=footnotes)
@@ -350,7 +350,7 @@ def _rungs(
 
 
 def _rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:
-    """Pairs of hypotheses that the data cannot tell apart: the leader and those with a share of the doubt."""
+    """Pairs of hypotheses that the data do not distinguish: the most probable and its alternatives."""
     named = [w for w in e.decision.weighed if w.cell is None]
     leader = named[0]
     rivals = [

@@ -73,7 +73,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Margin:
-    """One bin of a margin: the residuals of some fitted and held-out contacts, m."""
+    """One bin of a margin: residuals of calibration and validation contacts, m."""
 
     label: str  # "cube.+x", "joint 4: -90 to -30 deg", "0 to 9 min", ...
     count: int
@@ -119,12 +119,12 @@ class Verdict:
     hypotheses: tuple[Hypothetical, ...]  # the weightiest first
     footnotes: tuple[str, ...]  # effects too small to matter, in words
     missing: Mapping[str, str]  # effects that cannot be judged, and why
-    notes: tuple[str, ...]  # in words: play or late readings, what a probability rests on
+    notes: tuple[str, ...]  # as text: backlash or delayed readings, limits of a probability
 
 
 @dataclass(frozen=True)
 class Shrinkage:
-    """How far the gap shrinks on one kind of held-out measurement, m."""
+    """Reduction of the error of a kind of validation measurement, m."""
 
     what: str  # "planes", "distances" or "points"
     count: int
@@ -140,13 +140,13 @@ class Shrinkage:
 
 @dataclass(frozen=True)
 class Step:
-    """One rung of the ladder from the nominal simulation."""
+    """A model level."""
 
     model: tuple[str, ...]
     heldout_rms: float
     distance_rms: float  # nan without distances
     point_rms: float  # nan without points
-    delta_elpd: float  # log predictive density of held-out rows over the rung before, nats
+    delta_elpd: float  # change in log predictive density of validation rows from the level before, nats
     delta_elpd_se: float
 
 

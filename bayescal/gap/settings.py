@@ -104,7 +104,7 @@ class CellSettings:
     bends: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
     """Quantiles of the contacts' angles beyond which an error may set in (cost)."""
     memory: tuple[float, ...] = (50.0, 150.0)
-    """Time constants of a joint that goes on yielding, s (assumed)."""
+    """Time constants of a joint that creeps, s (assumed)."""
     fewest: int = 12
     """Contacts that a defect or a sudden change must move (assumed)."""
 
@@ -188,7 +188,7 @@ class OutcomeSettings:
     gross_width: float = 1e-2
     """Width over which they may, m a residual (assumed)."""
     apart: float = 3.0
-    """Nats from which on the data favour play over late readings, or the reverse (convention)."""
+    """Nats from which on the data favour backlash over delayed readings, or the reverse (convention)."""
     plain: float = 8.0
     """Nats from which on an error by the direction of approach is remarked on (assumed)."""
     loose: float = 4.0

@@ -1,4 +1,4 @@
-"""Advice: what to probe next, so that two explanations of the gap can be told apart.
+"""Advice: what to measure next to distinguish two explanations of the gap.
 
 Contacts that were made are repeated in thought under other circumstances (`interventions`). How well A shows
 once the model *and* B are free to absorb it, lambda, grows by e^2 / (1 + v) with each contact, where e is
@@ -18,7 +18,7 @@ from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.candidates import Candidates
 from bayescal.gap.settings import DESIGN
 
-NOTHING = "nothing"
+NOTHING = "noise only"
 
 
 def choose(
@@ -55,7 +55,7 @@ def advise(
     pairs: Sequence[tuple[Hypothesis, Hypothesis]],
     contacts: int = DESIGN.contacts,
 ) -> tuple[Advice, ...]:
-    """What to probe next to tell apart each pair of hypotheses: the best intervention, or the best two.
+    """What to measure next to distinguish each pair of hypotheses: the best intervention, or the best two.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def advise(
     Notes
     -----
     Either of the two may be the true one: lambda is the smaller, of A beside B and of B beside A, each
-    at its fitted amplitude, so that neither way the wrong one can stand in for the right one.
+    at its fitted amplitude, so that neither of the two can replace the other.
     """
     members = [m for pair in pairs for h in pair for m in h.members]
     if not members:

@@ -167,7 +167,7 @@ def distances(
 def located(
     fitted: Estimate, wide: Model, target: int, values: np.ndarray
 ) -> tuple[Block, np.ndarray] | None:
-    """A held-out sphere or socket as a block of its own contacts, and where it is found: its part of z.
+    """A validation sphere or socket as a block of its own contacts, and where it is found: its part of z.
 
     A certified diameter is known. None where a tool of its own touched it, or nothing did.
     """

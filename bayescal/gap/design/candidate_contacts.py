@@ -155,7 +155,7 @@ def _linear(
 def _spheres(
     fitted: Estimate, wide: Model, values: np.ndarray, used: np.ndarray, main: str
 ) -> list[Possible]:
-    """The held-out contacts on spheres whose distances are certified, if any."""
+    """The validation contacts on spheres whose distances are certified, if any."""
     model, scene = fitted.model, fitted.model.scene
     certified = [c for c in scene.dataset.certificates if c.kind == "distance"]
     names = {name for c in certified for name in c.targets} - set(model.block_of)

@@ -13,7 +13,7 @@ from bayescal.dataset import Dataset, Measurements
 from bayescal.gap.settings import DESIGN
 from bayescal.model.scene import Scene
 
-AGAIN = "these poses once more"
+AGAIN = "the same poses again"
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
     """The session with contacts appended, by intervention, that could be made at the poses of some rows.
 
     The first intervention, `AGAIN`, changes nothing. All but those from a cold start come at the end of the
-    session; none reaches beyond its times and temperatures, by whose range drifts are told. Their role
+    session; none reaches beyond its times and temperatures, whose range defines the drifts. Their role
     is not to calibrate, so that nothing that follows from the fitted rows is shifted.
     """
     m = scene.dataset.measurements
@@ -40,22 +40,22 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
     if scene.dataset.robot.masses is not None:
         load = DESIGN.payload + (0.0 if m.payload is None else m.payload[rows])
         choices.append(
-            (f"these poses with {DESIGN.payload:g} kg more on the flange", rows, late | {"payload": load})
+            (f"the same poses with {DESIGN.payload:g} kg additional payload", rows, late | {"payload": load})
         )
     if m.velocity is not None:
         ways = turns(scene, rows)
         if ways:
-            what = "these poses, turning about the ball's centre as it touches, one way and the other"
+            what = "the same poses, approached with joint motion in both directions about the stylus tip"
             velocity = np.concatenate([m.velocity[rows] + way for way in ways])
             choices.append((what, np.tile(rows, len(ways)), late | {"velocity": velocity}))
-        what = f"these poses, touched {DESIGN.faster:g} times as fast"
+        what = f"the same poses at {DESIGN.faster:g} times the speed of contact"
         choices.append((what, rows, late | {"velocity": DESIGN.faster * m.velocity[rows]}))
     if m.time is not None and np.ptp(m.time) > 0:
         time = np.random.default_rng(0).uniform(m.time.min(), m.time.max(), len(rows))
         mixed = {"time": time}
         if m.temperature is not None:
             mixed["temperature"] = np.interp(time, m.time, m.temperature)
-        choices.append(("these poses, faces mixed at random, from a cold start", rows, mixed))
+        choices.append(("the same poses in random order of the faces, from a cold start", rows, mixed))
     table = {f.name: getattr(m, f.name) for f in fields(Measurements)}
     if m.payload is None:
         table["payload"] = np.zeros(len(m.role))

@@ -3,7 +3,7 @@
 Links weigh 5 % more or less than the robot file says and balance a little elsewhere, the load on the flange
 is known to half a percent. The compliances take up most of it; what they cannot looks like an error of a
 joint by the angles, so a diagnosis carries it along with these widths as priors. Assumed: masses of links are
-off by up to 15 %, but together, which the compliances take up; wider priors hide true effects (play and
+off by up to 15 %, but together, which the compliances take up; wider priors hide true effects (backlash and
 harmonics of a wrist lost two thirds of their evidence at 15 % and 0.5 mm).
 """
 
@@ -26,7 +26,7 @@ def masses(c: Circumstances, delta: np.ndarray | None = None) -> list[Parameter]
     ----------
     c : Circumstances
     delta : np.ndarray, shape (N, n + 2, 6), optional
-        Where the frames stand beside the drawing.
+        Displacements of the frames from nominal.
     """
     robot, n = c.robot, c.robot.n
     if robot.masses is None or robot.centres_of_mass is None or c.moments is None:

@@ -1,4 +1,4 @@
-"""The ladder from the nominal simulation: where the gap between simulation and machine went, rung by rung."""
+"""Model levels: validation errors from the nominal model to the named effects."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from bayescal.predict.crossvalidation import HeldOut, held_out, kept
 
 
 def ladder(
-    rungs: Sequence[tuple[tuple[str, ...], Estimate]], held: Sequence[HeldOut] | None = None
+    levels: Sequence[tuple[tuple[str, ...], Estimate]], held: Sequence[HeldOut] | None = None
 ) -> tuple[Step, ...]:
-    """Held-out errors of a row of models, each with its gain over the one before.
+    """Validation errors of model levels, each with the change in log predictive density.
 
     Parameters
     ----------
-    rungs : sequence of (effects, Estimate)
+    levels : sequence of (effects, Estimate)
         Of one session, the nominal model first.
     held : sequence of HeldOut, optional
         What each leaves, where it is known already.
     """
-    held = [held_out(e) for _, e in rungs] if held is None else held
+    held = [held_out(e) for _, e in levels] if held is None else held
     fair = kept(*held[-2:]) if len(held) > 2 else kept(held[-1])
     out: list[Step] = []
     before: np.ndarray | None = None
-    for (effects, _), h in zip(rungs, held, strict=True):
+    for (effects, _), h in zip(levels, held, strict=True):
         density, block = log_predictive(h)
         gain, se = (0.0, 0.0) if before is None else difference(density - before, block)
         before = density
@@ -47,7 +47,7 @@ def ladder(
 
 
 def log_predictive(held: HeldOut) -> tuple[np.ndarray, np.ndarray]:
-    """Log predictive density of every held-out contact, (C,), nats, and its block label (C,).
+    """Log predictive density of every validation contact, (C,), nats, and its block label (C,).
 
     Normal by the model's own noise and uncertainty, but for a share of gross contacts that all models allow
     alike: no single slip decides between two models.

@@ -1,4 +1,4 @@
-"""How big the gap is: held-out errors against the noise of one contact, and what the model itself foresaw."""
+"""Size of the gap: validation errors compared with the noise of a contact and the expected errors."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def magnitude(
     held : HeldOut
         Of the baseline.
     after : HeldOut, optional
-        Of the fullest model: a held-out contact is gross only if it is so for both.
+        Of the fullest model: a validation contact is a gross outlier only if it is so for both.
     seed : int
         Of the bootstrap and of the simulated sessions.
     """
@@ -112,7 +112,7 @@ def magnitude(
 def _contacts(
     held: HeldOut, mine: np.ndarray, what: str, factor: float, noise: Noise, rng: np.random.Generator
 ) -> Measured:
-    """Held-out residuals beside simulated ones: parameters of the posterior, noise of its floor."""
+    """Validation residuals and simulated ones: parameters of the posterior, estimated noise."""
     by, residual = held.by_parameters[mine], held.residual[mine]
     own = held.noise[mine] * np.where(held.group[mine] == held.main, factor, 1.0)
     count = int(np.clip(OUTCOME.normals // len(residual), 100, 2000))

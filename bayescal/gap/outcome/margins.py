@@ -23,7 +23,7 @@ Bin = tuple[str, np.ndarray]  # a label and a mask (R,) of residuals
 
 @dataclass(frozen=True)
 class Residuals:
-    """Fitted and held-out residuals r (R,) m; over their noise, r / noise has covariance 1 -+ S S'."""
+    """Calibration and validation residuals r (R,) m; over their noise, r / noise has covariance 1 -+ S S'."""
 
     residual: np.ndarray  # (R,) m, freed of the leverage that the fit had on them
     white: np.ndarray  # (R,) over the noise, as they are
@@ -39,7 +39,7 @@ class Residuals:
 def margins(
     estimate: Estimate, held: HeldOut, noise: float | None = None, noise_dof: float | None = None
 ) -> dict[str, tuple[Margin, ...]]:
-    """Residuals of the fitted contacts and of those held out, by what they may depend on.
+    """Residuals of calibration and validation contacts, grouped by what they may depend on.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def holm(p: np.ndarray) -> np.ndarray:
 def residuals(
     estimate: Estimate, held: HeldOut, noise: float | None = None, noise_dof: float | None = None
 ) -> Residuals:
-    """All lengths of fitted rows, and of held-out ones where any were kept back; as for `margins`."""
+    """All lengths of calibration rows, and of validation rows where there are any; as for `margins`."""
     model, blocks = estimate.model, length_blocks(estimate.model)
     weights = replace(estimate.weights, row={k: np.ones_like(w) for k, w in estimate.weights.row.items()})
     linear, factor = linearise(model, estimate.z, weights), root(estimate.covariance)

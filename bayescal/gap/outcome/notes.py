@@ -1,4 +1,4 @@
-"""What a reader must know beside the figures, in words."""
+"""Notes and warnings of a diagnosis as text."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ DIRECTED = ("backlash", "latency", "unknown")
 
 
 def play_or_late(alone: tuple[Found, ...], pool: Pool, credible: tuple[str, ...]) -> tuple[str, ...]:
-    """Play, or joints that were still on their way when they were read: which of the two the data favour.
+    """Backlash or readings that were not settled: which of the two the data favour.
 
-    Play follows the sign of a joint's speed; a reading that was not settled, or a commanded one that the
-    joint has not reached, errs by the speed itself.
+    Backlash follows the sign of the speed of a joint. The error of a reading that was not settled, or of a
+    commanded position that the joint has not reached, follows the speed itself.
     """
     if not set(credible) & set(DIRECTED):
         return ()
@@ -33,24 +33,28 @@ def play_or_late(alone: tuple[Found, ...], pool: Pool, credible: tuple[str, ...]
             continue
         apart = by_sign - by_speed
         if apart > OUTCOME.apart:
-            says = f"by its sign, {apart:.0f} nats better than by its speed: play, not unsettled readings"
+            says = f"its sign fits {apart:.0f} nats better than its speed: backlash, not unsettled readings"
         elif apart < -OUTCOME.apart:
             says = (
-                f"by its speed, {-apart:.0f} nats better than by its sign: readings not settled, or "
-                "commanded, rather than play"
+                f"its speed fits {-apart:.0f} nats better than its sign: unsettled or commanded readings, "
+                "not backlash"
             )
         else:
-            says = "by its sign or its speed: play or unsettled readings, these contacts cannot tell which"
-        out.append((max(by_sign, by_speed), f"{site} errs with the way it turns, {says}"))
-    return tuple(text for _, text in sorted(out, reverse=True)[:1])  # of the others, part is the first one's
+            says = "backlash (sign) and unsettled readings (speed) are not distinguishable"
+        out.append(
+            (max(by_sign, by_speed), f"the error of {site} depends on its direction of motion; {says}")
+        )
+    return tuple(
+        text for _, text in sorted(out, reverse=True)[:1]
+    )  # the others are partly caused by the first
 
 
 def cautions(dataset: Dataset) -> Iterator[str]:
-    """What the session's readings leave open."""
+    """Limitations by the kind of readings."""
     if dataset.readings == "command":
         yield (
-            "the readings are commanded, not measured: what servos do not reach looks like play (by the "
-            "way of approach) or like compliance (by torque), and cannot be told from them"
+            "the readings are commanded, not measured: servo errors are not distinguishable from backlash "
+            "(direction of motion) and compliance (torque)"
         )
 
 
@@ -59,39 +63,41 @@ def _rms(values: np.ndarray) -> float:
 
 
 def _noise(fitted: Estimate, held: HeldOut) -> np.ndarray:
-    """Noise (R,) of held-out residuals alone, m: without what other contacts leave uncertain of each."""
+    """Noise (R,) of validation residuals, m, without the uncertainty of the parameters."""
     usual = {g: stated_noise(fitted, g) * s for g, s in fitted.weights.scale.items()}
     return np.array([usual.get(g, sd) for g, sd in zip(held.group, held.noise, strict=True)])
 
 
 def warnings(before: Estimate, after: Estimate, first: HeldOut, last: HeldOut) -> tuple[str, ...]:
-    """What weakens the figures."""
+    """What limits the results."""
     out = []
     model, fair = after.model, kept(first, last)
     expected, noise = _rms(first.sd[fair]), _rms(_noise(before, first)[fair])
     if expected > OUTCOME.loose * noise:
         out.append(
-            f"these contacts leave the arm uncertain: the model itself expects {1e6 * expected:.0f} um held "
-            "out, and no gap below that shows"
+            f"the parameters are uncertain: the model expects a validation RMS of {1e6 * expected:.0f} µm, "
+            "and effects below that are not visible"
         )
     if last is not first and _rms(last.residual[fair]) > OUTCOME.grown * _rms(first.residual[fair]):
         out.append(
-            "held-out errors grow with what was added: it fits the calibrated rows alone, so do not build "
-            "on it"
+            "validation errors increase with the named effects: these describe the calibration rows only; "
+            "do not use them"
         )
     if first.how == LEFT_OUT:
-        out.append("the session keeps too few contacts back: each was left out of the fit in turn instead")
+        out.append("too few validation rows: leave-one-out cross-validation is used instead")
     gross = int(np.sum(~fair))
     if gross:
-        out.append(f"{gross} held-out residuals that neither model explains were left out as gross")
+        out.append(f"{gross} validation residuals were excluded as gross outliers under both models")
     if len(after.rejected):
-        out.append(f"{len(after.rejected)} fitted contacts were left out as outliers")
+        out.append(f"{len(after.rejected)} calibration contacts were excluded as outliers")
     values = model.physical(after.z)
     negative = [p.name for p, v in zip(model.parameters, values, strict=False) if p.positive and v < 0]
     if negative:
-        out.append(f"{', '.join(negative)}: negative, which is not physical; these contacts do not tell it")
+        out.append(
+            f"{', '.join(negative)}: negative, which is not physical; not identifiable from these contacts"
+        )
     if not before.model.knows_length:
         out.append(
-            "no certified length among the fitted targets: the arm's size rests on its tolerance priors"
+            "no certified length among the fitted targets: the scale of the arm is determined by its prior"
         )
     return tuple(out)

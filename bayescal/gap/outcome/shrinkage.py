@@ -1,4 +1,4 @@
-"""How far the gap shrinks on held-out planes, sphere distances and points once an effect is added."""
+"""Reduction of the errors of validation planes, sphere distances and points by the named effects."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAN = float("nan")
 def shrinkage(
     before: HeldOut, after: HeldOut, noise: float, seed: int = 0, noise_dof: float = float("inf")
 ) -> tuple[Shrinkage, ...]:
-    """Compare two models on the same held-out rows.
+    """Compare two models on the same validation rows.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def compare(
     what : str
     count : int
     squares : np.ndarray, shape (4, R)
-        Squared errors before and after, their floor, and what of the floor is the noise, m2.
+        Squared errors before and after, expected ones, and the part of these that is noise, m2.
     block : np.ndarray, shape (R,)
     expected : tuple of float
         Rms errors before and after that the refitted model expects, m.

@@ -1,4 +1,4 @@
-"""Where the gap lies: sites and drivers, how much lies there, and how surely; the place before the name."""
+"""Where the gap lies: sites and drivers, how much lies there, and its probability."""
 
 from __future__ import annotations
 

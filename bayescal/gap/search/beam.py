@@ -147,7 +147,7 @@ class Search:
         return out
 
     def _leave_out_unseen(self, state: State) -> None:
-        """Effects that no contact could show at any size worth trying are no candidates."""
+        """Effects that are not detectable at any plausible amplitude are not candidates."""
         whole = fit_state(self.problem, state.columns, state.scales, robust=False)
         projected = project(whole, self.problem.pool)
         seen = np.sum(projected.weighted**2, axis=0) - np.sum(projected.across * projected.solved, axis=0)

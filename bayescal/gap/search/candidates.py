@@ -96,7 +96,7 @@ def with_parts(known: Candidates, name: str, parts: Sequence[Part], c: Circumsta
 
 
 def wide(effect: Effect, c: Circumstances) -> bool:
-    """Whether an effect has more settings than one would carry along."""
+    """Whether an effect has more settings than the search keeps."""
     return effect.scan is not None and len(effect.scan.values(c)) > SEARCH.whole_scan
 
 

@@ -127,7 +127,7 @@ def _past(c: Circumstances, load: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _bumps(c: Circumstances, j: int) -> Iterator[tuple[Parameter, ...]]:
-    """Defects at one place of a turn: a bump each, on the link-relative angle."""
+    """Local defects within a revolution: a Gaussian each, of the link-relative angle."""
     angle = c.q[:, j - 1]
     mine = angle[c.fitted]
     for width in CELLS.bump_widths:
@@ -223,7 +223,7 @@ def _sway(c: Circumstances) -> Iterator[Cell]:
 
 
 def _region(c: Circumstances) -> Iterator[Cell]:
-    """A probe that errs by where in the workspace it touches: all over, or at one place."""
+    """A probe error that depends on the position in the workspace: everywhere, or local."""
     if not np.any(c.touching):
         return
     place = reference.points(c.chain, c.q, c.tool_centres[c.tool])

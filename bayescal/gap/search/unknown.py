@@ -1,4 +1,4 @@
-"""'Something else': the evidence of generic cells beside a hypothesis, every one with its own outliers."""
+"""Unmodelled effects: the evidence of generic cells beside a hypothesis, each with its own outliers."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray 
 
 
 def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[Found]]:
-    """Log evidence of 'something else' over a hypothesis, averaged over cells, and each cell's own.
+    """Log evidence of an unmodelled effect over a hypothesis, averaged over cells, and each cell's own.
 
     Where the hypothesis leaves contacts out, the leading cells are tried on all of them: a defect at one
     place looks like a handful of outliers.

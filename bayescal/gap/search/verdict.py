@@ -18,10 +18,10 @@ from bayescal.gap.settings import SEARCH, VERDICT
 
 @dataclass(frozen=True)
 class Weighed:
-    """A hypothesis, perhaps with something else beside it, and its probability."""
+    """A hypothesis, perhaps with an unmodelled effect, and its probability."""
 
     hypothesis: Hypothesis
-    cell: Found | None  # the best of something else; None without
+    cell: Found | None  # of an unmodelled effect, the best; None without
     log_evidence: float  # over nothing
     score: float
     probability: float = 0.0
@@ -56,7 +56,7 @@ class Decision:
 
 
 def decide(search: Search, pool: Pool) -> Decision:
-    """Weigh every hypothesis that was searched, with and without something else, and decide."""
+    """Weigh every hypothesis that was searched, with and without an unmodelled effect, and decide."""
     weighed, alone = weigh(search, pool)
     probability = probabilities(weighed, list(search.candidates.variants))
     kind, names = judge(weighed, probability)
@@ -123,7 +123,7 @@ def confusable_sets(a: Weighed, b: Weighed) -> bool:
 
 
 def probabilities(weighed: Sequence[Weighed], effects: Sequence[str]) -> dict[str, float]:
-    """Marginal probability of nothing, of something else and of every effect."""
+    """Marginal probability of the noise-only model, of an unmodelled effect and of every effect."""
     out = dict.fromkeys(("null", "unknown", *effects), 0.0)
     for w in weighed:
         for name in w.effects or ("null",):
@@ -162,7 +162,7 @@ def judge(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> tuple
 
 
 def _survives(search: Search, best: Weighed, pool: Pool, effect: str) -> bool:
-    """Whether a name is still needed once the place of something else is in the model."""
+    """Whether a name is still needed once the location of the unmodelled effect is in the model."""
     assert best.cell is not None
     rest = [m for m in best.hypothesis.members if m.effect != effect]
     without = search.hypothesis(rest)
@@ -196,7 +196,7 @@ def _without_footnotes(
     order = np.argsort(size)[::-1]
     kept = tuple(members[k] for k in order if share[k] >= VERDICT.footnote)
     small = [
-        f"{m.effect}: {1e6 * np.sqrt(s):.1f} um, {100 * part:.0f} % of what was found"
+        f"{m.effect}: RMS {1e6 * np.sqrt(s):.1f} µm, {100 * part:.0f} % of the explained variance"
         for m, s, part in zip(members, size, share, strict=True)
         if part < VERDICT.footnote
     ]
