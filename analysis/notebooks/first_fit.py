@@ -32,7 +32,8 @@ import numpy as np
 
 from bayescal.calibration import fit
 from bayescal.dataset import read_dataset
-from bayescal.reporting.fit.posterior import fit_inference_data
+from bayescal.posterior.inference import inference_data
+from bayescal.reporting.fit.posterior import fit_draws
 
 HERE = Path.cwd()
 DATA = next(p / "data" / "lrmate200ic-cube" for p in (HERE, *HERE.parents) if (p / "data").is_dir())
@@ -66,7 +67,7 @@ print(f"{draws.ess.min():.0f} effective draws or more, R-hat up to {np.nanmax(dr
 # ball alike: their sum is told, their difference is left to the prior.
 
 # %%
-data = fit_inference_data(calibration)
+data = inference_data(fit_draws(calibration))
 
 import arviz as az
 

@@ -25,21 +25,21 @@ class Density:
         model = estimate.model
         self.estimate, self.model = estimate, model
         kept = [b.rows[estimate.weights.row[b.name] > 0] for b in model.blocks]
-        self._blocks = [model.part(b, rows) for b, rows in zip(model.blocks, kept, strict=True)]
+        self.blocks = [model.part(b, rows) for b, rows in zip(model.blocks, kept, strict=True)]
         # the ball centres of all contacts in one pass; orientations take passes of their own
-        touching = [b.rows for b in self._blocks if not isinstance(b, Turned)]
+        touching = [b.rows for b in self.blocks if not isinstance(b, Turned)]
         self._motion = model.motion(np.concatenate(touching))
         ends = np.cumsum([len(rows) for rows in kept])
         self._at = [slice(end - len(rows), end) for end, rows in zip(ends, kept, strict=True)]
         scale = estimate.weights.scale
-        main = max(scale, key=lambda g: sum(b.residuals for b in self._blocks if b.group == g))
+        main = max(scale, key=lambda g: sum(b.residuals for b in self.blocks if b.group == g))
         self.kappa = scale[main]  # the estimate's
         self.ratio = {g: s / self.kappa for g, s in scale.items()}
-        self._inverse = []
-        for b, full in zip(self._blocks, model.blocks, strict=True):
+        self.inverse_sigma = []
+        for b, full in zip(self.blocks, model.blocks, strict=True):
             row = np.tile(estimate.weights.row[b.name], full.kind.rows)
             inverse = np.sqrt(row) / (estimate.weights.sigma[b.name] * self.ratio[b.group])
-            self._inverse.append(inverse[row > 0].reshape(full.kind.rows, -1))
+            self.inverse_sigma.append(inverse[row > 0].reshape(full.kind.rows, -1))
         self.count = sum(float(np.sum(estimate.weights.row[b.name])) * b.kind.rows for b in model.blocks)
 
     @property
@@ -47,23 +47,33 @@ class Density:
         """Length of a point: D + 1."""
         return self.model.size + 1
 
-    def misfit(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Chi-squared of the contacts at kappa 1, and of certificates and prior, at z (W, D): (W,), (W,)."""
-        model, slices = self.model, self.model.slices
-        values = model.deviations(z[:, slices[ARM]])
+    def whitened(self, z: np.ndarray) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
+        """Residuals of every block at z (W, D), in standard uncertainties at kappa 1, and all target states.
+
+        Of a block (W, rows of its kind, contacts that count).
+        """
+        slices = self.model.slices
+        values = self.model.deviations(z[:, slices[ARM]])
         p = self._motion.points(values)
-        contacts = np.zeros(len(z))
-        states = {}
-        for block, at, inverse in zip(self._blocks, self._at, self._inverse, strict=True):
+        residuals, states = [], {}
+        for block, at, inverse in zip(self.blocks, self._at, self.inverse_sigma, strict=True):
             states[block.target] = block.state(z[:, slices[block.target]])
             seen = block.seen(values) if isinstance(block, Turned) else p[..., at]
             r = block.kind.residual(states[block.target], seen)
             if len(block.contact_index):
                 r = r + (values[:, block.contact_index] @ block.contact)[:, None, :]
-            r = r * inverse
+            residuals.append(r * inverse)
+        return residuals, states
+
+    def misfit(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Chi-squared of the contacts at kappa 1, and of certificates and prior, at z (W, D): (W,), (W,)."""
+        residuals, states = self.whitened(z)
+        contacts = np.zeros(len(z))
+        for r in residuals:
             contacts += np.einsum("wkc,wkc->w", r, r)
+        values = self.model.deviations(z[:, self.model.slices[ARM]])
         rest = np.einsum("wd,wd->w", z, z)
-        for constraint in model.constraints:
+        for constraint in self.model.constraints:
             r, _ = constraint.linearise(values, *(states[name] for name in constraint.targets))
             rest += np.einsum("wk,wk->w", r, r)
         return contacts, rest

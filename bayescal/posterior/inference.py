@@ -1,9 +1,14 @@
-"""The ArviZ record of a calibration: the one module that knows ArviZ, 0.x and 1.x alike."""
+"""The ArviZ record of a calibration: the one module that knows ArviZ, 0.x and 1.x alike.
+
+A record is written as netCDF without ArviZ, xarray or pandas, whose imports take longer than a fit; what
+ArviZ reads of it is what it would have written.
+"""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,58 +17,113 @@ import numpy as np
 Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray]]
 """Name -> (dimensions behind chain and draw, values)."""
 
-SAMPLED = ("posterior", "sample_stats", "posterior_predictive")
+SAMPLED = (
+    "posterior",
+    "sample_stats",
+    "log_likelihood",
+    "posterior_predictive",
+    "prior",
+    "prior_predictive",
+)
+"""Groups whose values begin with chain and draw."""
 
 
-def inference_data(
-    groups: Mapping[str, Variables],
-    coords: Mapping[str, Any],
-    units: Mapping[str, str],
-    attrs: Mapping[str, str],
-) -> Any:
-    """InferenceData (ArviZ 0.x) or DataTree (ArviZ 1.x) of named groups.
+@dataclass(frozen=True)
+class Record:
+    """Named groups of labelled arrays.
 
-    Parameters
+    Attributes
     ----------
     groups : mapping
-        Group name to its variables; those of posterior, sample_stats and posterior_predictive have
-        values of shape (chains, draws, ...).
+        Group name to its variables; those of `SAMPLED` groups have values of shape (chains, draws, ...).
     coords : mapping
         Dimension name to its labels.
     units : mapping
         Unit of each variable.
     attrs : mapping
         Attributes of the whole.
+    labels : mapping
+        Further labels of a dimension: name to the dimension and its labels.
     """
+
+    groups: Mapping[str, Variables]
+    coords: Mapping[str, Any]
+    units: Mapping[str, str] = field(default_factory=dict)
+    attrs: Mapping[str, str] = field(default_factory=dict)
+    labels: Mapping[str, tuple[str, Any]] = field(default_factory=dict)
+
+    def arrays(self, group: str) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+        """All variables of a group with all of their dimensions."""
+        lead = ("chain", "draw") if group in SAMPLED else ()
+        return {
+            name: ((*lead, *dims), np.asarray(values)) for name, (dims, values) in self.groups[group].items()
+        }
+
+    def dimensions(self, group: str) -> dict[str, np.ndarray]:
+        """Labels of the dimensions that a group uses."""
+        out: dict[str, np.ndarray] = {}
+        for dims, values in self.arrays(group).values():
+            for dim, size in zip(dims, values.shape, strict=True):
+                out.setdefault(dim, np.asarray(self.coords.get(dim, np.arange(size))))
+        return out
+
+
+def inference_data(record: Record) -> Any:
+    """InferenceData (ArviZ 0.x) or DataTree (ArviZ 1.x) of a record."""
     import xarray as xr
 
     datasets = {}
-    for group, variables in groups.items():
-        lead = ("chain", "draw") if group in SAMPLED else ()
+    for group in record.groups:
         arrays = {
-            name: xr.DataArray(values, dims=(*lead, *dims), attrs={"units": units.get(name, "1")})
-            for name, (dims, values) in variables.items()
+            name: xr.DataArray(values, dims=dims, attrs={"units": record.units.get(name, "1")})
+            for name, (dims, values) in record.arrays(group).items()
         }
-        used = {dim for array in arrays.values() for dim in array.dims}
-        labels = {dim: labels for dim, labels in coords.items() if dim in used}
-        for dim in lead:
-            labels[dim] = np.arange(next(iter(arrays.values())).sizes[dim]) if arrays else []
-        datasets[group] = xr.Dataset(arrays, coords=labels, attrs=dict(attrs))
+        coords: dict[str, Any] = dict(record.dimensions(group))
+        coords |= {name: own for name, own in record.labels.items() if own[0] in coords}
+        datasets[group] = xr.Dataset(arrays, coords=coords, attrs=dict(record.attrs))
     az = _arviz()
     if int(az.__version__.split(".")[0]) < 1:
-        return az.InferenceData(attrs=dict(attrs), **datasets)
+        return az.InferenceData(attrs=dict(record.attrs), **datasets)
     tree = xr.DataTree.from_dict(datasets)
-    tree.attrs.update(attrs)
+    tree.attrs.update(record.attrs)
     return tree
 
 
-def save(data: Any, path: Path) -> None:
-    """Write an inference record as netCDF."""
-    data.to_netcdf(str(path), engine="h5netcdf")
+def save(record: Record, path: Path) -> None:
+    """Write a record as netCDF, in the layout of xarray."""
+    import h5netcdf
+
+    with h5netcdf.File(str(path), "w") as file:
+        file.attrs.update(record.attrs)
+        for name in record.groups:
+            group = file.create_group(name)
+            group.attrs.update(record.attrs)
+            dimensions = record.dimensions(name)
+            group.dimensions = {dim: len(labels) for dim, labels in dimensions.items()}
+            for dim, labels in dimensions.items():
+                _variable(group, dim, (dim,), labels)
+            further = {k: own for k, own in record.labels.items() if own[0] in dimensions}
+            for label, (dim, values) in further.items():
+                _variable(group, label, (dim,), np.asarray(values))
+            for variable, (dims, values) in record.arrays(name).items():
+                written = _variable(group, variable, dims, values)
+                written.attrs["units"] = record.units.get(variable, "1")
+                named = " ".join(label for label, (dim, _) in further.items() if dim in dims)
+                if named:
+                    written.attrs["coordinates"] = named
+
+
+def _variable(group: Any, name: str, dims: tuple[str, ...], values: np.ndarray) -> Any:
+    """A new variable of a group; text as strings of any length."""
+    if values.dtype.kind in "US":
+        import h5py
+
+        return group.create_variable(name, dims, h5py.string_dtype(), data=values.astype(object))
+    return group.create_variable(name, dims, values.dtype, data=values)
 
 
 def load(path: Path) -> Any:
-    """Read an inference record."""
+    """Read an inference record by ArviZ."""
     return _arviz().from_netcdf(str(path))
 
 

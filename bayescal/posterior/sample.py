@@ -1,7 +1,8 @@
 """Four independent ensembles of emcee, run until every parameter has the draws that were asked for.
 
-Half of the steps are independent proposals from the linearised posterior, half are differential
-evolution (ter Braak 2006): the first make it fast, the second keep it right where the model bends.
+Steps are independent proposals from the linearised posterior or differential evolution (ter Braak
+2006): the first make it fast, the second keep it right where the model bends. Where few of the first are
+accepted in the burn-in, half of the steps are of either kind.
 """
 
 from __future__ import annotations
@@ -12,17 +13,20 @@ from typing import Any
 
 import emcee
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
+from bayescal.posterior.convergence import Convergence, convergence, split_rhat
 from bayescal.posterior.density import Density, Linearised
 
 ENSEMBLES = 4
-FIRST = 100  # steps before convergence is looked at, and by how much more steps each time after
-GROWTH = 1.4
-BURN = 30  # steps thrown away, of overdispersed starts
-TAUS = 50  # emcee's rule: so many autocorrelation times make a trustworthy one
+LEAST_SHARE, LARGEST_SHARE = 0.5, 0.9
+"""Share of the independent proposals in all steps: what was accepted of them in the burn-in, within these."""
+BURN = 15  # steps thrown away, of overdispersed starts; more where the ensembles still drift then
+YIELD = 0.75  # effective draws of a draw, as long as nothing is known of it
+MARGIN = 1.03  # beyond what should be enough, so that it is enough the next time
+GROWTH = 1.5  # at most so many times the steps that were taken, before convergence is looked at again
+TAUS = 10  # autocorrelation times that an ensemble runs at least: up to there they are measured well
 MAX_STEPS = 10_000
 LARGEST_RHAT = 1.01
 
@@ -31,21 +35,28 @@ LARGEST_RHAT = 1.01
 class Draws:
     """Draws of the posterior, four chains, and how they were come by.
 
-    A chain is an ensemble, thinned by its autocorrelation time and its walkers laid end to end.
+    A chain is an ensemble, its walkers laid end to end, so that what a walker remembers shows in the
+    chain's autocorrelation. Convergence is that of these draws, as ArviZ finds it of them.
     """
 
     z: np.ndarray  # (chains, draws, D)
     log_kappa: np.ndarray  # (chains, draws), noise scale over the stated noise
     log_density: np.ndarray  # (chains, draws)
     names: tuple[str, ...]  # of the D components and the noise scale
-    ess: np.ndarray  # (D + 1,) effective draws
-    rhat: np.ndarray  # (D + 1,) split R-hat across the ensembles, nan where not sampled
+    ess_bulk: np.ndarray  # (D + 1,) effective draws in the bulk
+    ess_tail: np.ndarray  # (D + 1,) and in the tails, of the 5 % and the 95 % quantile
+    rhat: np.ndarray  # (D + 1,) rank-normalised split R-hat, nan where not sampled
     acceptance: dict[str, float]  # by move
     moves: str
     steps: int  # of each ensemble after burn-in
     walkers: int
     converged: bool
     complaint: str  # why not, in words
+
+    @property
+    def ess(self) -> np.ndarray:
+        """Effective draws, the fewer of bulk and tails, (D + 1,)."""
+        return np.minimum(self.ess_bulk, self.ess_tail)
 
     @property
     def flat(self) -> np.ndarray:
@@ -90,40 +101,16 @@ class Evolution(_Counted, emcee.moves.DEMove):
     """Differential evolution among the walkers."""
 
 
-def autocorrelation_times(chain: np.ndarray) -> np.ndarray:
-    """Integrated autocorrelation times (D,), in steps, of an ensemble's chain (T, W, D).
-
-    The mean over walkers of the autocorrelation function, summed up to Sokal's window of 5 times: the
-    estimator of emcee, for all components at once. Infinite where nothing moved.
-    """
-    steps = len(chain)
-    spectrum = rfft(chain - chain.mean(axis=0), n=next_fast_len(2 * steps), axis=0)
-    correlation = irfft(spectrum.real**2 + spectrum.imag**2, axis=0)[:steps]
-    with np.errstate(invalid="ignore"):
-        correlation = np.mean(correlation / correlation[0], axis=1)
-    times = 2.0 * np.cumsum(correlation, axis=0) - 1.0
-    out = [column[emcee.autocorr.auto_window(column, 5.0)] for column in times.T]
-    return np.maximum(np.nan_to_num(np.array(out), nan=np.inf), 1.0)
-
-
-def split_rhat(chains: np.ndarray) -> np.ndarray:
-    """Split R-hat (Gelman et al., BDA3, 11.4) of chains (M, T, D), each cut in two halves: (D,)."""
-    half = chains.shape[1] // 2
-    parts = np.concatenate([chains[:, :half], chains[:, -half:]])
-    within = parts.var(axis=1, ddof=1).mean(axis=0)
-    between = parts.mean(axis=1).var(axis=0, ddof=1)
-    return np.sqrt((half - 1) / half + between / within)
-
-
 def gaussian(estimate: Estimate, seed: int, count: int = 4000) -> Draws:
     """Draws of the linearised posterior: the Gaussian approximation, with the noise scale unknown."""
     density = Density(estimate)
     x = Linearised.of(density).draw(count, np.random.default_rng(seed))
     x = x.reshape(ENSEMBLES, -1, density.size)
     lp = np.stack([density(part) for part in x])
+    every = np.full(density.size, float(count))
     return Draws(
         x[..., :-1], x[..., -1], lp, (*estimate.model.names, "noise scale"),
-        np.full(density.size, float(count)), np.full(density.size, np.nan), {},
+        every, every, np.full(density.size, np.nan), {},
         "none: independent draws of the linearised posterior", count, 1, True, "",
     )  # fmt: skip
 
@@ -135,13 +122,13 @@ def sample(
     progress: Callable[[float], None] = lambda fraction: None,
     max_steps: int = MAX_STEPS,
 ) -> Draws:
-    """Sample until every parameter and the noise scale have `effective` effective draws.
+    """Sample until every parameter and the noise scale have `effective` effective draws, bulk and tails.
 
     Parameters
     ----------
     estimate : Estimate
     effective : int
-        Wanted effective sample size of every component.
+        Wanted effective sample size of every component, of the draws that are kept.
     seed : int
         One seed, one result.
     progress : callable
@@ -162,58 +149,84 @@ def sample(
     linearised = Linearised.of(density)
     walkers = 2 * (density.size + 1)
     moves = [(Independence(linearised), Evolution()) for _ in range(ENSEMBLES)]
-    samplers, states = [], []
-    for k, seeds in enumerate(np.random.SeedSequence(seed).spawn(ENSEMBLES)):
+    states = []
+    for pair, seeds in zip(moves, np.random.SeedSequence(seed).spawn(ENSEMBLES), strict=True):
         rng = np.random.RandomState(np.random.MT19937(seeds))
-        sampler = emcee.EnsembleSampler(
-            walkers, density.size, density, moves=[(move, 0.5) for move in moves[k]], vectorize=True
-        )
-        start = linearised.draw(walkers, rng, spread=2.0)
-        # the ensemble draws its own proposals from the sampler's generator: seed that one too
-        sampler._random.set_state(rng.get_state())
-        states.append(sampler.run_mcmc(emcee.State(start, random_state=rng.get_state()), BURN, store=False))
-        samplers.append(sampler)
+        start = emcee.State(linearised.draw(walkers, rng, spread=2.0), random_state=rng.get_state())
+        states.append(_ensemble(density, walkers, pair, LEAST_SHARE, start).run_mcmc(start, BURN))
+    share = float(np.clip(np.mean([pair[0].rate for pair in moves]), LEAST_SHARE, LARGEST_SHARE))
+    samplers = [
+        _ensemble(density, walkers, pair, share, state) for pair, state in zip(moves, states, strict=True)
+    ]
     for pair in moves:
         for move in pair:
             move.proposed = move.accepted = 0
-    steps, tau, ess = 0, np.inf, np.zeros(density.size)
-    fraction, aim = 0.0, 0.5
-    while steps < max_steps:
-        more = min(max(FIRST, int(steps * (GROWTH - 1.0))), max_steps - steps)
+    steps, first, thin = 0, 0, 1
+    more = max(int(np.ceil(effective / (YIELD * ENSEMBLES * walkers))), TAUS)
+    while True:
+        more = min(more, max_steps - steps)
         for k, sampler in enumerate(samplers):
             states[k] = sampler.run_mcmc(states[k], more)
-            progress(min(fraction + (k + 1) / ENSEMBLES * (aim - fraction), 1.0))
+            progress((steps + (k + 1) / ENSEMBLES * more) / (steps + more))
         steps += more
-        taus = np.stack([autocorrelation_times(s.get_chain()) for s in samplers])
-        tau = float(np.max(taus.mean(axis=0)))
-        ess = np.sum(walkers * steps / taus, axis=0)
-        fraction = min(float(ess.min()) / effective, steps / (TAUS * tau))
-        aim = fraction * GROWTH
-        if fraction >= 1.0:
+        chains = np.stack([s.get_chain(discard=first, thin=thin) for s in samplers])  # (M, T, W, D + 1)
+        ends = _walkers_end_to_end(chains)
+        found, drift = convergence(ends), _drift(chains)
+        tau = thin * chains[..., 0].size / float(found.ess_bulk.min())
+        enough = min(float(found.ess.min()) / effective, (steps - first) / (TAUS * tau))
+        if (enough >= 1.0 and drift <= LARGEST_RHAT) or steps >= max_steps:
             break
-    thin = max(int(np.ceil(tau)), 1) if np.isfinite(tau) else 1
-    chains = np.stack([s.get_chain(thin=thin) for s in samplers])  # (M, T, W, D + 1)
-    flat = chains.reshape(ENSEMBLES, -1, density.size)
-    lp = np.stack([s.get_log_prob(thin=thin) for s in samplers]).reshape(ENSEMBLES, -1)
-    rhat = split_rhat(flat)
+        if drift > LARGEST_RHAT:
+            first = steps // 2
+        thin = max(int(tau / 2.0), 1)  # what lies closer together is nearly the same draw
+        growth = min(MARGIN / enough if enough < 1.0 else GROWTH, GROWTH)
+        more = max(int(np.ceil((steps - first) * (growth - 1.0))), first - steps // 2, 1)
+    lp = np.stack([s.get_log_prob(discard=first, thin=thin) for s in samplers])
     names = (*estimate.model.names, "noise scale")
-    complaint = _complaint(names, ess, rhat, effective, steps, tau)
+    complaint = _complaint(names, found, drift, effective, steps, tau)
     acceptance = {
         "independence": float(np.mean([pair[0].rate for pair in moves])),
         "differential evolution": float(np.mean([pair[1].rate for pair in moves])),
     }
     return Draws(
-        flat[..., :-1], flat[..., -1], lp, names, ess, rhat, acceptance,
-        "half independent proposals from the linearised posterior, half differential evolution",
-        steps, walkers, not complaint, complaint,
+        ends[..., :-1], ends[..., -1], _walkers_end_to_end(lp), names,
+        found.ess_bulk, found.ess_tail, found.rhat, acceptance,
+        f"{100 * share:.0f} % independent proposals from the linearised posterior, the others differential "
+        "evolution",
+        steps - first, walkers, not complaint, complaint,
     )  # fmt: skip
 
 
+def _ensemble(
+    density: Density, walkers: int, moves: tuple[Independence, Evolution], share: float, state: emcee.State
+) -> emcee.EnsembleSampler:
+    """A sampler that takes `share` of its steps by the first of two moves, from the generator of a state."""
+    weighed = list(zip(moves, (share, 1.0 - share), strict=True))
+    sampler = emcee.EnsembleSampler(walkers, density.size, density, moves=weighed, vectorize=True)
+    # the ensemble draws its own proposals from the sampler's generator: seed that one too
+    sampler._random.set_state(state.random_state)
+    return sampler
+
+
+def _walkers_end_to_end(chains: np.ndarray) -> np.ndarray:
+    """Ensembles (M, T, W, ...) as chains (M, W T, ...): all steps of the first walker, then of the second."""
+    return np.swapaxes(chains, 1, 2).reshape(len(chains), -1, *chains.shape[3:])
+
+
+def _drift(chains: np.ndarray) -> float:
+    """Largest R-hat between the first and the second half of the time of ensembles (M, T, W, D)."""
+    by_time = chains.reshape(len(chains), -1, chains.shape[-1])
+    return float(np.nanmax(split_rhat(by_time)))
+
+
 def _complaint(
-    names: tuple[str, ...], ess: np.ndarray, rhat: np.ndarray, effective: int, steps: int, tau: float
+    names: tuple[str, ...], found: Convergence, drift: float, effective: int, steps: int, tau: float
 ) -> str:
+    ess, rhat = found.ess, found.rhat
     if np.nanmax(rhat) > LARGEST_RHAT:
         return f"R-hat of {names[int(np.nanargmax(rhat))]} is {np.nanmax(rhat):.3f}, above {LARGEST_RHAT}"
+    if drift > LARGEST_RHAT:
+        return f"R-hat between the two halves of the run is {drift:.3f}, above {LARGEST_RHAT}"
     if ess.min() < effective:
         least = f"{names[int(ess.argmin())]} has {ess.min():.0f} effective draws"
         return f"{least} of {effective} after {steps} steps"

@@ -1,18 +1,23 @@
 """The sampler against what it must agree with: itself run plainly, its own linearisation, a known normal."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import emcee
 import numpy as np
 import pytest
+from arviz_line import arviz_ess
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.posterior import Density, gaussian, sample
+from bayescal.posterior.convergence import convergence
 from bayescal.posterior.density import Linearised
-from bayescal.posterior.sample import Evolution, Independence, autocorrelation_times, split_rhat
+from bayescal.posterior.sample import Evolution, Independence
+
+sampling = import_module("bayescal.posterior.sample")  # the package has a function of that name
 
 
 @pytest.fixture(scope="module")
@@ -102,13 +107,14 @@ def test_moves_leave_a_normal_as_it_is(size, kind):
     steps = 4000 if size < 40 else 6000
     sampler.run_mcmc(scale * rng.standard_normal((walkers, size)), steps)
     chain = sampler.get_chain(discard=200) / scale
-    error = 1.0 / np.sqrt(chain.shape[0] * walkers / autocorrelation_times(chain))
+    times = emcee.autocorr.integrated_time(chain, quiet=True, tol=0)
+    error = 1.0 / np.sqrt(chain.shape[0] * walkers / times)
     assert np.max(np.abs(chain.mean(axis=(0, 1))) / error) < 4.5
     assert np.all(np.abs(chain.var(axis=(0, 1)) - 1.0) < 6.0 * error * np.sqrt(2))
 
 
 def test_agrees_with_a_long_plain_run(few):
-    """Means within 0.1 sd and sds within a few per cent of a run of differential evolution alone."""
+    """Means and sds are those of a run of differential evolution alone, as far as that is long enough."""
     ours = sample(few, 3000, seed=1)
     assert ours.converged, ours.complaint
     density = Density(few)
@@ -116,22 +122,55 @@ def test_agrees_with_a_long_plain_run(few):
     plain = emcee.EnsembleSampler(walkers, density.size, density, moves=emcee.moves.DEMove(), vectorize=True)
     plain._random.seed(3)
     start = Linearised.of(density).draw(walkers, np.random.RandomState(4))
-    plain.run_mcmc(start, 6000)
-    chain = plain.get_chain(discard=1000, thin=5, flat=True)
+    plain.run_mcmc(start, 2500)
+    chain = plain.get_chain(discard=500, thin=5, flat=True)
     mean, sd = chain[:, :-1].mean(axis=0), chain[:, :-1].std(axis=0)
-    assert np.max(np.abs(ours.flat.mean(axis=0) - mean) / sd) < 0.1
-    assert np.max(np.abs(ours.flat.std(axis=0) / sd - 1.0)) < 0.06
-    assert np.log(ours.kappa).mean() == pytest.approx(chain[:, -1].mean(), abs=0.1 * chain[:, -1].std())
+    assert np.max(np.abs(ours.flat.mean(axis=0) - mean) / sd) < 0.25
+    assert np.max(np.abs(ours.flat.std(axis=0) / sd - 1.0)) < 0.15
+    assert np.log(ours.kappa).mean() == pytest.approx(chain[:, -1].mean(), abs=0.25 * chain[:, -1].std())
+
+
+def test_agrees_with_weighted_independent_draws(few):
+    """Means and sds of all components, from importance weights that hardly differ."""
+    density = Density(few)
+    linearised = Linearised.of(density)
+    x = linearised.draw(20_000, np.random.default_rng(0))
+    log = np.concatenate([density(part) - linearised(part) for part in np.array_split(x, 50)])
+    weight = np.exp(log - log.max())
+    weight /= weight.sum()
+    assert 1.0 / np.sum(weight**2) > 10_000
+    mean = weight @ x
+    sd = np.sqrt(weight @ (x - mean) ** 2)
+    ours = sample(few, 5000, seed=2)
+    drawn = np.concatenate([ours.flat, np.log(ours.kappa)[:, None]], axis=1)
+    assert np.max(np.abs(drawn.mean(axis=0) - mean) / sd) < 0.06
+    assert np.max(np.abs(drawn.std(axis=0) / sd - 1.0)) < 0.05
 
 
 def test_reaches_what_was_asked_and_says_how(fitted):
-    draws = sample(fitted, 2000, seed=0)
+    """Of the draws that are kept, in the bulk and in the tails, as ArviZ counts them; and not many more."""
+    draws = sample(fitted, 4000, seed=0)
     assert draws.converged
-    assert draws.ess.min() >= 2000
+    both = np.concatenate([draws.z, draws.log_kappa[..., None]], axis=-1)
+    for count, method in ((draws.ess_bulk, "bulk"), (draws.ess_tail, "tail")):
+        theirs = [float(arviz_ess(both[..., k], method)) for k in range(both.shape[-1])]
+        np.testing.assert_allclose(count, theirs, rtol=1e-6)
+        assert min(theirs) >= 4000
+    assert len(draws.flat) < 1.6 * 4000
     assert draws.rhat.max() < 1.01
     assert draws.acceptance["independence"] > 0.9
     assert draws.z.shape[0] == 4
     assert np.max(np.abs(draws.flat.std(axis=0) / gaussian(fitted, 0, 20_000).flat.std(axis=0) - 1.0)) < 0.08
+
+
+def test_an_ensemble_that_still_moves_is_seen():
+    """Chains of walkers laid end to end are alike, each with its way from the start; time tells."""
+    rng = np.random.default_rng(0)
+    ensembles = rng.standard_normal((4, 40, 60, 2))
+    assert sampling._drift(ensembles) < sampling.LARGEST_RHAT
+    ensembles[..., 1] += np.linspace(1.0, 0.0, 40)[:, None]
+    assert sampling._drift(ensembles) > sampling.LARGEST_RHAT
+    assert np.all(convergence(sampling._walkers_end_to_end(ensembles)).rhat < sampling.LARGEST_RHAT)
 
 
 def test_one_seed_one_result(fitted):
@@ -149,21 +188,3 @@ def test_a_run_too_short_says_so(fitted):
 def test_no_samples_is_refused(fitted):
     with pytest.raises(BayescalError, match="samples"):
         sample(fitted, 0)
-
-
-def test_autocorrelation_times_are_emcees():
-    rng = np.random.default_rng(0)
-    x = np.zeros((3000, 6, 2))
-    for t in range(1, len(x)):
-        x[t] = np.array([0.9, 0.3]) * x[t - 1] + rng.standard_normal((6, 2))
-    np.testing.assert_allclose(
-        autocorrelation_times(x), emcee.autocorr.integrated_time(x, quiet=True, tol=0), rtol=1e-9
-    )
-
-
-def test_rhat_tells_chains_apart():
-    rng = np.random.default_rng(0)
-    chains = rng.standard_normal((4, 2000, 2))
-    assert np.all(split_rhat(chains) < 1.01)
-    chains[0, :, 1] += 1.0
-    assert split_rhat(chains)[1] > 1.05

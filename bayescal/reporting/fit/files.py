@@ -11,7 +11,7 @@ from bayescal.exporting import calibrated_robot
 from bayescal.folders import whole
 from bayescal.posterior.inference import save
 from bayescal.reporting.fit.agreement import agreement_record, disagreement
-from bayescal.reporting.fit.posterior import fit_inference_data
+from bayescal.reporting.fit.posterior import fit_draws
 from bayescal.reporting.fit.record import fit_record
 from bayescal.robots import robot_to_yaml
 
@@ -35,5 +35,5 @@ def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None
     record = json.dumps(contents, indent=1, allow_nan=False) + "\n"
     with whole(folder, FIT) as stage:
         (stage / FIT).write_text(record, encoding="utf-8")
-        save(fit_inference_data(fit), stage / "posterior.nc")
+        save(fit_draws(fit), stage / "posterior.nc")
         (stage / "robot.yaml").write_text(robot, encoding="utf-8")

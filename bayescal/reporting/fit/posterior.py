@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 
 from bayescal import __version__
-from bayescal.calibration import Fit
-from bayescal.posterior.inference import Variables, inference_data
+from bayescal.calibration import VALIDATION_DRAWS, Fit
+from bayescal.model import Model
+from bayescal.posterior import Pointwise, pointwise, prior_draws
+from bayescal.posterior.inference import Record, Variables
+from bayescal.reporting.shared.text import UM
+
+MOST_VALUES = 10_000_000
+"""Log likelihoods of single rows that are kept at most: of a large session, of fewer draws."""
+FEWEST_DRAWS = 500
+"""Of each chain, however large the session."""
+PRIOR_CHAINS, PRIOR_DRAWS = 4, 500
+REPLICATED = 0x5EED
+"""Word of the seed of replicated data."""
+
+Labelled = dict[str, tuple[tuple[str, ...], np.ndarray]]
 
 
 def variable(name: str) -> str:
@@ -16,35 +30,34 @@ def variable(name: str) -> str:
     return name.replace(" ", "_")
 
 
-def fit_inference_data(fit: Fit) -> Any:
-    """The record of a fit: parameters in the files' units, one variable each."""
+def fit_draws(fit: Fit) -> Record:
+    """The record of a fit: parameters in the files' units, one variable each; rows by `contact`."""
     rung, draws = fit.final, fit.draws
     model, scene = rung.estimate.model, rung.estimate.model.scene
-    unit_names, factor = model.in_file_units()
-    values = model.physical(draws.z) * factor
+    m, ids = scene.dataset.measurements, np.array(scene.dataset.measurements.ids)
     names = [variable(name) for name in model.names]
-    units = dict(zip(names, unit_names, strict=True))
-    posterior: dict[str, tuple[tuple[str, ...], np.ndarray]] = {
-        name: ((), values[..., k]) for k, name in enumerate(names)
-    }
-    posterior["noise_scale"] = ((), np.exp(draws.log_kappa))
     predictive, observed, coords = _predictions(fit)
+    judged = _pointwise(fit)
+    predictive["residual_um"] = (("contact",), _some(_chains(fit, UM * judged.replicated)))
+    observed["residual_um"] = (("contact",), UM * judged.observed)
     rows = scene.rows("calibrate")
-    m = scene.dataset.measurements
-    coords |= {
-        "contact": np.array(m.ids)[rows],
-        "joint": list(scene.dataset.robot.joint_names),
+    constant: Labelled = {
+        "reading_deg": (("row", "joint"), np.degrees(m.readings[rows])),
+        "target": (("row",), np.array([t.name for t in scene.dataset.targets])[m.target[rows]]),
+        "rejected": (("row",), np.isin(rows, rung.estimate.rejected).astype(np.int8)),
     }
-    observed["residual_um"] = (("contact",), _residuals(fit, rows) * 1e6)
-    constant: dict[str, tuple[tuple[str, ...], np.ndarray]] = {
-        "reading_deg": (("contact", "joint"), np.degrees(m.readings[rows])),
-        "target": (("contact",), np.array([t.name for t in scene.dataset.targets])[m.target[rows]]),
-        "rejected": (("contact",), np.isin(rows, rung.estimate.rejected).astype(np.int8)),
+    coords |= {
+        "contact": ids[judged.rows],  # those that count
+        "row": ids[rows],  # all that are there to fit
+        "joint": list(scene.dataset.robot.joint_names),
+        "parameter": names,
     }
     groups: dict[str, Variables] = {
-        "posterior": posterior,
+        "posterior": _parameters(model, draws.z, draws.log_kappa),
         "sample_stats": {"lp": ((), draws.log_density)},
+        "log_likelihood": {"residual_um": (("contact",), _single(_chains(fit, judged.log_likelihood)))},
         "posterior_predictive": predictive,
+        "prior": _parameters(model, *prior_draws(model.size, PRIOR_CHAINS, PRIOR_DRAWS, fit.seed)),
         "observed_data": observed,
         "constant_data": constant,
     }
@@ -56,8 +69,54 @@ def fit_inference_data(fit: Fit) -> Any:
         "inference_library": "emcee" if draws.acceptance else "gaussian approximation",
         "creation_library": f"bayescal {__version__}",
     }
-    suffixed = {name: name.rsplit("_", 1)[1] for name in (*predictive, *observed, "reading_deg")}
-    return inference_data({k: v for k, v in groups.items() if v}, coords, units | suffixed, attrs)
+    units = dict(zip(names, model.in_file_units()[0], strict=True))
+    units |= {name: name.rsplit("_", 1)[1] for name in (*predictive, *observed, "reading_deg")}
+    return Record(groups, coords, units, attrs, _labels(model))
+
+
+def _parameters(model: Model, z: np.ndarray, log_kappa: np.ndarray) -> Labelled:
+    """Draws z (chains, draws, D) as variables in file units, the noise scale, and z itself by `parameter`."""
+    _, factor = model.in_file_units()
+    values = model.physical(z) * factor
+    out: Labelled = {variable(name): ((), values[..., k]) for k, name in enumerate(model.names)}
+    out["noise_scale"] = ((), np.exp(log_kappa))
+    out["z"] = (("parameter",), z)
+    return out
+
+
+def _labels(model: Model) -> dict[str, tuple[str, list[str]]]:
+    """Joint and effect of every parameter; the joint is "" where it belongs to none."""
+    names = model.scene.dataset.robot.joint_names
+    joints, effects = [], []
+    for k in range(model.size):
+        arm = model.parameters[k] if k < len(model.parameters) else None
+        found = re.fullmatch(r"(?:joint|link) (\d+)", str(arm.site)) if arm else None
+        joints.append(names[int(found[1]) - 1] if found else "")
+        effects.append(arm.effect if arm else "target")
+    return {"joint": ("parameter", joints), "effect": ("parameter", effects)}
+
+
+def _pointwise(fit: Fit) -> Pointwise:
+    """What the draws say of each fitted row; of a large session, some draws evenly out of each chain."""
+    estimate, draws = fit.final.estimate, fit.draws
+    chains, count, size = draws.z.shape
+    rows = sum(len(b.rows) for b in estimate.model.states)
+    most = max(MOST_VALUES // max(rows * chains, 1), FEWEST_DRAWS)
+    pick = np.linspace(0, count - 1, min(count, most)).astype(int)
+    z, kappa = draws.z[:, pick].reshape(-1, size), np.exp(draws.log_kappa[:, pick]).ravel()
+    return pointwise(estimate, z, kappa, np.random.default_rng([fit.seed, REPLICATED]))
+
+
+def _some(drawn: np.ndarray) -> np.ndarray:
+    """As many draws (chain, draw, ...) as predictions have, evenly out of each chain; single precision."""
+    chains, count = drawn.shape[:2]
+    each = min(VALIDATION_DRAWS, chains * count) // chains
+    return _single(drawn[:, np.linspace(0, count - 1, each).astype(int)])
+
+
+def _single(values: np.ndarray) -> np.ndarray:
+    """Single precision: what varies by more than its seventh figure from draw to draw takes half the room."""
+    return values.astype(np.float32)
 
 
 def _predictions(fit: Fit) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
@@ -94,12 +153,3 @@ def _chains(fit: Fit, drawn: np.ndarray) -> np.ndarray:
     chains = fit.draws.z.shape[0]
     each = len(drawn) // chains
     return drawn[: chains * each].reshape(chains, each, *drawn.shape[1:])
-
-
-def _residuals(fit: Fit, rows: np.ndarray) -> np.ndarray:
-    """Length of each fitted row's residual at the estimate, (C,), m; signed where it has one residual."""
-    found, out = fit.final.estimate, np.full(len(rows), np.nan)
-    for block in found.model.states:
-        r = found.residuals(block)
-        out[np.searchsorted(rows, block.rows)] = r[0] if len(r) == 1 else np.linalg.norm(r, axis=0)
-    return out

@@ -87,6 +87,8 @@ def _parameters(fit: Fit) -> list[dict[str, Any]]:
                 "contraction": float(1.0 - variance[k]),
                 "interval95": [float(low[k]), float(high[k])],
                 "ess": float(fit.draws.ess[k]),
+                "ess_bulk": float(fit.draws.ess_bulk[k]),
+                "ess_tail": float(fit.draws.ess_tail[k]),
                 "rhat": _finite(fit.draws.rhat[k]),
             }
         )
@@ -164,7 +166,7 @@ def _forecast(forecast: Forecast) -> dict[str, Any]:
 def _sampler(fit: Fit) -> dict[str, Any]:
     draws = fit.draws
     sd = np.std(draws.flat, axis=0)
-    error = sd / np.sqrt(draws.ess[:-1])
+    error = sd / np.sqrt(draws.ess_bulk[:-1])
     return {
         "moves": draws.moves,
         "acceptance": draws.acceptance,
@@ -172,7 +174,13 @@ def _sampler(fit: Fit) -> dict[str, Any]:
         "walkers": draws.walkers,
         "steps": draws.steps,
         "draws": len(draws.flat),
-        "ess": {"min": float(draws.ess.min()), "of": draws.names[int(draws.ess.argmin())]},
+        "ess": {
+            "min": float(draws.ess.min()),
+            "of": draws.names[int(draws.ess.argmin())],
+            "bulk_min": float(draws.ess_bulk.min()),
+            "tail_min": float(draws.ess_tail.min()),
+            "counted_on": "the draws of posterior.nc, rank-normalised (Vehtari et al. 2021)",
+        },
         "rhat": {"max": _finite(np.nanmax(draws.rhat)) if np.any(np.isfinite(draws.rhat)) else None},
         "monte_carlo_error": {"largest_over_sd": float(np.max(error / sd))},
         "converged": draws.converged,
