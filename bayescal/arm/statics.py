@@ -43,7 +43,8 @@ def gravity_moments(
     Returns
     -------
     np.ndarray, shape (C, n + 1, 3)
-        N m, for frames 0 (base) to n.
+        N m, for frames 0 (base) to n. That of the base is about the undisplaced frame, in its axes: a stand
+        yields about a place that does not move with it.
     """
     assert robot.masses is not None
     assert robot.centres_of_mass is not None
@@ -65,6 +66,7 @@ def gravity_moments(
             own = robot.masses[i - 1] * gravity
             weight = weight + own
             moment = moment + np.cross(where, own)
-        about = moment - np.cross(pose[:, i, :3, 3], weight)
-        out[:, i] = (np.swapaxes(pose[:, i, :3, :3], -1, -2) @ about[..., None])[..., 0]
+        frame = pose[:, i] if i > 0 else np.broadcast_to(chain.base, (len(q), 4, 4))
+        about = moment - np.cross(frame[:, :3, 3], weight)
+        out[:, i] = (np.swapaxes(frame[:, :3, :3], -1, -2) @ about[..., None])[..., 0]
     return out

@@ -5,8 +5,8 @@ and y in the joint's frame, each about its own axis). The link itself bends and 
 root, so that its far end, the next joint's frame, turns about that moment. Prior: about 0.3 of the joint's
 usual compliance, with 1.5 times that as standard deviation (assumed; of the right order: bending and base
 tilt took the mean error of an ABB IRB 120 from 0.099 to 0.081 mm, which is 0.06 mm at half a metre and
-30 N m). The first joint's bearing is left out: where its axis is upright nobody can tell it from
-`base-compliance`.
+30 N m). The first joint's bearing is left out where its axis stands upright or lies: there it does what
+`base-compliance` does.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from bayescal.arm.motion import Term
 from bayescal.effects.compliance import SPREAD, typical
 from bayescal.effects.joints import carries, without_masses
 from bayescal.effects.location import Driver, link
+from bayescal.effects.stand import LEANING, first_axis, vertical
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
 
 SHARE = 0.3  # of the joint's compliance about its axis
@@ -26,13 +27,15 @@ SHARE = 0.3  # of the joint's compliance about its axis
 def _parameters(c: Circumstances) -> list[Parameter]:
     assert c.moments is not None
     turned = frames(c.chain, c.q)[:, :, :3, :3]
+    upright = float(first_axis(c) @ vertical(c))
+    first_leans = min(abs(upright), np.sqrt(max(1.0 - upright**2, 0.0))) > LEANING
     out = []
     for j, (name, about) in enumerate(zip(c.robot.joint_names, typical(c.robot.n), strict=True), start=1):
         moment = c.moments[:, j]
         mean = SHARE * float(about)
         where: Where = {"site": link(j), "driver": Driver("bending moment")}
         terms: dict[str, list[Term]] = {"bearing": [], "link": []}
-        if j > 1:
+        if j > 1 or first_leans:
             terms["bearing"] = [Term(j, "rx", moment[:, 0]), Term(j, "ry", moment[:, 1])]
         if j < c.robot.n:
             # the moment at the root, in the frame at the far end

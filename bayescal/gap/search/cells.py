@@ -19,6 +19,7 @@ from bayescal.effects.backlash import STANDSTILL
 from bayescal.effects.joints import LINK, READING, motion, side_of, turned
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.effects.plane_form import shapes
+from bayescal.effects.stand import base_terms, tilts
 from bayescal.gap.settings import CELLS
 
 
@@ -151,12 +152,10 @@ def _bending(c: Circumstances) -> Iterator[Cell]:
                 ),
             ),
         )
-    if c.moments is None:
-        return
-    for axis in range(3):
-        waves = smooth(c.moments[:, 0, axis], c.fitted, 3)
-        if waves and np.ptp(c.moments[c.fitted, 0, axis]) > 1e-3:
-            turns = [Parameter("", "rad", (Term(0, f"r{'xyz'[axis]}", w),), CELLS.angle) for w in waves]
+    for tilt in tilts(c):
+        waves = smooth(tilt.moment, c.fitted, 3)
+        if waves and np.ptp(tilt.moment[c.fitted]) > 1e-3:
+            turns = [Parameter("", "rad", base_terms(c, "r", tilt.axis, w), CELLS.angle) for w in waves]
             yield Cell(BASE, Driver("base moment"), (tuple(turns),))
 
 
