@@ -35,7 +35,7 @@ from bayescal.gap.search.refit import model_name
 from bayescal.model import with_parameters
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
-from bayescal.predict import Distances, Validation, forecast, inside95, validate
+from bayescal.predict import DistanceErrors, Validation, forecast, inside95, validate
 from factors.fixed_point import FixedPoint
 
 RUNS = Path(__file__).parents[1] / "runs" / "real-sessions"
@@ -147,7 +147,7 @@ def of(size: np.ndarray) -> Record:
     }
 
 
-def _distances(d: Distances) -> Record:
+def _distances(d: DistanceErrors) -> Record:
     return {
         "over": d.over,
         "predicted_rms_um": UM * d.rms,

@@ -119,7 +119,7 @@ def _row(method: Method, dataset: Dataset, effects: tuple[str, ...], seed: int) 
     start = perf_counter()
     try:
         solution = method.solve(Scene(dataset), effects)
+        seconds = perf_counter() - start
+        return Row(method, Result(solution, seconds, judged(solution), predicted(solution, seed)))
     except BayescalError as error:
         return Row(method, None, error.what)
-    seconds = perf_counter() - start
-    return Row(method, Result(solution, seconds, judged(solution), predicted(solution, seed)))

@@ -13,8 +13,8 @@ from bayescal.estimate.unexplained import unexplained
 from bayescal.methods.method import Solution
 from bayescal.model import ARM, Model, with_parameters
 from bayescal.posterior import gaussian
-from bayescal.predict import Validation, find, validate
-from bayescal.predict.locate import robust_rows
+from bayescal.predict import Validation, validate
+from bayescal.predict.locate import locate
 
 DRAWS = 2000
 
@@ -26,8 +26,8 @@ def located(model: Model, values: np.ndarray) -> np.ndarray:
     for block in model.states:
         kind, p = block.touched(values), block.motion.points(values)
         sigma = np.tile(block.sigma, (block.kind.rows, 1))
-        keep = robust_rows(kind, p, sigma)
-        z[model.slices[block.target]] = find(kind, p[None], keep / sigma).x[0, block.free] / block.sd
+        at, _ = locate(block.target, kind, p, sigma)
+        z[model.slices[block.target]] = at.x[0, block.free] / block.sd
     return z
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from bayescal.predict.forecast import Distances, Forecast, forecast
-from bayescal.predict.locate import Found, find
+from bayescal.predict.forecast import DistanceErrors, Forecast, forecast
+from bayescal.predict.intervals import inside95, interval95
 from bayescal.predict.validation import (
     DiameterCheck,
     DistanceCheck,
@@ -11,22 +11,18 @@ from bayescal.predict.validation import (
     PointCheck,
     TurnCheck,
     Validation,
-    inside95,
-    interval95,
     validate,
 )
 
 __all__ = [
     "DiameterCheck",
     "DistanceCheck",
-    "Distances",
+    "DistanceErrors",
     "Forecast",
-    "Found",
     "PlaneCheck",
     "PointCheck",
     "TurnCheck",
     "Validation",
-    "find",
     "forecast",
     "inside95",
     "interval95",

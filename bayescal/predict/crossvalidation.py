@@ -12,31 +12,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
-from scipy.stats import t as student
 
-from bayescal.estimate import Estimate, linearise, unit_weights
+from bayescal.estimate import Estimate, linearise
 from bayescal.model import ARM, Block
 from bayescal.model.length_blocks import length_blocks
-from bayescal.model.scene import Scene
-from bayescal.predict.located_targets import Distances, Found, against, distances, locate, root
-from factors.sphere import Sphere
+from bayescal.predict.bootstrap import blocks
+from bayescal.predict.distances import CentreDistances, centre_distances
+from bayescal.predict.rows import RowPrediction, prepared
 
-KEPT_BACK, LEFT_OUT = "validation rows", "leave-one-out cross-validation"
+VALIDATED, LEFT_OUT = "validation rows", "leave-one-out cross-validation"
 """How validation errors were obtained."""
 FEWEST = 8
 """Validate rows of fitted targets below which the fitted rows are left out one by one instead."""
 GROSS = 5.0
 """Predicted standard deviations beyond which a row is gross, unless a tenth of all rows strays as far."""
-RESAMPLES = 2000
-BLOCKS = 40
-"""Blocks for the bootstrap into which rows without a stop or repeat are cut, in order of time."""
 
 
 @dataclass(frozen=True)
 class HeldOut:
     """R residuals of held-out contacts, three for a point, in the order of their rows, and the distances."""
 
-    how: str  # KEPT_BACK or LEFT_OUT
+    how: str  # VALIDATED or LEFT_OUT
     main: str  # whose noise the gap is set against: "contact" where a fit judges contacts, else "point"
     residual: np.ndarray  # (R,) m
     noise: np.ndarray  # (R,) m, of one residual by the fit's own scale
@@ -46,7 +42,7 @@ class HeldOut:
     group: np.ndarray  # (R,) whose noise: "contact" or "point"
     target: np.ndarray  # (R,) names
     block: np.ndarray  # (R,) labels for the bootstrap
-    distances: Distances
+    distances: CentreDistances
 
     @property
     def sd(self) -> np.ndarray:
@@ -89,25 +85,20 @@ class _Part:
 
 
 def held_out(estimate: Estimate) -> HeldOut:
-    """Residuals, predictions and distances of the rows that an estimate did not see."""
-    scene, model = estimate.model.scene, estimate.model
-    m = scene.dataset.measurements
-    rows = scene.rows("validate")
-    fitted = [t for t, item in enumerate(scene.dataset.targets) if item.name in model.block_of]
-    own = rows[np.isin(m.target[rows], fitted)]
-    parts = _against_fit(estimate, own) if len(own) >= FEWEST else left_out(estimate)
-    how = KEPT_BACK if len(own) >= FEWEST else LEFT_OUT
+    """Residuals, predictions and distances of the rows that an estimate did not see.
+
+    Raises
+    ------
+    BayescalError
+        Where the rows of a target do not say where it is.
+    """
+    scene = estimate.model.scene
+    known, factor = prepared(estimate), root(estimate.covariance)
+    fitted = [r for r in known.rows if r.target is None]
+    how = VALIDATED if sum(len(r.block.rows) for r in fitted) >= FEWEST else LEFT_OUT
+    parts = [_predicted(r, factor) for r in fitted] if how == VALIDATED else left_out(estimate)
     main = "contact" if any(p.group == "contact" for p in parts) else "point"
-    arm = root(estimate.covariance)[model.slices[ARM]]
-    certified = {c.targets[0]: c.u_distance for c in scene.dataset.certificates if c.kind == "diameter"}
-    found: dict[str, Found] = {}
-    for t in map(int, np.setdiff1d(m.target[rows], fitted)):
-        name, mine = scene.dataset.targets[t].name, scene.rows_of(t, rows)
-        apart = scene.rows_of(t, scene.rows("locate"))
-        is_sphere = isinstance(scene.kind(t, mine), Sphere)
-        found[name] = locate(estimate, t, mine if is_sphere or not len(apart) else apart, certified.get(name))
-        if not is_sphere:
-            parts.append(_part(*against(estimate, found[name], t, mine, arm)))
+    parts += [_predicted(r, factor) for r in known.rows if r.target is not None]
     width = max([p.by_parameters.shape[1] for p in parts], default=0)
     at = np.concatenate([p.rows for p in parts])
     order = np.argsort(at, kind="stable")
@@ -126,43 +117,34 @@ def held_out(estimate: Estimate) -> HeldOut:
         joined([np.full(len(p.rows), p.group) for p in parts]),
         joined([np.full(len(p.rows), p.target) for p in parts]),
         blocks(scene, at[order]),
-        distances(scene, found, arm),
+        centre_distances(scene, known.located, factor[estimate.model.slices[ARM]]),
     )
 
 
-def blocks(scene: Scene, rows: np.ndarray) -> np.ndarray:
-    """Block labels (R,) of rows in order of time: a stop or a group of repeats, else neighbours in time."""
-    m = scene.dataset.measurements
-    given = m.stop if m.stop is not None else m.repeat
-    own = np.full(len(rows), "") if given is None else given[rows].astype(str)
-    rest = np.unique(rows[own == ""])
-    place = np.searchsorted(rest, rows) * min(BLOCKS, max(len(rest), 1)) // max(len(rest), 1)
-    target = m.target[rows]
-    labels = [f"{target[k]} {g}" if g else f"after {place[k]}" for k, g in enumerate(own)]
-    return np.unique(labels, return_inverse=True)[1]
+def root(covariance: np.ndarray) -> np.ndarray:
+    """Factor L (D, D) with L L' = covariance, however near singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def _predicted(r: RowPrediction, factor: np.ndarray) -> _Part:
+    """Validation rows by the posterior's factor (D, D)."""
+    spread = r.by_z @ factor
+    if r.target is None:
+        return _part(r.block, r.residual, r.noise, spread)
+    spread = spread + (r.by_target @ r.target.by_arm) @ factor[: r.target.by_arm.shape[1]]
+    scatter = r.by_target @ r.target.scatter
+    if not r.own:
+        return _part(r.block, r.residual, r.noise, np.column_stack([spread, scatter]))
+    # (1 - G) noise and the prior, of G = by_target gain: together noise^2 - scatter^2
+    less = np.maximum(r.noise**2 - np.sum(scatter**2, axis=1), 1e-3 * r.noise**2)
+    return _part(r.block, r.residual, np.sqrt(less), spread)
 
 
 def _part(block: Block, residual: np.ndarray, noise: np.ndarray, by: np.ndarray) -> _Part:
     kind = "planes" if block.kind.rows == 1 else "points"
     rows = np.tile(block.rows, block.kind.rows)
     return _Part(block.target, block.group, kind, rows, residual, noise, by)
-
-
-def _against_fit(estimate: Estimate, rows: np.ndarray) -> list[_Part]:
-    """Rows of fitted targets, judged by the fit."""
-    model, scene = estimate.model, estimate.model.scene
-    present = np.unique(scene.dataset.measurements.target[rows])
-    own = tuple(model.block(int(t), scene.rows_of(int(t), rows)) for t in present)
-    sub = replace(model, blocks=own, constraints=())
-    at = np.concatenate([np.r_[model.slices[name]] for name in sub.slices]).astype(int)
-    weights = replace(unit_weights(sub, estimate.z[at]), scale=estimate.weights.scale)
-    linear, factor = linearise(sub, estimate.z[at], weights), root(estimate.covariance)[at]
-    out = []
-    for b in own:
-        mine, noise = linear.of_block[b.target], 1.0 / weights.whitening(b)
-        by = (linear.jacobian[mine] * noise[:, None]) @ factor
-        out.append(_part(b, linear.residual[mine] * noise, noise, by))
-    return out
 
 
 def left_out(estimate: Estimate) -> list[_Part]:
@@ -188,21 +170,3 @@ def left_out(estimate: Estimate) -> list[_Part]:
         sd = np.sqrt(np.einsum("cii->ic", spread))
         out.append(_part(b, r.ravel() * noise, sd.ravel() * noise, np.zeros((k * c, 0))))
     return out
-
-
-def resampled(block: np.ndarray, values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Means (RESAMPLES, K) of values (K, R) over block bootstrap samples, the same ones for all K."""
-    labels, inverse = np.unique(block, return_inverse=True)
-    draws = rng.multinomial(len(labels), np.full(len(labels), 1.0 / len(labels)), size=RESAMPLES)
-    sums = np.stack([np.bincount(inverse, v) for v in values], axis=1)
-    return (draws @ sums) / (draws @ np.bincount(inverse))[:, None]
-
-
-def interval(value: float, draws: np.ndarray, blocks: int) -> tuple[float, float]:
-    """95 % interval of a value by its bootstrap draws, as much wider as few blocks ask for (Student t)."""
-    if blocks < 2 or not len(draws):
-        return float("nan"), float("nan")
-    end = 0.975
-    wider = np.sqrt(blocks / (blocks - 1)) * student.ppf(end, blocks - 1) / norm.ppf(end)
-    low, high = value + wider * (np.quantile(draws, [1.0 - end, end]) - value)
-    return float(low), float(high)

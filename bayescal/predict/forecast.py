@@ -15,7 +15,8 @@ import numpy as np
 from bayescal.estimate import Estimate
 from bayescal.estimate.flatness import FORM
 from bayescal.model.block import ARM
-from bayescal.predict.validation import Validation, interval95
+from bayescal.predict.intervals import interval95
+from bayescal.predict.validation import Validation
 from factors.instrument import Instrument
 
 POINTS = 40
@@ -27,7 +28,7 @@ SHORTEST = 0.2
 
 
 @dataclass(frozen=True)
-class Distances:
+class DistanceErrors:
     """Errors of some distances, as predicted and, where anything tells, as measured; m."""
 
     over: str  # what they are between
@@ -67,14 +68,16 @@ class Forecast:
     noise of the rows. `prior_rms` (m) is the root of the first part.
     """
 
-    checked: tuple[Distances, ...]  # held out, measured too: between certified centres, instrument readings
-    workspace: Distances
+    checked: tuple[
+        DistanceErrors, ...
+    ]  # held out, measured too: between certified centres, instrument readings
+    workspace: DistanceErrors
     prior_rms: float
     prior_share: float
     unexplained_share: float
 
     @property
-    def lead(self) -> Distances:
+    def lead(self) -> DistanceErrors:
         """The distances that a summary leads with: measured ones before those of the model alone."""
         return (*self.checked, self.workspace)[0]
 
@@ -103,18 +106,18 @@ def forecast(fitted: Estimate, z: np.ndarray, checked: Validation, excess: float
     )  # fmt: skip
 
 
-def _certified(checked: Validation) -> Distances | None:
+def _certified(checked: Validation) -> DistanceErrors | None:
     if not checked.distances:
         return None
     predicted = np.stack([d.predicted for d in checked.distances], axis=1)
     lengths = [d.certified for d in checked.distances]
     measured = _rms(np.array([d.error for d in checked.distances]))
-    return Distances(
+    return DistanceErrors(
         "certified centres", len(lengths), min(lengths), max(lengths), predicted, float(measured)
     )
 
 
-def _read(fitted: Estimate, checked: Validation) -> Distances | None:
+def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
     """Between held-out readings of an instrument, target after target."""
     scene = fitted.model.scene
     index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
@@ -133,7 +136,7 @@ def _read(fitted: Estimate, checked: Validation) -> Distances | None:
     if not parts:
         return None
     true, predicted, error = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(3))
-    return Distances(
+    return DistanceErrors(
         "readings of the instrument", len(true), float(true.min()), float(true.max()), predicted,
         float(_rms(error)),
     )  # fmt: skip
@@ -141,7 +144,7 @@ def _read(fitted: Estimate, checked: Validation) -> Distances | None:
 
 def _workspace(
     fitted: Estimate, z: np.ndarray, excess: float, rng: np.random.Generator
-) -> tuple[Distances, float, float]:
+) -> tuple[DistanceErrors, float, float]:
     """Between places of one tool at the session's rows; the mean variance by the priors, and in all, m^2."""
     model, scene = fitted.model, fitted.model.scene
     tool = scene.dataset.measurements.tool
@@ -157,7 +160,7 @@ def _workspace(
     drawn = motion.points(model.deviations(z[_evenly(len(z), DRAWS), arm]))
     if excess:
         drawn = drawn + excess * rng.standard_normal(drawn.shape)
-    found = Distances(
+    found = DistanceErrors(
         "points of the workspace", len(pairs), float(np.min(true, initial=np.inf)),
         float(np.max(true, initial=0.0)), _lengths(drawn, pairs) - true, None,
     )  # fmt: skip
@@ -190,7 +193,7 @@ def _pairs(at: np.ndarray) -> np.ndarray:
 
 
 def _lengths(at: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Distances (..., K) between points (..., 3, N)."""
+    """DistanceErrors (..., K) between points (..., 3, N)."""
     return np.linalg.norm(at[..., pairs[:, 0]] - at[..., pairs[:, 1]], axis=-2)
 
 

@@ -1,4 +1,4 @@
-"""Finding a target (and a tool used with no other) from its own rows, one posterior draw at a time."""
+"""Locating a target, and a tool used with no other, from its own rows: damped, from several starts."""
 
 from __future__ import annotations
 
@@ -6,72 +6,205 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayescal.errors import BayescalError
+from bayescal.estimate.checks import LARGEST_STEP
+from bayescal.predict.starts import starts
 from factors.kind import Kind
 
-ITERATIONS = 6
+ITERATIONS = 100
+RESTS = 1e-4
+"""Posterior standard deviations of a Newton step below which a search ends."""
+DAMPING, EASED, RAISED = 1e-4, 0.1, 10.0
+"""Damping at the start, relative to the Hessian's diagonal, and its factors after a good and a bad step."""
+RIVAL = 4.6
+"""Log posterior, nats (odds of 100 to 1), by which one place must beat another to be the one."""
+APART = 5.0
+"""Posterior standard deviations from which on two solutions are two places."""
+SUSPICIOUS = 2.0
+"""Noise standard deviations of a least-squares residual from which on slipped contacts are looked for."""
 TAIL = 4.0  # degrees of freedom of the Student t that weighs the rows
 OUTLIER = 4.5  # noise standard deviations beyond which a row does not help to find its target
 
 
 @dataclass(frozen=True)
-class Found:
-    """States of a target, (S, size), and shifts of its tool's centre, (S, 3) m (zeros where known)."""
+class States:
+    """S solutions: states of a target, shifts of its tool's centre, and how good they are."""
 
-    x: np.ndarray
-    tool: np.ndarray
+    x: np.ndarray  # (S, size) m and rad
+    tool: np.ndarray  # (S, 3) m; zeros where it is known
+    cost: np.ndarray  # (S,) minus log posterior, nats, up to a constant
+    left: np.ndarray  # (S,) posterior standard deviations that a Newton step would still move it
+    information: np.ndarray  # (S, m, m) of the unknowns over their prior standard deviations
+
+    def only(self, k: int) -> States:
+        """The solution of one number."""
+        one = slice(k, k + 1)
+        return States(self.x[one], self.tool[one], self.cost[one], self.left[one], self.information[one])
 
 
-def find(
+def search(
     kind: Kind,
     p: np.ndarray,
     inverse_sigma: np.ndarray,
     noise: np.ndarray | None = None,
     tool_slopes: np.ndarray | None = None,
     tool_sd: float = 0.0,
-) -> Found:
-    """Gauss-Newton for all draws at once.
+    start: np.ndarray | None = None,
+) -> States:
+    """Levenberg-Marquardt for S problems at once: draws of the ball centres, or starts.
 
     Parameters
     ----------
     kind : Kind
         Of C rows; its `sd` is the prior.
     p : np.ndarray, shape (S, 3, C)
-        Ball centres by draw, m, tools nominal.
-    inverse_sigma : np.ndarray, shape (rows, C) or (S, rows, C)
+        Ball centres, m, tools nominal.
+    inverse_sigma : np.ndarray, shape (rows, C)
         1 / standard uncertainty of the residuals, 1/m; 0 leaves a row out.
     noise : np.ndarray, shape (S, rows, C), optional
         Simulated measurement error, m, taken off the residuals.
-    tool_slopes : np.ndarray, shape (S, 3, 3, C), optional
+    tool_slopes : np.ndarray, shape (S, 3, 3, C) or (1, 3, 3, C), optional
         Change of p (axis 2) by the tool's three shifts (axis 1), where the tool too is unknown.
     tool_sd : float
         Prior standard deviation of those shifts, m.
+    start : np.ndarray, shape (S, size) or (size,), optional
+        States of the target to start from; the stated one where not given.
     """
     free = kind.sd > 0
-    x = np.zeros((len(p), len(kind.sd)))
-    tool = np.zeros((len(p), 3))
-    count = int(free.sum())
-    prior = 1.0 / kind.sd[free]
-    if tool_slopes is not None:
-        prior = np.append(prior, np.full(3, 1.0 / tool_sd))
-    if not len(prior):
-        return Found(x, tool)
-    for _ in range(ITERATIONS):
-        at = p if tool_slopes is None else p + np.einsum("sj,sjkc->skc", tool, tool_slopes)
-        r, u, dx = kind.linearise(x, at)
-        r = (r if noise is None else r - noise) * inverse_sigma
+    count, size = len(p), int(free.sum())
+    sd = kind.sd[free] if tool_slopes is None else np.append(kind.sd[free], np.full(3, tool_sd))
+
+    def physical(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, tool = np.zeros((count, len(kind.sd))), np.zeros((count, 3))
+        x[:, free] = y[:, :size] * sd[:size]
+        if tool_slopes is not None:
+            tool = y[:, size:] * tool_sd
+        return x, tool
+
+    def at(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Cost (S,), gradient (S, m) and information (S, m, m)."""
+        x, tool = physical(y)
+        q = p if tool_slopes is None else p + np.einsum("sj,sjkc->skc", tool, tool_slopes)
+        r, u, dx = kind.linearise(x, q)
+        r = ((r if noise is None else r - noise) * inverse_sigma).reshape(count, -1)
         slopes = [dx[..., free]]
         if tool_slopes is not None:
-            slopes.append(np.einsum("srkc,sjkc->srcj", u, tool_slopes))
-        j = np.concatenate(slopes, axis=-1) * inverse_sigma[..., None]
-        j = j.reshape(len(p), -1, j.shape[-1])
-        now = np.concatenate([x[:, free], tool], axis=1)[:, : len(prior)]
-        gradient = np.einsum("sri,sr->si", j, r.reshape(len(p), -1)) + prior**2 * now
-        hessian = np.swapaxes(j, 1, 2) @ j + np.diag(prior**2)
-        step = np.linalg.solve(hessian, gradient[..., None])[..., 0]
-        x[:, free] -= step[:, :count]
-        if tool_slopes is not None:
-            tool -= step[:, count:]
-    return Found(x, tool)
+            slopes.append(
+                np.einsum("srkc,sjkc->srcj", u, np.broadcast_to(tool_slopes, (count, 3, *q.shape[1:])))
+            )
+        j = (np.concatenate(slopes, axis=-1) * inverse_sigma[..., None]).reshape(*r.shape, len(sd)) * sd
+        gradient = np.einsum("sri,sr->si", j, r) + y
+        cost = 0.5 * (np.sum(r**2, axis=1) + np.sum(y**2, axis=1))
+        return cost, gradient, np.swapaxes(j, 1, 2) @ j + np.eye(len(sd))
+
+    y = np.zeros((count, len(sd)))
+    if start is not None:
+        y[:, :size] = np.broadcast_to(start, (count, len(kind.sd)))[:, free] / sd[:size]
+    cost, gradient, information = at(y)
+    damping = np.full(count, DAMPING)
+    for k in range(ITERATIONS + 1):
+        newton = np.linalg.solve(information, gradient[..., None])[..., 0]
+        left = np.sqrt(np.sum(gradient * newton, axis=1))
+        active = left > RESTS
+        if k == ITERATIONS or not np.any(active):
+            break
+        diagonal = np.einsum("sii->si", information) * damping[:, None]
+        damped = information + diagonal[:, :, None] * np.eye(len(sd))
+        step = np.linalg.solve(damped, gradient[..., None])[..., 0]
+        trial = y - np.where(active[:, None], step, 0.0)
+        cost_there, gradient_there, information_there = at(trial)
+        good = cost_there <= cost * (1 + 1e-12)
+        damping = np.clip(damping * np.where(good, EASED, RAISED), 1e-12, 1e12)
+        y = np.where(good[:, None], trial, y)
+        cost = np.where(good, cost_there, cost)
+        gradient = np.where(good[:, None], gradient_there, gradient)
+        information = np.where(good[:, None, None], information_there, information)
+    x, tool = physical(y)
+    return States(x, tool, cost, left, information)
+
+
+def locate(
+    name: str,
+    kind: Kind,
+    p: np.ndarray,
+    sigma: np.ndarray,
+    tool_slopes: np.ndarray | None = None,
+    tool_sd: float = 0.0,
+) -> tuple[States, np.ndarray]:
+    """The most probable place of a target by its rows, and which of them helped, (C,) of 0 and 1.
+
+    Parameters
+    ----------
+    name : str
+        Of the target.
+    kind : Kind
+        Of C rows.
+    p : np.ndarray, shape (3, C)
+        Ball centres, m.
+    sigma : np.ndarray, shape (rows, C)
+        Standard uncertainties of the residuals, m.
+    tool_slopes : np.ndarray, shape (1, 3, 3, C), optional
+    tool_sd : float
+        As for `search`.
+
+    Raises
+    ------
+    BayescalError
+        Where the search does not converge, or another place explains the rows as well.
+    """
+    begin = starts(kind, p)
+    every = np.broadcast_to(p, (len(begin), *p.shape))
+
+    def best(keep: np.ndarray, begin: np.ndarray) -> tuple[States, States]:
+        found = search(kind, every[: len(begin)], keep / sigma, None, tool_slopes, tool_sd, begin)
+        return found, found.only(int(np.nanargmin(found.cost)))
+
+    keep = np.ones(p.shape[1])
+    found, chosen = best(keep, begin)
+    size = _sizes(kind, chosen, p, sigma, tool_slopes)
+    if size.max(initial=0.0) > SUSPICIOUS * max(float(np.median(size)) / 0.6745, 1.0):
+        keep = robust_rows(kind, p, sigma, tool_slopes, tool_sd, chosen.x)
+        found, chosen = best(keep, begin)
+    _check(name, found, chosen, kind)
+    return chosen, keep
+
+
+def _check(name: str, found: States, chosen: States, kind: Kind) -> None:
+    """Refuse what did not converge, and what may as well lie elsewhere."""
+    if not chosen.left[0] < LARGEST_STEP:
+        raise BayescalError(
+            f"target {name} cannot be located from its rows: the search from {len(found.x)} starts stopped "
+            f"{chosen.left[0]:.2g} standard deviations short of an optimum",
+            "dataset.yaml",
+            "state its place and u_mm more closely, or measure it from more directions",
+        )
+    free = kind.sd > 0
+    scale = kind.sd[free]
+    away = (found.x - chosen.x)[:, free] / scale
+    # of the target alone: its tool's shift takes part through the information that is left without it
+    size = len(scale)
+    h = chosen.information[0]
+    h = h[:size, :size] - h[:size, size:] @ np.linalg.solve(h[size:, size:], h[size:, :size])
+    distance = np.sqrt(np.maximum(np.einsum("si,ij,sj->s", away, h, away), 0.0))
+    rival = (found.left < LARGEST_STEP) & (found.cost < chosen.cost + RIVAL) & (distance > APART)
+    if np.any(rival):
+        other = int(np.argmax(rival))
+        lengths = np.array([unit == "m" for _, unit in kind.parts])
+        apart = 1e3 * float(np.linalg.norm((found.x[other] - chosen.x[0])[lengths]))
+        raise BayescalError(
+            f"target {name} cannot be located from its rows: two places {apart:.3g} mm apart explain them "
+            "equally well",
+            "dataset.yaml",
+            "state its place and u_mm more closely, or measure it from more directions",
+        )
+
+
+def _sizes(
+    kind: Kind, at: States, p: np.ndarray, sigma: np.ndarray, tool_slopes: np.ndarray | None
+) -> np.ndarray:
+    """Root mean square (C,) of each row's residuals over their standard uncertainty."""
+    q = p if tool_slopes is None else p + np.tensordot(at.tool[0], tool_slopes[0], 1)
+    return np.sqrt(np.mean((kind.residual(at.x, q[None])[0] / sigma) ** 2, axis=0))
 
 
 def robust_rows(
@@ -80,21 +213,19 @@ def robust_rows(
     sigma: np.ndarray,
     tool_slopes: np.ndarray | None = None,
     tool_sd: float = 0.0,
+    start: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Which rows help to find a target, (C,) of 0 and 1: those within `OUTLIER` of a Student t fit.
+    """Which rows help to locate a target, (C,) of 0 and 1: those within `OUTLIER` of a Student t fit.
 
-    p of shape (3, C), sigma (rows, C), tool_slopes (1, 3, 3, C) as for `find`. More than the stated
-    scatter is allowed for by the median.
+    p of shape (3, C), sigma (rows, C), tool_slopes (1, 3, 3, C) and start as for `search`. More than the
+    stated scatter is allowed for by the median.
     """
     weight = np.ones(p.shape[-1])
     size = np.zeros_like(weight)
     for _ in range(8):
-        found = find(kind, p[None], np.sqrt(weight) / sigma, None, tool_slopes, tool_sd)
-        at = p[None]
-        if tool_slopes is not None:
-            at = at + np.einsum("sj,sjkc->skc", found.tool, tool_slopes)
-        r = kind.residual(found.x, at)[0] / sigma
-        size = np.sqrt(np.mean(r**2, axis=0))
+        at = search(kind, p[None], np.sqrt(weight) / sigma, None, tool_slopes, tool_sd, start)
+        start = at.x
+        size = _sizes(kind, at, p, sigma, tool_slopes)
         scale = max(float(np.median(size)) / 0.6745, 1.0)
         weight = (TAIL + 1) / (TAIL + (size / scale) ** 2)
     return (size <= OUTLIER * scale).astype(float)

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from bayescal.gap.outcome.shrinkage import compare, expects, shrinkage
-from bayescal.predict.crossvalidation import KEPT_BACK, HeldOut, interval, resampled
-from bayescal.predict.located_targets import Distances
+from bayescal.predict.bootstrap import resampled
+from bayescal.predict.crossvalidation import VALIDATED, HeldOut
+from bayescal.predict.distances import CentreDistances
+from bayescal.predict.intervals import bootstrap_interval95
 
 NOISE = 5e-6
 INFINITE = float("inf")
@@ -19,7 +21,7 @@ def held(residual, sd=NOISE, distances=None, distance_sd=NOISE, block=None):
     distances = np.zeros(0) if distances is None else distances
     names = tuple((f"a@{k // 3}", f"b@{k // 3}") for k in range(len(distances)))
     return HeldOut(
-        KEPT_BACK,
+        VALIDATED,
         "contact",
         residual,
         np.full(count, NOISE),
@@ -29,7 +31,7 @@ def held(residual, sd=NOISE, distances=None, distance_sd=NOISE, block=None):
         np.full(count, "contact"),
         np.full(count, "cube.+x"),
         np.arange(count) if block is None else block,
-        Distances(
+        CentreDistances(
             names, distances, np.zeros((len(names), 1)), np.full((len(names), 1), distance_sd),
             np.zeros(len(names)),
         ),
@@ -149,5 +151,5 @@ def test_bootstrap_moves_blocks_as_one():
     means = resampled(block, np.stack([shared, shared + 1.0]), rng)
     np.testing.assert_allclose(means[:, 1] - means[:, 0], 1.0)
     assert means[:, 0].std() == pytest.approx(shared.std() / np.sqrt(30), rel=0.1)
-    wide, narrow = (np.ptp(interval(0.0, means[:, 0], number)) for number in (4, 1000))
+    wide, narrow = (np.ptp(bootstrap_interval95(0.0, means[:, 0], number)) for number in (4, 1000))
     assert wide > 1.7 * narrow

@@ -19,7 +19,7 @@ from bayescal.gap.result import BlindSpot
 from bayescal.gap.search.candidates import Candidates
 from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
-from bayescal.predict.locate import find
+from bayescal.predict.locate import locate
 from factors.fixed_point import FixedPoint
 from factors.sphere import Sphere
 
@@ -183,9 +183,9 @@ def located(
         if entry.kind == "diameter" and entry.targets == (block.target,) and isinstance(block.kind, Sphere):
             u = np.append(block.kind.sd[:3], entry.u_distance or 0.0)
             block = replace(block, kind=replace(block.kind, sd=u))
-    weight = 1.0 / np.tile(block.sigma, (block.kind.rows, 1))
-    x = find(block.kind, block.motion.points(values)[None], weight).x[0]
-    return block, x[block.free] / block.sd
+    sigma = np.tile(block.sigma, (block.kind.rows, 1))
+    at, _ = locate(block.target, block.kind, block.motion.points(values), sigma)
+    return block, at.x[0, block.free] / block.sd
 
 
 def _centre(

@@ -11,7 +11,9 @@ from bayescal.estimate import STATED_WORTH, Estimate
 from bayescal.estimate.unexplained import P_VALUE, STATED_FACTOR, repeat_scatter
 from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Magnitude, Measured
 from bayescal.gap.settings import OUTCOME
-from bayescal.predict.crossvalidation import LEFT_OUT, RESAMPLES, HeldOut, interval, kept, resampled
+from bayescal.predict.bootstrap import RESAMPLES, resampled
+from bayescal.predict.crossvalidation import LEFT_OUT, HeldOut, kept
+from bayescal.predict.intervals import bootstrap_interval95, interval95
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ def magnitude(
     draws = resampled(held.block[mine], np.stack([square, share]), rng)
     number = len(np.unique(held.block[mine]))
     spread = draws[:, 0] - draws[:, 1] - noise.draws(rng) ** 2
-    low, high = interval(excess, spread, number)
+    low, high = bootstrap_interval95(excess, spread, number)
     low, high, value = (float(np.sqrt(max(v, 0.0))) for v in (low, high, excess))
     measured = [
         _contacts(held, fair & (held.kind == kind), what, factor, noise, rng)
@@ -133,5 +135,6 @@ def _spheres(held: HeldOut, factor: float, noise: Noise, rng: np.random.Generato
 
 
 def _measured(what: str, count: int, error: np.ndarray, simulated: np.ndarray) -> Measured:
-    low, middle, high = np.quantile(simulated, [0.025, 0.5, 0.975])
-    return Measured(what, count, float(np.sqrt(np.mean(error**2))), float(middle), (float(low), float(high)))
+    low, high = interval95(simulated)
+    rms, middle = float(np.sqrt(np.mean(error**2))), float(np.median(simulated))
+    return Measured(what, count, rms, middle, (float(low), float(high)))

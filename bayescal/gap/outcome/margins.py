@@ -14,8 +14,7 @@ from bayescal.gap.result import Margin
 from bayescal.gap.settings import OUTCOME
 from bayescal.model.length_blocks import length_blocks
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import KEPT_BACK, HeldOut
-from bayescal.predict.located_targets import root
+from bayescal.predict.crossvalidation import VALIDATED, HeldOut, root
 
 AXES = "xyz"
 Bin = tuple[str, np.ndarray]  # a label and a mask (R,) of residuals
@@ -108,7 +107,7 @@ def residuals(
     white = linear.residual[:count]
     left = np.sqrt(np.maximum(1.0 - np.where(kept, np.sum(spread**2, axis=1), 0.0), 0.05))
     parts = [(white * sd / left, white, spread, kept, ~kept, rows, group)]
-    if held.how == KEPT_BACK:
+    if held.how == VALIDATED:
         shared = held.by_parameters / held.noise[:, None]
         never = np.zeros(len(held.rows), bool)
         own = (held.residual, held.residual / held.noise, shared, never, held.gross, held.rows, held.group)

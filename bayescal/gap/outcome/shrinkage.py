@@ -7,7 +7,9 @@ from scipy.stats import f as f_distribution
 
 from bayescal.gap.result import Shrinkage
 from bayescal.gap.settings import OUTCOME
-from bayescal.predict.crossvalidation import RESAMPLES, HeldOut, interval, kept, resampled
+from bayescal.predict.bootstrap import RESAMPLES, resampled
+from bayescal.predict.crossvalidation import HeldOut, kept
+from bayescal.predict.intervals import bootstrap_interval95 as interval
 
 NAN = float("nan")
 
@@ -51,7 +53,7 @@ def shrinkage(
         predicted = new.predicted_sd()
         squares = np.stack([old.error**2, new.error**2, predicted**2, np.zeros(len(old.u))])
         expected = expects(old.error, new.error, predicted)
-        distances = compare("distances", len(old.u), squares, old.block, expected, noise_dof, rng)
+        distances = compare("distances", len(old.u), squares, np.arange(len(old.u)), expected, noise_dof, rng)
         out.insert(1 if out and out[0].what == "planes" else 0, distances)
     return tuple(out)
 

@@ -11,7 +11,7 @@ from rich.text import Text
 from bayescal.assess.acceptance import Acceptance
 from bayescal.assess.conformance import COVERAGE, FAIL, PASS, Tolerance
 from bayescal.calibration import Fit
-from bayescal.predict import Distances, Validation, inside95
+from bayescal.predict import DistanceErrors, Validation, inside95
 from bayescal.reporting.fit.tables import distance_table, level_table, parameter_table, tolerance_table
 from bayescal.reporting.shared.text import MDEG, MM, UM, facts, percent, um
 
@@ -63,16 +63,16 @@ def _predicted(fit: Fit) -> Facts:
     yield "validation", _measured(fit.final.validation, lead), "bold"
 
 
-def _expected(d: Distances) -> str:
+def _expected(d: DistanceErrors) -> str:
     low, high = d.interval
     return f"{um(d.rms)} µm RMS (95 %: {um(low)} to {um(high)}), U = {um(COVERAGE * d.rms)} µm (k = 2)"
 
 
-def _over(d: Distances) -> str:
+def _over(d: DistanceErrors) -> str:
     return f"{d.count} distances of {MM * d.shortest:.0f} to {MM * d.longest:.0f} mm between {d.over}"
 
 
-def _measured(v: Validation, lead: Distances) -> str:
+def _measured(v: Validation, lead: DistanceErrors) -> str:
     """Largest errors of validation rows: distances, points, contacts."""
     parts = []
     if lead.measured is not None and not v.distances:

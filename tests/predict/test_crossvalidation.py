@@ -12,7 +12,8 @@ from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.predict import validate
-from bayescal.predict.crossvalidation import KEPT_BACK, LEFT_OUT, blocks, held_out, kept
+from bayescal.predict.bootstrap import blocks
+from bayescal.predict.crossvalidation import LEFT_OUT, VALIDATED, held_out, kept
 
 FULL = ("geometry", "compliance")
 BALLS = {"ball.A@1": (0.45, -0.2, 0.2), "ball.B@1": (0.35, 0.2, 0.25)}
@@ -100,7 +101,7 @@ def fitted(cube):
 
 def test_linear_predictions_agree_with_the_draws(fitted):
     h = held_out(fitted)
-    assert (h.how, h.main) == (KEPT_BACK, "contact")
+    assert (h.how, h.main) == (VALIDATED, "contact")
     draws = gaussian(fitted, 0, 4000)
     checked = validate(fitted, draws.flat, draws.kappa)
     for p in checked.planes:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.predict.locate import find, robust_rows
+from bayescal.predict.locate import robust_rows, search
 from factors.fixed_point import FixedPoint
 from factors.instrument import Instrument
 from factors.sphere import Sphere
@@ -27,9 +27,9 @@ def test_sphere_is_found_with_the_spread_that_it_has():
     sigma, errors, spreads = 5e-6, [], []
     for _ in range(60):
         true, p = contacts(rng, 12, sigma)
-        at = find(kind, p[None], np.full((1, 12), 1 / sigma))
+        at = search(kind, p[None], np.full((1, 12), 1 / sigma))
         noise = sigma * rng.standard_normal((400, 1, 12))
-        drawn = find(kind, np.broadcast_to(p, (400, 3, 12)), np.full((1, 12), 1 / sigma), noise=noise)
+        drawn = search(kind, np.broadcast_to(p, (400, 3, 12)), np.full((1, 12), 1 / sigma), noise=noise)
         errors.append(at.x[0, :3] - (true - CENTRE))
         spreads.append(drawn.x[:, :3].std(axis=0))
     z = np.array(errors) / np.array(spreads)
@@ -43,7 +43,7 @@ def test_certified_diameter_sharpens_the_centre():
     spread = {}
     for u in (1e-3, 1e-6):
         kind = Sphere(CENTRE, DIAMETER, np.full(12, RADIUS), np.array([0.05, 0.05, 0.05, u]))
-        drawn = find(kind, np.broadcast_to(p, (500, 3, 12)), np.full((1, 12), 2e5), noise=noise)
+        drawn = search(kind, np.broadcast_to(p, (500, 3, 12)), np.full((1, 12), 2e5), noise=noise)
         spread[u] = drawn.x[:, 2].std()
     assert spread[1e-6] < 0.7 * spread[1e-3]
 
@@ -61,7 +61,7 @@ def test_instrument_and_reflector_are_found_together():
     xyz = (actual - true[:3, 3]) @ true[:3, :3]
     kind = Instrument(nominal, np.array([0.4, 0, 0.3]), xyz, np.array([0.2] * 3 + [0.05] * 3))
     slopes = np.moveaxis(turns, 0, -1).swapaxes(0, 1)[None]  # (1, tool axis, xyz, C)
-    found = find(kind, p[None], np.full((3, count), 1e5), tool_slopes=slopes, tool_sd=5e-3)
+    found = search(kind, p[None], np.full((3, count), 1e5), tool_slopes=slopes, tool_sd=5e-3)
     np.testing.assert_allclose(found.tool[0], shift, atol=2e-8)
     np.testing.assert_allclose(kind.describe(found.x[0])["frame"], true, atol=2e-7)
 
@@ -80,5 +80,5 @@ def test_a_slipped_contact_does_not_help_to_find():
 
 def test_known_target_stays_where_it_is():
     kind = FixedPoint(CENTRE, np.zeros(3))
-    found = find(kind, np.ones((2, 3, 5)), np.ones((3, 5)))
+    found = search(kind, np.ones((2, 3, 5)), np.ones((3, 5)))
     assert np.all(found.x == 0.0)

@@ -1,0 +1,65 @@
+"""Certified distances between targets that were located: their errors, and what is predicted of those."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.dataset import Certificate
+from bayescal.model.scene import Scene
+from bayescal.predict.targets import LocatedTarget
+from factors.fixed_point import FixedPoint
+from factors.sphere import Sphere
+
+
+@dataclass(frozen=True)
+class CentreDistances:
+    """D distances between located centres, m; the factors' squares are covariances."""
+
+    names: tuple[tuple[str, str], ...]
+    error: np.ndarray  # (D,) measured by the arm minus certified
+    by_parameters: np.ndarray  # (D, F) of standard normals: the arm's posterior, the targets' priors
+    by_noise: np.ndarray  # (D, M) of standard normals: noise of the rows that located the targets
+    u: np.ndarray  # (D,) of the certificates
+
+    def predicted_sd(self, noise: float = 1.0) -> np.ndarray:
+        """Predicted standard deviations (D,), m, with the fit's noise times a factor."""
+        square = np.sum(self.by_parameters**2, axis=1) + noise**2 * np.sum(self.by_noise**2, axis=1)
+        return np.sqrt(square + self.u**2)
+
+
+def certified_pairs(
+    scene: Scene, located: Mapping[str, LocatedTarget]
+) -> Iterator[tuple[Certificate, LocatedTarget, LocatedTarget]]:
+    """Certificates of a distance between two located spheres or sockets, with the two."""
+    centres = {k: t for k, t in located.items() if isinstance(t.block.kind, Sphere | FixedPoint)}
+    for c in scene.dataset.certificates:
+        if c.kind == "distance" and all(name in centres for name in c.targets):
+            a, b = (centres[name] for name in c.targets)
+            yield c, a, b
+
+
+def centre_distances(scene: Scene, located: Mapping[str, LocatedTarget], arm: np.ndarray) -> CentreDistances:
+    """Errors of certified distances; arm (P, F) is the arm's part of a factor of the posterior."""
+    pairs = list(certified_pairs(scene, located))
+    used = list({id(t): t for _, *ends in pairs for t in ends}.values())
+    rows = np.cumsum([0, *(len(t.noise) for t in used)])
+    unknowns = np.cumsum([0, *(len(t.by_prior) for t in used)]) + arm.shape[1]
+    number = {id(t): k for k, t in enumerate(used)}
+    by_parameters = np.zeros((len(pairs), unknowns[-1] if used else arm.shape[1]))
+    by_noise = np.zeros((len(pairs), rows[-1]))
+    names, error, u = [], [], []
+    for i, (c, a, b) in enumerate(pairs):
+        apart = a.centre - b.centre
+        length = float(np.linalg.norm(apart))
+        names.append((c.targets[0], c.targets[1]))
+        error.append(length - (c.distance or 0.0))
+        u.append(c.u_distance or 0.0)
+        for t, sign in ((a, 1.0), (b, -1.0)):
+            k, along = number[id(t)], sign * (apart / length) @ t.to_state[:3]
+            by_parameters[i, : arm.shape[1]] += along @ t.by_arm @ arm
+            by_parameters[i, unknowns[k] : unknowns[k + 1]] = along @ t.by_prior
+            by_noise[i, rows[k] : rows[k + 1]] = along @ t.by_noise
+    return CentreDistances(tuple(names), np.array(error), by_parameters, by_noise, np.array(u))

@@ -1,0 +1,164 @@
+"""Targets that no fit knows, located from their own rows, and how uncertain that leaves them.
+
+All is linear at the estimate: a located target follows the posterior of the arm, the noise of its rows and
+its prior by constant slopes, which serve draws (`validation`) and covariances (`crossvalidation`) alike.
+What an effect does to a contact itself (lobing, the size of the ball) is taken off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from bayescal.effects.tool import LOOSE
+from bayescal.estimate import Estimate, unit_weights
+from bayescal.model import ARM, Block
+from bayescal.model.scene import Scene
+from bayescal.predict.locate import locate
+from factors.sphere import Sphere
+
+
+@dataclass(frozen=True)
+class LocatedTarget:
+    """A target located from R residuals of its own rows.
+
+    Its m unknowns are its own part of z and, where unknown, the three shifts of the tool's centre, all over
+    their prior standard deviations; P are the arm's parameters.
+    """
+
+    block: Block  # of the rows that located it, as they touch there
+    z: np.ndarray  # (size,)
+    tool: np.ndarray  # (3,) m, shift of the tool's centre
+    tool_sd: float  # m, its prior; 0 where the tool is known
+    noise: np.ndarray  # (R,) m, of the residuals
+    gain: np.ndarray  # (m, R) 1/m, by an error of each residual
+    by_arm: np.ndarray  # (m, P) by the arm's z
+    by_prior: np.ndarray  # (m, m) by standard normals: what the rows leave to the prior
+    by_shift: np.ndarray  # (m, 3) 1/m, by one shift of all ball centres in F0
+
+    @property
+    def by_noise(self) -> np.ndarray:
+        """Slopes (m, R) by the noise of the rows, as standard normals."""
+        return self.gain * self.noise
+
+    @property
+    def scatter(self) -> np.ndarray:
+        """Factor (m, R + m) of the covariance of the unknowns at a known arm."""
+        return np.column_stack([self.by_noise, self.by_prior])
+
+    @property
+    def state(self) -> np.ndarray:
+        """State of the target (kind size,), m and rad."""
+        return self.block.state(self.z)
+
+    @property
+    def centre(self) -> np.ndarray:
+        """Where its centre is, (3,), m; of a kind that has one."""
+        return self.block.kind.centre + self.state[:3]  # type: ignore[attr-defined]
+
+    @property
+    def to_state(self) -> np.ndarray:
+        """Slopes (kind size, m) of the state by the unknowns, m and rad."""
+        out = np.zeros((len(self.block.kind.sd), len(self.by_arm)))
+        out[self.block.free, np.arange(self.block.size)] = self.block.sd
+        return out
+
+
+def located_target(
+    estimate: Estimate, target: int, rows: np.ndarray, u_diameter: float | None = None
+) -> LocatedTarget:
+    """Locate a target, and a tool that no fitted row used, from some rows.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    target : int
+        Its number in the dataset.
+    rows : np.ndarray, shape (C,)
+    u_diameter : float, optional
+        Standard uncertainty of a sphere's nominal diameter, m; None leaves it loose.
+
+    Raises
+    ------
+    BayescalError
+        Where the rows do not say where it is.
+    """
+    model = estimate.model
+    block = model.block(target, rows)
+    if u_diameter is not None and isinstance(block.kind, Sphere):
+        block = replace(block, kind=replace(block.kind, sd=np.append(block.kind.sd[:3], u_diameter)))
+    tool_sd = unknown_tool(model.scene, rows)
+    values = model.deviations(estimate.z[model.slices[ARM]])
+    p, kind = block.motion.points(values), block.touched(values)
+    noise = noise_of(estimate, block, np.zeros(block.size))
+    slopes = by_tool(block, values, p)[None] if tool_sd else None
+    at, keep = locate(block.target, kind, p, noise.reshape(kind.rows, -1), slopes, tool_sd)
+    z, tool = at.x[0, block.free] / block.sd, at.tool[0]
+    block = carrying(block, tool) if tool_sd else block
+    _, by_arm, design, by_point = slopes_of(estimate, block, z, tool_sd)
+    weighted = design.T * (np.tile(keep, kind.rows) / noise**2)
+    factor = cho_factor(weighted @ design + np.eye(design.shape[1]))
+    gain = -cho_solve(factor, weighted)
+    left = cho_solve(factor, np.eye(len(weighted)))
+    return LocatedTarget(block, z, tool, tool_sd, noise, gain, gain @ by_arm, left, gain @ by_point)
+
+
+def slopes_of(
+    estimate: Estimate, block: Block, z: np.ndarray, tool_sd: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals of a target's rows at its z (size,), and their slopes.
+
+    Returns
+    -------
+    residual : np.ndarray, shape (R,)
+        m, or rad of orientations.
+    by_arm : np.ndarray, shape (R, P)
+        By the arm's z.
+    by_target : np.ndarray, shape (R, m)
+        By the target's unknowns, those of its tool among them.
+    by_point : np.ndarray, shape (R, 3)
+        By one shift of all ball centres in F0, m; zeros of orientations.
+    """
+    model = estimate.model
+    values = model.deviations(estimate.z[model.slices[ARM]])
+    r, by_arm, by_target = block.linearise(values, z)
+    seen = block.seen(values)
+    by_point = np.zeros((len(r), 3))
+    if seen.ndim == 2:
+        _, u, _ = block.kind.linearise(block.state(z), seen)
+        by_point = np.swapaxes(u, -1, -2).reshape(len(r), 3)
+    if tool_sd:
+        shifts = np.zeros((len(r), 3))
+        if seen.ndim == 2:
+            shifts = np.einsum("rkc,jkc->rcj", u, by_tool(block, values, seen)).reshape(len(r), 3)
+        by_target = np.column_stack([by_target, shifts * tool_sd])
+    return r, by_arm * model.sd, by_target, by_point
+
+
+def noise_of(estimate: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
+    """Noise (R,) of a block that is not fitted, by its group's scale; as stated where that has none."""
+    sub = replace(estimate.model, blocks=(block,), constraints=())
+    z = np.concatenate([estimate.z[estimate.model.slices[ARM]], z])
+    scale = {block.group: estimate.weights.scale.get(block.group, 1.0)}
+    return 1.0 / replace(unit_weights(sub, z), scale=scale).whitening(block)
+
+
+def unknown_tool(scene: Scene, rows: np.ndarray) -> float:
+    """Prior sd of the centre of the tool that these rows use, m; 0 where it is fitted, known or mixed."""
+    used = np.unique(scene.dataset.measurements.tool[rows])
+    if len(used) != 1 or used[0] in scene.dataset.measurements.tool[scene.rows("calibrate")]:
+        return 0.0
+    stated = scene.dataset.tools[used[0]].u
+    return LOOSE if stated is None else stated
+
+
+def carrying(block: Block, shift: np.ndarray) -> Block:
+    """A block with its tools shifted by (3,) m in the flange frame."""
+    return replace(block, motion=block.motion.carrying(block.motion.tool + shift))
+
+
+def by_tool(block: Block, values: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Change (3, 3, C) of the ball centres (axis 1) by the tool's three shifts (axis 0)."""
+    return np.stack([carrying(block, axis).motion.points(values) - p for axis in np.eye(3)])

@@ -1,0 +1,84 @@
+"""The slopes that all predictions go through, against locating the targets again for every draw."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_crossvalidation import FULL, with_spheres
+
+from bayescal.estimate import estimate
+from bayescal.model import ARM, build
+from bayescal.model.scene import Scene
+from bayescal.posterior import gaussian
+from bayescal.predict import validate
+from bayescal.predict.crossvalidation import held_out
+from bayescal.predict.locate import search
+from bayescal.predict.rows import prepared
+
+DRAWS = 1500
+
+
+@pytest.fixture(scope="module")
+def fitted(cube):
+    """Few contacts, so that the arm is uncertain by several times the noise."""
+    session = cube(seed=3, count=40)
+    data = with_spheres(session.arm, session.dataset, 5e-6)
+    return estimate(build(Scene(data), FULL), robust=False)
+
+
+def relocated(found, t, draws, rng, excess=0.0):
+    """Centres (S, 3) of a located target, found anew for every draw of the arm and of the noise."""
+    model = found.model
+    values = model.deviations(draws.flat[:, model.slices[ARM]])
+    block, count = t.block, len(draws.flat)
+    p = block.motion.points(values) + excess * rng.standard_normal((count, 3, 1))
+    scale = (draws.kappa / found.weights.scale["contact"])[:, None, None]
+    noise = scale * t.noise * rng.standard_normal((count, 1, len(t.noise)))
+    at = search(block.touched(values[0]), p, 1.0 / t.noise[None], noise, start=t.state)
+    assert np.all(at.left < 0.01)
+    return block.kind.centre + at.x[:, :3]
+
+
+@pytest.mark.parametrize("excess", [0.0, 30e-6])
+def test_slopes_agree_with_locating_every_draw_again(fitted, excess):
+    draws, rng = gaussian(fitted, 0, DRAWS), np.random.default_rng(1)
+    located = prepared(fitted).located
+    centres = {name: relocated(fitted, t, draws, rng, excess) for name, t in located.items()}
+    (d,) = validate(fitted, draws.flat, draws.kappa, excess).distances
+    drawn = np.linalg.norm(np.subtract(*(centres[n] for n in d.between)), axis=1)
+    mean = np.linalg.norm(np.subtract(*(located[n].centre for n in d.between)))
+    assert d.error == pytest.approx(mean - d.certified)
+    assert np.std(d.predicted) == pytest.approx(np.std(drawn), rel=0.08)
+    assert abs(np.mean(drawn) - mean) < 0.1 * np.std(drawn)
+    if not excess:
+        assert held_out(fitted).distances.predicted_sd()[0] == pytest.approx(np.std(drawn), rel=0.08)
+
+
+def test_unexplained_error_is_added_to_located_spheres(fitted):
+    """One shift a sphere: the variance of a distance grows by twice its square, that of a diameter not."""
+    draws = gaussian(fitted, 0, 4000)
+    without, with_it = (validate(fitted, draws.flat, draws.kappa, e) for e in (0.0, 40e-6))
+    grown = np.var(with_it.distances[0].predicted) - np.var(without.distances[0].predicted)
+    assert np.sqrt(grown) == pytest.approx(np.sqrt(2) * 40e-6, rel=0.06)
+    for a, b in zip(without.diameters, with_it.diameters, strict=True):
+        assert np.std(b.predicted) == pytest.approx(np.std(a.predicted), rel=0.1)
+
+
+def test_unexplained_error_of_an_instrument_is_another_at_every_point(cube, tracker):
+    """Its rows, and the frame that they locate, are as uncertain as that makes them."""
+    session = tracker(seed=1, count=60)
+    role = np.where(np.arange(60) < 30, "locate", "validate")
+    d = replace(session.dataset, measurements=replace(session.dataset.measurements, role=role))
+    found = estimate(build(Scene(session.dataset), FULL))
+    found = replace(found, model=replace(found.model, scene=Scene(d), blocks=(), constraints=()))
+    own = found.model.slices[ARM]
+    found = replace(found, z=found.z[own], covariance=found.covariance[own, own])
+    draws = np.tile(found.z, (3000, 1))
+    kappa = np.full(3000, found.weights.scale["point"])
+    found = replace(found, weights=replace(found.weights, scale={}))
+    (plain,) = validate(found, draws, kappa).points
+    (wide,) = validate(found, draws, kappa, 50e-6).points
+    noise = np.sqrt(np.mean(np.var(plain.predicted, axis=0)))
+    assert np.sqrt(np.mean(np.var(wide.predicted, axis=0))) / noise == pytest.approx(
+        np.hypot(1.0, 50e-6 / d.noise.point), rel=0.05
+    )
