@@ -1,14 +1,20 @@
-"""The bootstrap of validation errors: rows that belong together are resampled together."""
+"""The bootstrap of validation errors: rows that belong together are resampled together.
+
+Distances that share spheres have no such blocks: theirs is parametric, by the errors of the centres.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from bayescal.model.scene import Scene
+from bayescal.predict.distances import CentreDistances
 
 RESAMPLES = 2000
 BLOCKS = 40
 """Blocks into which rows without a stop or repeat are cut, in order of time."""
+SMALLEST, CORRELATED = 1e-3, 0.999
+"""Least excess of a mean square over its floor that is simulated, and largest correlation of two models."""
 
 
 def blocks(scene: Scene, rows: np.ndarray) -> np.ndarray:
@@ -29,3 +35,39 @@ def resampled(block: np.ndarray, values: np.ndarray, rng: np.random.Generator) -
     draws = rng.multinomial(len(labels), np.full(len(labels), 1.0 / len(labels)), size=RESAMPLES)
     sums = np.stack([np.bincount(inverse, v) for v in values], axis=1)
     return (draws @ sums) / (draws @ np.bincount(inverse))[:, None]
+
+
+def resampled_distances(
+    before: CentreDistances, after: CentreDistances, rng: np.random.Generator
+) -> np.ndarray:
+    """Mean squared errors (RESAMPLES, 2), m2, of the same distances by two models, as they could have been.
+
+    What a model leaves out moves every centre by an error of its own, as large in all three coordinates;
+    the errors by the two models are correlated as the distances say. Sessions of such centres, with the
+    noise and the parameters that the second model expects, scatter about their expectation by a factor;
+    each draw is the measured mean square over such a factor, widened where the distances are few. So
+    distances that share a centre, and one noise in both models, count as what they are.
+    """
+    floor = float(np.mean(after.predicted_sd() ** 2))
+    pair = np.stack([before.error, after.error])
+    left = pair @ pair.T / pair.shape[1] - floor
+    own = np.maximum(np.diag(left), SMALLEST * floor)
+    largest = CORRELATED * np.sqrt(own[0] * own[1])
+    across = float(np.clip(left[0, 1], -largest, largest))
+    factor = np.linalg.cholesky(np.array([[own[0], across], [across, own[1]]]))
+    by = before.by_centres / np.sqrt(2.0)  # a distance has the errors of two centres along it
+    errors = np.einsum("ij,sjk->sik", factor, rng.standard_normal((RESAMPLES, 2, by.shape[1]))) @ by.T
+    noise = rng.standard_normal((RESAMPLES, after.by_parameters.shape[1])) @ after.by_parameters.T
+    noise += rng.standard_normal((RESAMPLES, after.by_noise.shape[1])) @ after.by_noise.T
+    noise += after.u * rng.standard_normal(noise.shape)
+    simulated = np.mean((errors + noise[:, None]) ** 2, axis=2)
+    number = independent_distances(before)
+    # the covariance that is simulated was estimated from as many
+    wider = np.sqrt(number / (number - 1.0)) if number > 1.0 else 1.0
+    return np.mean(pair**2, axis=1) * ((own + floor) / simulated) ** wider
+
+
+def independent_distances(d: CentreDistances) -> float:
+    """How many independent distances D distances with common spheres are worth (Satterthwaite)."""
+    joint = d.by_centres @ d.by_centres.T
+    return float(np.trace(joint) ** 2 / np.sum(joint**2))

@@ -23,6 +23,18 @@ class CentreDistances:
     by_parameters: np.ndarray  # (D, F) of standard normals: the arm's posterior, the targets' priors
     by_noise: np.ndarray  # (D, M) of standard normals: noise of the rows that located the targets
     u: np.ndarray  # (D,) of the certificates
+    along: np.ndarray  # (D, 3) unit vectors in F0, from the second centre to the first
+
+    @property
+    def by_centres(self) -> np.ndarray:
+        """Slopes (D, 3 N) of the distances by errors of the N centres, one coordinate after another."""
+        ends = [name for pair in self.names for name in pair]
+        centres = list(dict.fromkeys(ends))
+        out = np.zeros((len(self.names), len(centres), 3))
+        for d, (first, second) in enumerate(self.names):
+            out[d, centres.index(first)] += self.along[d]
+            out[d, centres.index(second)] -= self.along[d]
+        return out.reshape(len(self.names), 3 * len(centres))
 
     def predicted_sd(self, noise: float = 1.0) -> np.ndarray:
         """Predicted standard deviations (D,), m, with the fit's noise times a factor."""
@@ -50,16 +62,18 @@ def centre_distances(scene: Scene, located: Mapping[str, LocatedTarget], arm: np
     number = {id(t): k for k, t in enumerate(used)}
     by_parameters = np.zeros((len(pairs), unknowns[-1] if used else arm.shape[1]))
     by_noise = np.zeros((len(pairs), rows[-1]))
-    names, error, u = [], [], []
+    names, error, u, directions = [], [], [], [np.zeros((0, 3))]
     for i, (c, a, b) in enumerate(pairs):
         apart = a.centre - b.centre
         length = float(np.linalg.norm(apart))
         names.append((c.targets[0], c.targets[1]))
         error.append(length - (c.distance or 0.0))
         u.append(c.u_distance or 0.0)
+        directions.append((apart / length)[None])
         for t, sign in ((a, 1.0), (b, -1.0)):
-            k, along = number[id(t)], sign * (apart / length) @ t.to_state[:3]
-            by_parameters[i, : arm.shape[1]] += along @ t.by_arm @ arm
-            by_parameters[i, unknowns[k] : unknowns[k + 1]] = along @ t.by_prior
-            by_noise[i, rows[k] : rows[k + 1]] = along @ t.by_noise
-    return CentreDistances(tuple(names), np.array(error), by_parameters, by_noise, np.array(u))
+            k, by = number[id(t)], sign * (apart / length) @ t.to_state[:3]
+            by_parameters[i, : arm.shape[1]] += by @ t.by_arm @ arm
+            by_parameters[i, unknowns[k] : unknowns[k + 1]] = by @ t.by_prior
+            by_noise[i, rows[k] : rows[k + 1]] = by @ t.by_noise
+    along = np.concatenate(directions)
+    return CentreDistances(tuple(names), np.array(error), by_parameters, by_noise, np.array(u), along)

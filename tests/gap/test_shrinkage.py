@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayescal.gap.outcome.shrinkage import compare, expects, shrinkage
-from bayescal.predict.bootstrap import resampled
+from bayescal.gap.outcome.shrinkage import expects, of_blocks, of_distances, shrinkage
+from bayescal.predict.bootstrap import independent_distances, resampled
 from bayescal.predict.crossvalidation import VALIDATED, HeldOut
 from bayescal.predict.distances import CentreDistances
 from bayescal.predict.intervals import bootstrap_interval95
@@ -34,6 +34,7 @@ def held(residual, sd=NOISE, distances=None, distance_sd=NOISE, block=None):
         CentreDistances(
             names, distances, np.zeros((len(names), 1)), np.full((len(names), 1), distance_sd),
             np.zeros(len(names)),
+            np.tile([1.0, 0.0, 0.0], (len(names), 1)),
         ),
     )  # fmt: skip
 
@@ -69,7 +70,7 @@ def test_interval_covers_the_truth(blocks, per_block):
                 np.zeros(count),
             ]
         )
-        found = compare("planes", count, squares, block, (NOISE, NOISE), INFINITE, rng)
+        found = of_blocks("planes", count, squares, block, (NOISE, NOISE), INFINITE, rng)
         finite += np.isfinite(found.removed)
         inside += found.removed_interval95[0] <= 0.5 <= found.removed_interval95[1]
     assert finite > 180
@@ -153,3 +154,77 @@ def test_bootstrap_moves_blocks_as_one():
     assert means[:, 0].std() == pytest.approx(shared.std() / np.sqrt(30), rel=0.1)
     wide, narrow = (np.ptp(bootstrap_interval95(0.0, means[:, 0], number)) for number in (4, 1000))
     assert wide > 1.7 * narrow
+
+
+def centres_of(rng, spheres, kept, own):
+    """Errors by two models of all distances between spheres whose centres err by 20 um, (1 - kept^2) less."""
+    first, second = np.triu_indices(spheres, 1)
+    place = rng.standard_normal((spheres, 3))
+    along = place[first] - place[second]
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    error, other = 20e-6 * rng.standard_normal((2, spheres, 3))
+    noise = 0.5 * NOISE * rng.standard_normal((spheres, 3))
+    names = tuple((f"{i}", f"{j}") for i, j in zip(first, second, strict=True))
+    count = len(names)
+    out = []
+    for centre in (error + noise, kept * error + own * other + noise):
+        off = np.sum(along * (centre[first] - centre[second]), axis=1)
+        d = CentreDistances(names, off, np.zeros((count, 1)), np.zeros((count, 1)), np.zeros(count), along)
+        out.append(replace(d, by_noise=0.5 * NOISE * d.by_centres))
+    return out
+
+
+@pytest.mark.parametrize("spheres", [3, 5])
+def test_interval_of_distances_that_share_spheres_covers_the_truth(spheres):
+    """Two thirds of the excess of all distances between few spheres go; as if independent, it held .83."""
+    rng = np.random.default_rng(spheres)
+    inside, naive, finite = 0, 0, 0
+    for _ in range(150):
+        before, after = centres_of(rng, spheres, 0.3, 0.5)
+        found = of_distances(before, after, INFINITE, rng)
+        if not np.isfinite(found.removed):
+            continue
+        count = len(before.error)
+        floor = after.predicted_sd() ** 2
+        squares = np.stack([before.error**2, after.error**2, floor, np.zeros(count)])
+        as_rows = of_blocks("distances", count, squares, np.arange(count), (0.0, 0.0), INFINITE, rng)
+        low, high = found.removed_interval95
+        inside += low <= 1 - 0.3**2 - 0.5**2 <= high
+        low, high = as_rows.removed_interval95
+        naive += low <= 1 - 0.3**2 - 0.5**2 <= high
+        finite += 1
+    assert finite > 140
+    assert inside / finite > 0.89
+    assert inside > naive
+
+
+def test_spheres_in_common_make_distances_worth_fewer():
+    rng = np.random.default_rng(0)
+    shared, _ = centres_of(rng, 6, 0.5, 0.0)
+    apart = replace(shared, names=tuple((f"a{k}", f"b{k}") for k in range(15)))
+    assert independent_distances(apart) == pytest.approx(15)
+    assert independent_distances(shared) < 9
+
+
+def test_an_uncertain_noise_widens_the_interval():
+    """By its degrees of freedom: for contacts as for distances."""
+    rng = np.random.default_rng(7)
+    noise, effect = NOISE * rng.standard_normal(4000), 12e-6 * rng.standard_normal(4000)
+    before, after = held(noise + effect), held(noise + 0.7 * effect)
+    (sharp,), (loose,) = (shrinkage(before, after, NOISE, noise_dof=dof) for dof in (1e6, 6.0))
+    assert np.ptp(loose.removed_interval95) > 1.5 * np.ptp(sharp.removed_interval95)
+    assert sharp.removed == loose.removed
+    old, new = centres_of(rng, 8, 0.8, 0.0)
+    far, near = (of_distances(old, new, dof, np.random.default_rng(0)) for dof in (3.0, 1e6))
+    assert np.ptp(far.removed_interval95) > np.ptp(near.removed_interval95)
+
+
+def test_the_floor_is_that_of_the_refitted_model():
+    """Contacts and distances: what a right model would leave, whatever the baseline expected."""
+    rng = np.random.default_rng(8)
+    noise, off = NOISE * rng.standard_normal(500), 10e-6 * rng.standard_normal(12)
+    before = held(noise + 20e-6, sd=40e-6, distances=5 * off, distance_sd=70e-6)
+    after = held(noise, sd=np.hypot(NOISE, 3e-6), distances=off, distance_sd=10e-6)
+    planes, distances = shrinkage(before, after, NOISE)
+    assert planes.floor == pytest.approx(np.hypot(NOISE, 3e-6))
+    assert distances.floor == pytest.approx(10e-6)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.stats import f as f_distribution
 
 from bayescal.gap.result import Shrinkage
 from bayescal.gap.settings import OUTCOME
-from bayescal.predict.bootstrap import RESAMPLES, resampled
+from bayescal.predict.bootstrap import RESAMPLES, independent_distances, resampled, resampled_distances
 from bayescal.predict.crossvalidation import HeldOut, kept
-from bayescal.predict.intervals import bootstrap_interval95 as interval
+from bayescal.predict.distances import CentreDistances
+from bayescal.predict.intervals import bootstrap_interval95, interval95
 
 NAN = float("nan")
 
@@ -47,14 +50,10 @@ def shrinkage(
         )
         count = len(np.unique(before.rows[mine]))
         expected = expects(before.residual[mine], after.residual[mine], after.sd[mine])
-        out.append(compare(kind, count, squares, before.block[mine], expected, noise_dof, rng))
-    old, new = before.distances, after.distances
-    if len(old.error):
-        predicted = new.predicted_sd()
-        squares = np.stack([old.error**2, new.error**2, predicted**2, np.zeros(len(old.u))])
-        expected = expects(old.error, new.error, predicted)
-        distances = compare("distances", len(old.u), squares, np.arange(len(old.u)), expected, noise_dof, rng)
-        out.insert(1 if out and out[0].what == "planes" else 0, distances)
+        out.append(of_blocks(kind, count, squares, before.block[mine], expected, noise_dof, rng))
+    if len(before.distances.error):
+        found = of_distances(before.distances, after.distances, noise_dof, rng)
+        out.insert(1 if out and out[0].what == "planes" else 0, found)
     return tuple(out)
 
 
@@ -76,7 +75,7 @@ def expects(before: np.ndarray, after: np.ndarray, sd: np.ndarray) -> tuple[floa
     return float(np.sqrt(np.mean((before - after) ** 2) + own)), float(np.sqrt(own))
 
 
-def compare(
+def of_blocks(
     what: str,
     count: int,
     squares: np.ndarray,
@@ -85,7 +84,7 @@ def compare(
     noise_dof: float,
     rng: np.random.Generator,
 ) -> Shrinkage:
-    """The fraction of the excess variance that went, by a paired block bootstrap.
+    """The fraction of the excess variance that went from rows, by a paired block bootstrap.
 
     Parameters
     ----------
@@ -99,21 +98,61 @@ def compare(
     noise_dof : float
     rng : np.random.Generator
     """
-    old, new, floor = np.mean(squares[:3], axis=1)
     draws = resampled(block, squares, rng)
+    draws[:, 2] += draws[:, 3] * _noise(noise_dof, rng)
     number = len(np.unique(block))
-    if np.isfinite(noise_dof):  # the noise is not known exactly either
-        draws[:, 2] += draws[:, 3] * (noise_dof / rng.chisquare(noise_dof, RESAMPLES) - 1.0)
-    excess = draws[:, 0] - draws[:, 2]
+
+    def interval(value: float, values: np.ndarray) -> tuple[float, float]:
+        return bootstrap_interval95(value, values, number)
+
+    return _compared(what, count, np.mean(squares[:3], axis=1), draws, number, interval, expected, noise_dof)
+
+
+def of_distances(
+    old: CentreDistances, new: CentreDistances, noise_dof: float, rng: np.random.Generator
+) -> Shrinkage:
+    """The fraction of the excess variance that went from certified distances, by `resampled_distances`."""
+    predicted = new.predicted_sd()
+    means = np.array([np.mean(old.error**2), np.mean(new.error**2), np.mean(predicted**2)])
+    pairs = resampled_distances(old, new, rng)
+    of_noise = float(np.mean(np.sum(new.by_noise**2, axis=1)))
+    draws = np.column_stack([pairs, means[2] + of_noise * _noise(noise_dof, rng)])
+    number = independent_distances(old)
+
+    def interval(value: float, values: np.ndarray) -> tuple[float, float]:
+        low, high = interval95(values) if len(old.error) > 1 and len(values) else (NAN, NAN)
+        return float(low), float(high)
+
+    expected = expects(old.error, new.error, predicted)
+    return _compared("distances", len(old.u), means, draws, number, interval, expected, noise_dof)
+
+
+def _noise(dof: float, rng: np.random.Generator) -> np.ndarray:
+    """Relative errors (RESAMPLES,) of a noise variance that is known by some degrees of freedom."""
+    return dof / rng.chisquare(dof, RESAMPLES) - 1.0 if np.isfinite(dof) else np.zeros(RESAMPLES)
+
+
+def _compared(
+    what: str,
+    count: int,
+    means: np.ndarray,
+    draws: np.ndarray,
+    number: float,
+    interval: Callable[[float, np.ndarray], tuple[float, float]],
+    expected: tuple[float, float],
+    noise_dof: float,
+) -> Shrinkage:
+    """Mean squares before, after and of the floor (3,), m2, with their draws (S, 3...), as one figure."""
+    old, new, floor = means
     removed, ends = NAN, (NAN, NAN)
     # where these rows could show no excess at all, the ratio would be one of two noises
     if old > floor * f_distribution.isf(OUTCOME.no_excess, number, min(noise_dof, OUTCOME.many)):
         removed = min((old - new) / (old - floor), 1.0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(excess > 0, (draws[:, 0] - draws[:, 1]) / excess, np.nan)
-        low, high = interval(removed, np.minimum(ratio[np.isfinite(ratio)], 1.0), number)
+        excess = draws[:, 0] - draws[:, 2]
+        some = excess > 0
+        low, high = interval(removed, np.minimum((draws[some, 0] - draws[some, 1]) / excess[some], 1.0))
         ends = low, min(high, 1.0)
-    change = interval(new - old, draws[:, 1] - draws[:, 0], number)
+    change = interval(new - old, draws[:, 1] - draws[:, 0])
     shown = np.isfinite(removed) or change[1] < 0  # there was an excess, or at least the errors fell
     claimed = bool(max(expected[1] ** 2, new) < old and shown)
     return Shrinkage(
