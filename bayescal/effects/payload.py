@@ -14,6 +14,8 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.arm.statics import gravity_moments
+from bayescal.effects.base_compliance import BASE_COMPLIANCE
+from bayescal.effects.bending import BENDING
 from bayescal.effects.compliance import expected
 from bayescal.effects.joints import carries, without_masses
 from bayescal.effects.location import TOOL, Driver
@@ -31,6 +33,14 @@ def _parameters(c: Circumstances) -> list[Parameter]:
         Term(j, "rz", compliance * moments[:, j, 2])
         for j, compliance in enumerate(known, start=1)
         if carries(moments[:, j, 2])
+    )
+    lighter = replace(c, moments=moments)  # an arm that weighs nothing, under a kilogram
+    terms += tuple(
+        replace(term, driver=c.yields[p.name] * np.asarray(term.driver))
+        for effect in (BENDING, BASE_COMPLIANCE)
+        for p in effect.parameters(lighter)
+        if c.yields.get(p.name)
+        for term in p.terms
     )
     return [Parameter("payload mass", "kg", terms, SD, site=TOOL, driver=Driver("mass"))] if terms else []
 

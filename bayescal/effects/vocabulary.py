@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypedDict
 
@@ -96,6 +96,8 @@ class Circumstances:
     sessions: tuple[Session, ...] = ()  # where several are fitted together
     turned_tools: tuple[int, ...] = ()  # those whose orientation fitted rows read
     tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation
+    yields: Mapping[str, float] = field(default_factory=dict)
+    """Values of bearings, links and stand that a fit has found, by the names of their parameters, SI."""
 
     @property
     def touching(self) -> np.ndarray:

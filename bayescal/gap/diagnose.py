@@ -9,6 +9,8 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Circumstances, Parameter
+from bayescal.effects.base_compliance import BASE_COMPLIANCE
+from bayescal.effects.bending import BENDING
 from bayescal.effects.compliance import expected
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.gap.design.advise import advise
@@ -69,7 +71,12 @@ def with_compliance(c: Circumstances, fitted: Estimate) -> Circumstances:
     for value, p in zip(values, fitted.model.parameters, strict=False):
         if p.effect == COMPLIANCE:
             known[p.site.number - 1] = max(value, 0.2 * p.centre)
-    return replace(c, compliance=known)
+    yields = {
+        p.name: value
+        for value, p in zip(values.tolist(), fitted.model.parameters, strict=False)
+        if p.effect in (BENDING.name, BASE_COMPLIANCE.name)
+    }
+    return replace(c, compliance=known, yields=yields)
 
 
 def examine(

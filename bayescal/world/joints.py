@@ -75,7 +75,7 @@ def played(path: np.ndarray, half: float, start: float) -> np.ndarray:
 def backlash(rng: np.random.Generator, _w: World) -> Act:
     """Return play with a memory along the whole path: off the surface, across, and on to the next touch."""
     j, off, start = rng.integers(6), rng.uniform(3e-3, 9e-3), rng.uniform(-1, 1)
-    relative = j == 2 and rng.random() < 0.3
+    relative = (j == 2 and rng.random() < 0.3) or (j == 1 and rng.random() < 0.5)
     row = LINK_FROM_READING[j] if relative else np.eye(6)[j]
     moves = np.eye(6)[j] if relative else LINK_FROM_READING[:, j]
 
@@ -115,14 +115,23 @@ def hysteresis(rng: np.random.Generator, _w: World) -> Act:
 def encoder_scale(rng: np.random.Generator, _w: World) -> Act:
     """Return a graduation that is too long, and a little more so at one end."""
     j, bend, sign = rng.integers(6), rng.uniform(-0.1, 0.1), rng.choice([-1.0, 1.0])
+    relative = j in (1, 2) and rng.random() < 0.5
+    row = LINK_FROM_READING[j] if relative else np.eye(6)[j]
+    moves = np.eye(6)[j] if relative else LINK_FROM_READING[:, j]
 
     def move(seen: Seen, size: float, m: Moved) -> None:
-        x = seen.readings[:, j]
-        m.joint[:] += (sign * size * (x + bend * x * x))[:, None] * LINK_FROM_READING[:, j]
+        x = seen.readings @ row
+        m.joint[:] += (sign * size * (x + bend * x * x))[:, None] * moves
 
     where = _place(j, "joint angle", "encoder-scale", (f"reading {j + 1}",))
     return Act(
-        "encoder-scale", where, "rad/rad", 4e-5, 4e-4, move, {"joint": j + 1, "bend": bend, "sign": sign}
+        "encoder-scale",
+        where,
+        "rad/rad",
+        4e-5,
+        4e-4,
+        move,
+        {"joint": j + 1, "link_side": bool(relative), "bend": bend, "sign": sign},
     )
 
 

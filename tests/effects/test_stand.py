@@ -150,6 +150,35 @@ def test_the_first_bearing_bends_where_its_axis_neither_stands_nor_lies(session)
         assert ("bending J1 bearing" in names) == (mount == "slope"), mount
 
 
+@pytest.mark.parametrize("mount", ["floor", "wall"])
+def test_a_payload_loads_the_stand_and_the_bearings(session, mount):
+    """A kilogram more does what its own weight does at every place that yields, not at the joints alone."""
+    dataset = mounted(session, mount)
+    scene = Scene(dataset)
+    c = replace(scene.circumstances(scene.rows("calibrate")), compliance=np.zeros(6))
+    (a, first), (b, second) = horizontal(dataset.gravity)
+    c = replace(c, yields={f"base-compliance {a}": 2e-6, f"base-compliance {b}": 1e-6})
+    pose = frames(scene.chain, scene.q)[:, -1]
+    where = pose[:, :3, :3] @ dataset.tools[0].centre_of_mass + pose[:, :3, 3]
+    moment = np.cross(where - PLACE, dataset.gravity)
+    turn = sum(y * np.outer(moment @ axis, axis) for y, axis in ((2e-6, first), (1e-6, second)))
+    expected = turned_about(PLACE, turn, scene.points)
+    (p,) = EFFECTS["payload"].parameters(c)
+    delta = np.zeros((len(scene.q), scene.chain.n + 2, 6))
+    for t in p.terms:
+        delta[:, t.frame, AXES.index(t.axis)] += t.driver
+    np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), expected, atol=1e-9)
+    bearing = np.zeros_like(delta)
+    (p,) = EFFECTS["payload"].parameters(replace(c, yields={"bending J2 bearing": 3e-6}))
+    for t in p.terms:
+        bearing[:, t.frame, AXES.index(t.axis)] += t.driver
+    frame = frames(scene.chain, scene.q)[:, 2]
+    moment = np.cross(where - frame[:, :3, 3], dataset.gravity)
+    along = np.sum(moment * frame[:, :3, 2], axis=1)[:, None] * frame[:, :3, 2]
+    expected = turned_about(frame[:, :3, 3], 3e-6 * (moment - along), scene.points)
+    np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, bearing), expected, atol=1e-9)
+
+
 def measured(dataset, arm, depth, compliance, noise, seed=0):
     """The session as an instrument saw it, of an arm on a stand that yields: by frames alone."""
     scene = Scene(dataset)
