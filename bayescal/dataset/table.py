@@ -71,7 +71,7 @@ class Table:
             self.first(wrong, f"`{column}` is not a number: '{{{column}}}'", "write a plain number")
         bad = ~np.isfinite(values) & ~empty
         self.first(
-            bad, f"`{column}` is {{{column}}}, not a finite number", "mend the cell or leave the row out"
+            bad, f"`{column}` is {{{column}}}, not a finite number", "correct the cell or remove the row"
         )
         return values * si(column)
 

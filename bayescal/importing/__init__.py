@@ -5,7 +5,7 @@ Functions
 convert
     A log and what is said of it to a `Draft`: a `Dataset` in memory, what was noticed, what is wrong.
 write
-    A draft to a folder, whole or not at all.
+    A draft to a folder, atomically.
 """
 
 from __future__ import annotations

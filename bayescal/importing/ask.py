@@ -22,7 +22,7 @@ UPRIGHT = np.array([0.0, 0.0, -9.81])
 """m/s2, in F0."""
 
 CHOICES = {"format": ("csv", "robodk"), "pair": tuple(PAIRS), "readings": ("encoder", "command")}
-"""Options that know a few words only."""
+"""Options with a fixed set of values."""
 
 
 @dataclass(frozen=True)
@@ -44,22 +44,24 @@ class Request:
     allow_xacro: bool = False
 
     def check(self) -> None:
-        """Refuse what was left out and what cannot be."""
+        """Refuse missing and invalid options."""
         for option, known in CHOICES.items():
             if getattr(self, option) not in known:
                 what = f"'{getattr(self, option)}' is not known"
                 raise BayescalError(what, f"--{option}", f"must be {' or '.join(known)}")
         if not self.robot and self.template is None:
-            raise BayescalError("which robot?", "--robot", "give its name or its file, or a --template")
+            raise BayescalError(
+                "the robot is not stated", "--robot", "give its name or file, or a --template"
+            )
         if self.template is not None and self.tool:
-            raise BayescalError("the template says the tools", "--tool", "leave one of the two out")
+            raise BayescalError("the template states the tools already", "--tool", "remove one of the two")
         if self.format == "csv" and not self.map:
             columns = ", ".join(read_log(self.log).header) or "#1, #2, ... (without names)"
-            remedy = f'say it: --map "j*=A* deg, x=X mm, ..."; its columns are {columns}'
-            raise BayescalError("what do the columns hold, in which units?", self.log.name, remedy)
+            remedy = f'write --map "j*=A* deg, x=X mm, ..."; the columns are {columns}'
+            raise BayescalError("the contents and units of the columns are not stated", self.log.name, remedy)
         if self.points is not None and not self.points_map:
             remedy = 'write `--points-map mm`, or `--points-map "id=#1, x=#2 mm, y=#3 mm, z=#4 mm"`'
-            raise BayescalError("in which unit are the points?", self.points.name, remedy)
+            raise BayescalError("the unit of the points is not stated", self.points.name, remedy)
 
 
 def base_of(request: Request) -> Dataset:
@@ -107,16 +109,16 @@ def furnished(
     if request.template is not None:
         return base, Loose()
     if points(columns) is None:
-        what = "no points, and no template that says what was touched"
+        what = "no points, and no template with targets"
         raise BayescalError(what, columns.name, "map x, y, z, give --points FILE or a --template")
     if base.noise.point is None and "u" not in columns.numbers:
-        remedy = 'say its standard uncertainty a coordinate, `--noise "0.03 mm"`, or map `u`'
-        raise BayescalError("how well does the instrument measure?", "--noise", remedy)
+        remedy = 'state the standard uncertainty of a coordinate, `--noise "0.03 mm"`, or map `u`'
+        raise BayescalError("the uncertainty of the instrument is not stated", "--noise", remedy)
     used = names(columns, "tool") or ["tool"]
     if request.tool:
         if len(used) > 1:
-            what = f"one tool point, but the rows use {', '.join(used)}"
-            raise BayescalError(what, "--tool", "leave it out to have them found, or give a --template")
+            what = f"a single tool point, but the rows use {', '.join(used)}"
+            raise BayescalError(what, "--tool", "remove it to estimate the tool points, or give a --template")
         centres = {used[0]: np.array(quantity(request.tool, "length", 3, "--tool"))}
     targets = names(columns, "target") or ["tracker"]
     place: dict[str, np.ndarray | float] = {"xyz": np.zeros(3), "rpy": np.zeros(3)}

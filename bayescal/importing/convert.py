@@ -24,7 +24,7 @@ from bayescal.importing.units import is_unit
 
 @dataclass(frozen=True)
 class Draft:
-    """A dataset before it is written: what was noticed, what is wrong (or ""), and whence its rows come."""
+    """A dataset before it is written: notes, what is wrong (or ""), and the source of its rows."""
 
     dataset: Dataset
     notes: tuple[str, ...]
@@ -66,7 +66,7 @@ def convert(request: Request) -> Draft:
 
 
 def write(draft: Draft, folder: Path, force: bool = False) -> None:
-    """Write a draft as a dataset folder that reads back, whole or not at all.
+    """Write a draft as a dataset folder, atomically, and check that it can be read.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def write(draft: Draft, folder: Path, force: bool = False) -> None:
         With the line of the log, for the first thing that breaks the contract or cannot be.
     """
     if draft.wrong and not force:
-        raise BayescalError(draft.wrong, draft.log, "correct the map, or write it as it is with --force")
+        raise BayescalError(draft.wrong, draft.log, "correct the map, or write the dataset with --force")
     with tempfile.TemporaryDirectory() as scratch:
         trial = Path(scratch) / "trial"
         write_dataset(draft.dataset, trial)
@@ -111,7 +111,7 @@ def _columns(request: Request, n: int) -> tuple[Columns, dict[str, np.ndarray], 
         log = read_log(request.log)
         columns, centres = formats.robodk(log, n)
         if left := len(log.rows) - columns.count:
-            notes.append(f"{left} row{'s' * (left > 1)} of {log.name} left out: not measured (0, 0, 0)")
+            notes.append(f"{left} row{'s' * (left > 1)} of {log.name} excluded: not measured (0, 0, 0)")
     if request.points is not None:
         said = request.points_map.strip()
         if is_unit(said):
@@ -120,7 +120,7 @@ def _columns(request: Request, n: int) -> tuple[Columns, dict[str, np.ndarray], 
         else:
             points = _mapped(request.points, read_map(said, n))
         columns, left_out = PAIRS[request.pair](columns, points)
-        notes += [f"left out: {left_out}"] if left_out else []
+        notes += [f"excluded: {left_out}"] if left_out else []
     return columns, centres, tuple(notes)
 
 

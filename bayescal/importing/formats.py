@@ -15,7 +15,7 @@ from bayescal.importing.mapping import Column, Map
 from bayescal.importing.units import UNITS, is_number, unit_of
 
 UNSEEN = 1e-6
-"""m: RoboDK writes zeros for a point that was not measured; its own scripts ask for more than 1 um."""
+"""m: RoboDK writes zeros for a point that was not measured; its own scripts require more than 1 µm."""
 
 SAME_TOOL = 1e-6
 """m: tool points this close are one."""
@@ -35,7 +35,7 @@ def robodk(log: Log, n: int) -> tuple[Columns, dict[str, np.ndarray]]:
     layouts = {n + 3: (None, n), n + 6: (n, n + 3), n + 12: (n, n + 6)}
     width = len(log.rows[0])
     if width not in layouts:
-        what = f"{width} columns are no RoboDK table of {n} joints"
+        what = f"{width} columns do not match a RoboDK table of {n} joints"
         known = ", ".join(map(str, layouts))
         raise BayescalError(what, log.name, f"it has {known} columns (joints, measured, tool); or give --map")
     measured, tool = layouts[width]
@@ -47,7 +47,7 @@ def robodk(log: Log, n: int) -> tuple[Columns, dict[str, np.ndarray]]:
         xyz = np.column_stack([columns.numbers[k] for k in "xyz"])
         columns = columns.take(np.abs(xyz).sum(axis=1) >= UNSEEN)
         if not columns.count:
-            raise BayescalError("no row was measured: all points are 0, 0, 0", log.name, "export it again")
+            raise BayescalError("no measured row: all points are 0, 0, 0", log.name, "export the table again")
     centres = np.column_stack([columns.numbers.pop(f"tool_{k}") for k in "xyz"])
     names, tools = _tools(centres)
     return replace(columns, texts={"tool": names}), tools

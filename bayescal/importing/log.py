@@ -82,7 +82,7 @@ def read_log(path: Path, headed: bool | None = None) -> Log:
         if line.strip() and not line.lstrip().startswith(COMMENTS)
     ]
     if not kept:
-        raise BayescalError("no rows", path.name, "is it the right file?")
+        raise BayescalError("no rows", path.name, "check the file")
     separator = next((s for s in ";\t," if s in kept[0][1]), " ")
     rows = [(number, _cells(line, separator)) for number, line in kept]
     first = rows[0][1]
@@ -94,11 +94,13 @@ def read_log(path: Path, headed: bool | None = None) -> Log:
         if len(cells) != len(first):
             what = f"{len(cells)} cells, the first row has {len(first)}"
             raise BayescalError(
-                what, f"{path.name}:{number}", "one cell a column; quote what holds a separator"
+                what,
+                f"{path.name}:{number}",
+                "write a cell for each column; quote cells that contain a separator",
             )
     body = rows[1:] if headed else rows
     if not body:
-        raise BayescalError("no rows below the header", path.name, "is it the right file?")
+        raise BayescalError("no rows below the header", path.name, "check the file")
     lines, cells_of = zip(*body, strict=True)
     return Log(path.name, tuple(first) if headed else (), cells_of, lines, separator in ";\t")
 
@@ -132,12 +134,12 @@ def _column(log: Log, key: str, column: Column) -> list[str]:
     if at is None:
         if column.name not in log.header:
             _, remedy = unknown("column", column.name, log.header)
-            hint = remedy if log.header else "the file has no header: call columns #1, #2, ..."
-            raise BayescalError(f"no column `{column.name}`, which is to hold `{key}`", f"{log.name}:1", hint)
+            hint = remedy if log.header else "the file has no header: use #1, #2, ... as column names"
+            raise BayescalError(f"no column `{column.name}` for `{key}`", f"{log.name}:1", hint)
         at = log.header.index(column.name) + 1
     if at > len(log.rows[0]):
-        what = f"`{key}` is to be in column {at}, but there are {len(log.rows[0])}"
-        raise BayescalError(what, log.name, "columns are counted from 1")
+        what = f"`{key}` is mapped to column {at}, but the file has {len(log.rows[0])} columns"
+        raise BayescalError(what, log.name, "columns are numbered from 1")
     return [row[at - 1] for row in log.rows]
 
 
@@ -147,7 +149,7 @@ def _number(log: Log, row: int, key: str, cell: str) -> float:
         return np.nan
     if not is_number(text):
         where = f"{log.name}:{log.line[row]}"
-        raise BayescalError(f"`{key}` is not a number: '{cell}'", where, "mend the cell or leave the row out")
+        raise BayescalError(f"`{key}` is not a number: '{cell}'", where, "correct the cell or remove the row")
     return float(text)
 
 

@@ -1,4 +1,4 @@
-"""What a log's columns hold: ``j1 = A1 deg``, as text or as a YAML file, one entry a quantity."""
+"""Contents of the columns of a log: ``j1 = A1 deg``, as text or as a YAML file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ JOINT = {"": "angle", "_velocity": "rate", "_command": "angle", "_torque": "torq
 """Of a joint: ``j1``, ``j1_velocity`` and so on."""
 
 TEXTS = ("id", "role", "target", "tool", "stop", "repeat")
-"""Quantities that are no numbers."""
+"""Quantities that are text."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def read_map(text: str, n: int) -> Map:
         for joint in range(1, n + 1) if key.startswith("j*") else (0,):
             name, said = (t.replace("*", str(joint)) if joint else t for t in (key, value))
             if name in out:
-                raise BayescalError(f"`{name}` is given twice", where, "keep one")
+                raise BayescalError(f"`{name}` is given twice", where, "keep a single entry")
             out[name] = _column(name, said, where, n)
     return out
 
@@ -88,7 +88,9 @@ def _of_text(text: str) -> list[tuple[str, str, str]]:
     for part in filter(None, map(str.strip, next(csv.reader([text], quotechar="'"), []))):
         key, equals, value = (p.strip() for p in part.partition("="))
         if not equals or not value:
-            raise BayescalError(f"'{part}' is no entry of a map", "--map", "write `j1=A1 deg, x=X mm, ...`")
+            raise BayescalError(
+                f"'{part}' is not an entry of a map", "--map", "write `j1=A1 deg, x=X mm, ...`"
+            )
         out.append((key, value, "--map"))
     return out
 
@@ -120,5 +122,5 @@ def dimension_of(key: str, n: int, where: str) -> str:
     return DIMENSIONS[key]
 
 
-def _swap(told: tuple[str, str], where: str) -> tuple[str, str, str]:
-    return told[0], where, told[1]
+def _swap(message: tuple[str, str], where: str) -> tuple[str, str, str]:
+    return message[0], where, message[1]

@@ -25,7 +25,7 @@ def by_id(log: Columns, points: Columns) -> tuple[Columns, str]:
     Returns
     -------
     tuple of Columns and str
-        The rows, and how many were left out, in words, or "".
+        The rows, and the excluded rows as text, or "".
     """
     for columns in (log, points):
         _check_ids(columns)
@@ -33,17 +33,17 @@ def by_id(log: Columns, points: Columns) -> tuple[Columns, str]:
     known = np.array([name in place for name in log.texts["id"].tolist()])
     if not known.any():
         what = f"no id of {log.name} is in {points.name}"
-        examples = f"`{log.texts['id'][0]}` and `{points.texts['id'][0]}` are the first"
+        examples = f"`{log.texts['id'][0]}` and `{points.texts['id'][0]}` are the first ids"
         raise BayescalError(what, "--pair id", f"{examples}; map the right columns, or pair by row")
     log = log.take(known)
     partners = points.take(np.array([place[name] for name in log.texts["id"].tolist()]))
     lost, spare = int((~known).sum()), points.count - partners.count
-    told = [
+    excluded = [
         f"{count} row{'s' * (count > 1)} of {name} without a partner"
         for count, name in ((lost, log.name), (spare, points.name))
         if count
     ]
-    return _joined(log, partners), " and ".join(told)
+    return _joined(log, partners), " and ".join(excluded)
 
 
 def _check_ids(columns: Columns) -> None:
@@ -53,7 +53,9 @@ def _check_ids(columns: Columns) -> None:
     ids = columns.texts["id"].tolist()
     often = Counter(ids)
     twice = np.array([often[name] > 1 for name in ids])
-    first(columns, twice, lambda row: f"id `{ids[row]}` is given twice", "keep one, or rename it")
+    first(
+        columns, twice, lambda row: f"id `{ids[row]}` is given twice", "keep a single row, or rename the id"
+    )
 
 
 PAIRS = {"row": by_row, "id": by_id}

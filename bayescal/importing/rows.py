@@ -18,7 +18,7 @@ def readings(columns: Columns, n: int) -> np.ndarray:
     if block is None:
         raise BayescalError("no column holds `j1`", columns.name, f"map j1 to j{n}")
     bad = np.isnan(block)
-    first(columns, bad.any(axis=1), lambda row: f"`j{np.argmax(bad[row]) + 1}` is empty", "fill the cell in")
+    first(columns, bad.any(axis=1), lambda row: f"`j{np.argmax(bad[row]) + 1}` is empty", "fill in the cell")
     return block
 
 
@@ -95,14 +95,14 @@ def _index(columns: Columns, key: str, known: list[str]) -> np.ndarray:
         if len(known) > 1:
             some = ", ".join(known[:8])
             raise BayescalError(
-                f"which {key} is each row of?", columns.name, f"map `{key}`; there are {some}"
+                f"the {key} of the rows is not stated", columns.name, f"map `{key}`; there are {some}"
             )
         return np.zeros(columns.count, int)
     given = columns.texts[key]
     bad = ~np.isin(given, known)
     if bad.any():
         _, remedy = unknown(key, str(given[np.argmax(bad)]), known)
-        first(columns, bad, lambda row: f"no {key} is called `{given[row]}`", remedy)
+        first(columns, bad, lambda row: f"unknown {key} `{given[row]}`", remedy)
     place = {name: i for i, name in enumerate(known)}
     return np.array([place[name] for name in given.tolist()])
 

@@ -58,7 +58,7 @@ ALIASES = {
     "°F": "F",
     "sec": "s",
 }
-"""Other spellings. ``nm`` is a torque, as in the dataset: nobody logs nanometres."""
+"""Other spellings. ``nm`` is a torque, as in the dataset: nanometres do not occur in logs."""
 
 
 def unit_of(name: str, dimension: str, where: str) -> Unit:
@@ -66,7 +66,7 @@ def unit_of(name: str, dimension: str, where: str) -> Unit:
     unit = UNITS.get(ALIASES.get(name, name))
     known = f"give one of {listed(dimension)}"
     if unit is None:
-        raise BayescalError(f"no unit is called `{name}`", where, known)
+        raise BayescalError(f"unknown unit `{name}`", where, known)
     if unit.dimension != dimension:
         raise BayescalError(f"`{name}` is a unit of {unit.dimension}, not of {dimension}", where, known)
     return unit

@@ -1,4 +1,4 @@
-"""What no one said, and the nominal arm tells: where instruments stood, where their reflectors sat."""
+"""Positions of instruments and reflectors that are not stated, estimated with the nominal arm."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Loose:
         for index, target in enumerate(dataset.targets):
             count = int((rows.target == index).sum())
             if target.name in self.targets and count < fewest:
-                what = f"{count} points of `{target.name}` do not tell where it stands"
-                raise BayescalError(what, "", f"give {fewest} or more, or a --template that says it")
+                what = f"{count} points of `{target.name}` do not determine its position"
+                raise BayescalError(what, "", f"give at least {fewest}, or a --template with its position")
 
     def settled(self, dataset: Dataset) -> Dataset:
         """The dataset with these where its rows and the nominal arm put them."""

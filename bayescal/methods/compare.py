@@ -1,4 +1,4 @@
-"""All methods on one session: same rows to calibrate with, same held-out rows."""
+"""All methods on the same session, with the same calibration and validation rows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bayescal.errors import BayescalError
 from bayescal.methods.inverse import INVERSE
 from bayescal.methods.judge import judged, predicted
 from bayescal.methods.linear import LINEAR
-from bayescal.methods.method import AS_DRAWN, Method, Solution
+from bayescal.methods.method import NOMINAL, Method, Solution
 from bayescal.methods.normals import NORMALS
 from bayescal.methods.open_loop import OPEN_LOOP
 from bayescal.methods.ours import OURS
@@ -22,21 +22,21 @@ from bayescal.model import build, check_asked
 from bayescal.model.scene import Scene
 from bayescal.predict import Validation
 
-METHODS = (AS_DRAWN, NORMALS, PLANES, LINEAR, INVERSE, OPEN_LOOP, OURS)
+METHODS = (NOMINAL, NORMALS, PLANES, LINEAR, INVERSE, OPEN_LOOP, OURS)
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a method made of the session: its solution and what held-out rows say of it, SI."""
+    """The solution of a method and its errors on validation rows, SI."""
 
     solution: Solution
     seconds: float  # of the solution alone, not of its judgement
     held_out: Validation
-    predicted: Validation | None  # of a method that says how sure it is
+    predicted: Validation | None  # of a method with predicted uncertainty
 
     @property
     def planes(self) -> np.ndarray:
-        """Residuals of held-out contacts, (C,), m."""
+        """Residuals of validation contacts, (C,), m."""
         return np.concatenate([np.zeros(0), *(p.residuals for p in self.held_out.planes)])
 
     @property
@@ -46,7 +46,7 @@ class Result:
 
     @property
     def points(self) -> np.ndarray:
-        """Lengths of the residuals of held-out points, (C,), m."""
+        """Lengths of the error vectors of validation points, (C,), m."""
         each = (np.linalg.norm(p.residuals, axis=0) for p in self.held_out.points)
         return np.concatenate([np.zeros(0), *each])
 
@@ -60,7 +60,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Row:
-    """A method and its result, or why there is none."""
+    """A method and its result, or the reason why it does not apply."""
 
     method: Method
     result: Result | None
@@ -95,7 +95,7 @@ def compare(
         Of the draws behind a prediction.
     methods : sequence of Method
     progress : callable
-        Told the method and the fraction done.
+        Called with the method and the fraction done.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def compare(
     check_asked(effects, 1.0)
     scene = Scene(dataset)
     model = build(scene, effects)
-    judged(AS_DRAWN.solve(scene, effects))  # compiles what is compiled: no method pays for it
+    judged(NOMINAL.solve(scene, effects))  # compiles what is compiled: no method pays for it
     rows = []
     for k, method in enumerate(methods):
         progress(method.name, k / len(methods))

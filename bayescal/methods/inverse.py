@@ -69,7 +69,7 @@ def solve(scene: Scene, effects: tuple[str, ...]) -> Solution:
 INVERSE = Method(
     "inverse",
     "joint residuals at known poses",
-    "least squares of the joint changes that would bring the arm to where it was, along what a row tells",
+    "least squares of the joint corrections that reproduce the measured poses, along the measured directions",
     missing,
     solve,
 )

@@ -1,7 +1,7 @@
-"""One judge for all methods: the same held-out rows, targets found by the same rule.
+"""Validation of all methods: the same validation rows, targets located by the same rule.
 
 A method answers for the arm alone. Every target that has rows to calibrate with is found from those, with
-the method's arm held; then held-out planes, spheres and points are judged as `validate` judges a fit's.
+the method's arm held; then validation planes, spheres and points are assessed as `validate` judges a fit's.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def located(model: Model, values: np.ndarray) -> np.ndarray:
 
 
 def judged(solution: Solution) -> Validation:
-    """What held-out rows say of a method's arm; predictions in it are void."""
+    """Errors of a method on validation rows; predicted uncertainties in it are void."""
     model = with_parameters(solution.model.scene, solution.model.effects, solution.model.parameters)
     z = located(model, solution.values)
     weights = unit_weights(model, z)
@@ -42,7 +42,7 @@ def judged(solution: Solution) -> Validation:
 
 
 def predicted(solution: Solution, seed: int) -> Validation | None:
-    """What a method that says how sure it is expects of held-out rows; None of the others."""
+    """Predicted uncertainties of validation rows, for a method that has them; else None."""
     found = solution.estimate
     if found is None:
         return None

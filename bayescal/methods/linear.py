@@ -1,9 +1,9 @@
 """The linear least-squares iteration of Joubair and Bonev: identification Jacobian, unknown planes.
 
-Their paper's text was not to be had; this is the iteration as the trade knows it. Distances to planes that
+The text of the article was not available; this is the iteration as generally known. Distances to planes that
 are fitted anew at every step, linear in the arm's parameters, columns scaled, no priors. Rank deficient:
 the base against the planes, and parameters that move the ball alike (d of parallel axes). What QR finds
-redundant stays as drawn. The size of the arm comes from certified distances.
+redundant stays nominal. The size of the arm comes from certified distances.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from bayescal.methods.system import System, part
 from bayescal.model import Block, Model, build
 from bayescal.model.scene import Scene
 
-NO_LENGTH = "no length is certified: without priors the arm would shrink to fit"
+NO_LENGTH = "no length is certified: without priors the scale of the arm is not identifiable"
 
 
 def touches(block: Block) -> bool:
@@ -26,7 +26,7 @@ def missing(model: Model) -> str:
     """What a session lacks for constraints with unknown targets."""
     touched = part(model, touches)
     if not touched.blocks:
-        return "nothing is touched: all rows are an instrument's"
+        return "no contacts: all rows are measured by an instrument"
     return "" if touched.knows_length else NO_LENGTH
 
 
@@ -39,7 +39,7 @@ def solve(scene: Scene, effects: tuple[str, ...]) -> Solution:
 LINEAR = Method(
     "linear steps",
     "Joubair and Bonev",
-    "distances to planes found anew at each linear step, scaled columns, redundant parameters held",
+    "distances to planes, fitted again at each linear step; scaled columns; redundant parameters nominal",
     missing,
     solve,
 )

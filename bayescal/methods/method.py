@@ -16,9 +16,9 @@ from bayescal.model.scene import Scene
 class Solution:
     """What a method makes of a session, in the parameters of a model.
 
-    `values` (P,) are deviations from the drawing, SI. `held` names the parameters left as drawn because the
+    `values` (P,) are deviations from nominal, SI. `held` names the parameters kept nominal because the
     rows do not tell them, `condition` is that of the scaled Jacobian of all others. `estimate` is there where
-    the method says how sure it is.
+    the method predicts uncertainties.
     """
 
     model: Model
@@ -40,7 +40,7 @@ Solve = Callable[[Scene, tuple[str, ...]], Solution]
 class Method:
     """A way to calibrate.
 
-    `missing` says in words what a session lacks for it, or ""; `solve` fits a scene with some effects.
+    `missing` states what a session lacks for it, or ""; `solve` fits a scene with some effects.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Method:
 
 
 def where_it_stands(solve: Solve) -> Solve:
-    """The same, done again with the gravity moments where the arm was found to stand: see `calibrated`."""
+    """The same, done again with the gravity moments at the fitted poses: see `calibrated`."""
 
     def twice(scene: Scene, effects: tuple[str, ...]) -> Solution:
         first = solve(scene, effects)
@@ -62,10 +62,10 @@ def where_it_stands(solve: Solve) -> Solve:
     return twice
 
 
-def drawn(scene: Scene, effects: tuple[str, ...]) -> Solution:
-    """The arm as drawn."""
+def nominal(scene: Scene, effects: tuple[str, ...]) -> Solution:
+    """The nominal arm."""
     model = build(scene, effects)
     return Solution(model, np.zeros(len(model.parameters)), tuple(p.name for p in model.parameters))
 
 
-AS_DRAWN = Method("as drawn", "", "the robot file as it is", lambda model: "", drawn)
+NOMINAL = Method("nominal", "", "the robot file without calibration", lambda model: "", nominal)

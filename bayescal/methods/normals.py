@@ -118,9 +118,9 @@ def missing(model: Model) -> str:
         return "no plane is probed"
     thin = [block.target for block in faces.blocks if len(block.rows) < 3]
     if thin:
-        return f"{', '.join(thin)}: fewer than three contacts span no plane"
+        return f"{', '.join(thin)}: fewer than three contacts do not define a plane"
     if not any(constraint.kind == "parallel" for constraint in faces.constraints):
-        return "no distance between parallel faces is certified: normals do not tell lengths"
+        return "no distance between parallel faces is certified: normals do not determine lengths"
     return ""
 
 
@@ -134,7 +134,7 @@ def solve(scene: Scene, effects: tuple[str, ...]) -> Solution:
 NORMALS = Method(
     "normals",
     "Zhong and Lewis; Tang et al.",
-    "cross products of probed triplets agree face by face and as certified; a distance sets the size",
+    "normals from triplets of contacts agree within a face and with certificates; a distance sets the scale",
     missing,
     solve,
 )

@@ -17,7 +17,7 @@ def is_read(block: Block) -> bool:
 
 def missing(model: Model) -> str:
     """What a session lacks for open loop."""
-    return "" if part(model, is_read).blocks else "no row to calibrate with is read by an instrument"
+    return "" if part(model, is_read).blocks else "no calibration row is measured by an instrument"
 
 
 @where_it_stands
@@ -29,7 +29,7 @@ def solve(scene: Scene, effects: tuple[str, ...]) -> Solution:
 OPEN_LOOP = Method(
     "open loop",
     "Mooring, Roth and Driels",
-    "non-linear least squares of what an instrument reads, its frame unknown; touched rows are not used",
+    "non-linear least squares of instrument readings with unknown frame; contacts are not used",
     missing,
     solve,
 )

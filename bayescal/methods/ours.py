@@ -22,7 +22,7 @@ def solve(scene: Scene, effects: tuple[str, ...]) -> Solution:
 OURS = Method(
     "bayescal",
     "",
-    "most probable arm under tolerance priors and certificates, outliers left out; says how sure it is",
+    "maximum a posteriori with tolerance priors and certificates, without outliers; predicts uncertainties",
     lambda model: "",
     solve,
 )

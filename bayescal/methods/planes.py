@@ -43,11 +43,11 @@ def missing(model: Model) -> str:
     faces = part(model, is_plane)
     names = {block.target for block in faces.blocks}
     if len(names) < FEWEST:
-        return f"{len(names) or 'no'} planes are probed, {FEWEST} or more are needed"
+        return f"{len(names) or 'no'} planes are probed; at least {FEWEST} are needed"
     stated = {t.name for t in model.scene.dataset.targets if t.u is not None and t.u <= KNOWN_PLACE}
     if names <= stated or bound([constraint.targets for constraint in faces.constraints], names):
         return ""
-    return "where the planes lie to one another is not stated (u_mm, or certificates that join them)"
+    return "the relative positions of the planes are not stated (u_mm, or certificates between them)"
 
 
 @where_it_stands
@@ -66,7 +66,7 @@ def solve(scene: Scene, effects: tuple[str, ...]) -> Solution:
 PLANES = Method(
     "known planes",
     "Besnard et al.; Hage et al.",
-    "contacts lie on faces that stand as stated; non-linear least squares of the arm and its base",
+    "contacts lie on faces at stated positions; non-linear least squares of the arm and its base",
     missing,
     solve,
 )

@@ -1,4 +1,4 @@
-"""Least squares without priors: which parameters the rows tell, and two ways to find them."""
+"""Least squares without priors: which parameters are identifiable, and two ways to find them."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ RESTED = 1e-5
 
 
 @dataclass(frozen=True)
-class Told:
-    """What rows tell: `kept` (K,) indices of the arm's unknowns, the others held; condition of the kept."""
+class Estimable:
+    """Identifiable unknowns: `kept` (K,) indices of the arm's unknowns, and the condition number."""
 
     kept: np.ndarray
     condition: float
@@ -42,14 +42,14 @@ def without(columns: np.ndarray, nuisance: np.ndarray) -> np.ndarray:
     return columns - basis @ (basis.T @ columns)
 
 
-def told(system: System, x: np.ndarray) -> Told:
-    """Which of the arm's unknowns the rows tell, the targets being unknown too.
+def estimable(system: System, x: np.ndarray) -> Estimable:
+    """Which unknowns of the arm are identifiable, with unknown targets.
 
     QR of the scaled columns with pivoting, as base parameters are found (Khalil and Gautier): the largest
-    remaining column is kept while the condition number allows; those left are held as drawn.
+    remaining column is kept while the condition number allows; the others stay nominal.
     """
     if not system.arm:
-        return Told(np.zeros(0, int), float("nan"))
+        return Estimable(np.zeros(0, int), float("nan"))
     _, jacobian = system(x)
     scale = np.linalg.norm(jacobian, axis=0)
     columns = without(jacobian[:, : system.arm], jacobian[:, system.arm :])
@@ -60,11 +60,11 @@ def told(system: System, x: np.ndarray) -> Told:
         kept = np.sort(order[:count])
         length = np.linalg.norm(columns[:, kept], axis=0)
         if length.min() > SAME and (condition := np.linalg.cond(columns[:, kept] / length)) < CONDITION:
-            return Told(kept, float(condition))
-    return Told(np.zeros(0, int), float("nan"))
+            return Estimable(kept, float(condition))
+    return Estimable(np.zeros(0, int), float("nan"))
 
 
-def solution(system: System, x: np.ndarray, known: Told) -> Solution:
+def solution(system: System, x: np.ndarray, known: Estimable) -> Solution:
     """What was found, in the model's parameters.
 
     Raises
@@ -79,7 +79,7 @@ def solution(system: System, x: np.ndarray, known: Told) -> Solution:
 
 
 def levenberg(system: System) -> Solution:
-    """Non-linear least squares of all unknowns that are told (MINPACK, columns scaled by their length).
+    """Non-linear least squares of all identifiable unknowns (MINPACK, columns scaled by their length).
 
     Raises
     ------
@@ -87,7 +87,7 @@ def levenberg(system: System) -> Solution:
         Where it does not come to rest.
     """
     start = np.zeros(system.size)
-    known = told(system, start)
+    known = estimable(system, start)
     moved = np.concatenate([known.kept, np.arange(system.arm, system.size)])
 
     def at(part: np.ndarray) -> np.ndarray:
@@ -107,7 +107,7 @@ def levenberg(system: System) -> Solution:
         method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=40 * ROUNDS,
     )  # fmt: skip
     if found.status == 0 or not np.all(np.isfinite(found.x)):
-        raise BayescalError("the least squares did not come to rest")
+        raise BayescalError("the least squares did not converge")
     return solution(system, at(found.x), known)
 
 
@@ -123,7 +123,7 @@ def linear_steps(system: System) -> Solution:
         Where the steps do not shrink.
     """
     x = _targets(system, np.zeros(system.size))
-    known = told(system, x)
+    known = estimable(system, x)
     check_enough(system, len(known.kept) + system.size - system.arm)
     for _ in range(ROUNDS):
         r, jacobian = system(x)
@@ -138,7 +138,7 @@ def linear_steps(system: System) -> Solution:
         x = _targets(system, x)
         if np.sqrt(np.mean((columns @ step) ** 2)) < RESTED:
             return solution(system, x, known)
-    raise BayescalError("the linear steps do not come to rest")
+    raise BayescalError("the linear steps do not converge")
 
 
 def _targets(system: System, x: np.ndarray) -> np.ndarray:
@@ -162,4 +162,4 @@ def check_enough(system: System, unknowns: int) -> None:
     """
     rows = len(system(np.zeros(system.size))[0])
     if rows < unknowns:
-        raise BayescalError(f"{rows} equations for {unknowns} unknowns")
+        raise BayescalError(f"{rows} equations are too few for {unknowns} unknowns")

@@ -42,15 +42,15 @@ COLUMNS: dict[str, tuple[str, Callable[[Result], float]]] = {
     "planes_rms_um": ("planes rms", lambda r: rms(r.planes)),
     "distances_rms_um": ("distances rms", lambda r: rms(r.distances)),
     "distances_max_um": ("max", lambda r: largest(r.distances)),
-    "predicted_distance_sd_um": ("predicted sd", lambda r: r.distance_sd),
+    "predicted_distance_sd_um": ("predicted u", lambda r: r.distance_sd),
     "points_mean_um": ("points mean", lambda r: mean(r.points)),
     "points_max_um": ("max", lambda r: largest(r.points)),
 }
-"""Key, heading and value, m, of what is held against each other."""
+"""Key, heading and value, m, of what is compared."""
 
 
 def comparison_summary(comparison: Comparison) -> RenderableType:
-    """One row a method; below, why some have none and what was left as drawn."""
+    """A row for each method; below, methods that do not apply and parameters kept nominal."""
     results = [row.result for row in comparison.rows if row.result is not None]
     shown = [key for key, (_, value) in COLUMNS.items() if any(np.isfinite(value(r)) for r in results)]
     title = Text.assemble(
@@ -58,11 +58,11 @@ def comparison_summary(comparison: Comparison) -> RenderableType:
         f"  {comparison.dataset.robot.name}  {model_label(comparison.effects)}",
     )
     headings = [COLUMNS[key][0] for key in shown]
-    table = plain_table("held out (um)", *headings, "parameters", "seconds")
+    table = plain_table("validation (µm)", *headings, "parameters", "seconds")
     for row in comparison.rows:
         _add(table, row, shown)
     notes = [(row.method.name, row.why, "dim") for row in comparison.rows if row.result is None]
-    held = [(row.method.name, words, "dim") for row in comparison.rows if (words := _held(row))]
+    held = [(row.method.name, text, "dim") for row in comparison.rows if (text := _held(row))]
     parts: list[RenderableType] = [title, table]
     parts += ["", facts(notes)] if notes else []
     parts += ["", facts(held)] if held else []
@@ -82,7 +82,7 @@ def _add(table: Table, row: Row, shown: list[str]) -> None:
 def _held(row: Row) -> str:
     if row.result is None or not row.result.solution.free or not row.result.solution.held:
         return ""
-    return f"left as drawn: {', '.join(row.result.solution.held)}"
+    return f"kept nominal: {', '.join(row.result.solution.held)}"
 
 
 def comparison_record(comparison: Comparison) -> dict[str, Any]:
@@ -134,7 +134,7 @@ def _finite(value: float) -> float | None:
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> None:
-    """Write compare.json, whole or not at all."""
+    """Write compare.json atomically."""
     record = json.dumps(comparison_record(comparison), indent=1, allow_nan=False) + "\n"
     with whole(folder, COMPARE) as stage:
         (stage / COMPARE).write_text(record, encoding="utf-8")

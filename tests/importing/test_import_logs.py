@@ -108,12 +108,12 @@ def test_a_wild_row_does_not_carry_the_frame_away(tracked, tmp_path):
 
 
 WRONG = [
-    ("rad", "deg", "mm", "mm", "`j1` to `j6` cannot be in deg: the numbers are 57 times too small; as rad"),
-    ("deg", "rad", "mm", "mm", "`j1` to `j6` cannot be in rad: the numbers are 57 times too large; as deg"),
+    ("rad", "deg", "mm", "mm", "`j1` to `j6` cannot be in deg: the numbers are 57 times too small; in rad"),
+    ("deg", "rad", "mm", "mm", "`j1` to `j6` cannot be in rad: the numbers are 57 times too large; in deg"),
     ("deg", "mrad", "mm", "mm", "`j1` to `j6` cannot be in mrad: .* as deg"),
-    ("deg", "deg", "m", "mm", "`x` to `z` cannot be in mm: the numbers are 1000 times too small; as m"),
-    ("deg", "deg", "mm", "m", "`x` to `z` cannot be in m: the numbers are 1000 times too large; as mm"),
-    ("deg", "deg", "in", "mm", "`x` to `z` cannot be in mm: the numbers are 25 times too small; as in"),
+    ("deg", "deg", "m", "mm", "`x` to `z` cannot be in mm: the numbers are 1000 times too small; in m"),
+    ("deg", "deg", "mm", "m", "`x` to `z` cannot be in m: the numbers are 1000 times too large; in mm"),
+    ("deg", "deg", "in", "mm", "`x` to `z` cannot be in mm: the numbers are 25 times too small; in in"),
 ]
 
 
@@ -122,7 +122,9 @@ WRONG = [
 def test_a_wrong_unit_is_caught(tracked, tmp_path, angle, claimed, length, told, words, tool):
     log = table(tracked.dataset, tmp_path / "log.csv", angle, length)
     map_ = said(claimed, told)
-    with pytest.raises(BayescalError, match=words + r" they fit the arm to [\d.]+ mm.*--force"):
+    with pytest.raises(
+        BayescalError, match=words + r" they agree with the nominal arm within [\d.]+ mm.*--force"
+    ):
         brought(tmp_path, log=log, map=map_, tool=tool)
     assert not (tmp_path / "out").exists()
     got = brought(tmp_path, force=True, log=log, map=map_, tool=tool)

@@ -32,5 +32,5 @@ def test_a_tracker_and_its_reflector_are_found(name, tmp_path):
     got = read_dataset(tmp_path / "out").measurements
     np.testing.assert_allclose(got.readings, m.readings[::EVERY], atol=1e-8)
     np.testing.assert_allclose(got.xyz, m.xyz[::EVERY], atol=1e-8)
-    assert "57 times too small; as rad" in convert(Request(map=said("deg", "m"), **usual)).wrong
-    assert "1000 times too small; as m" in convert(Request(map=said("rad", "mm"), **usual)).wrong
+    assert "57 times too small; in rad" in convert(Request(map=said("deg", "m"), **usual)).wrong
+    assert "1000 times too small; in m" in convert(Request(map=said("rad", "mm"), **usual)).wrong

@@ -21,7 +21,7 @@ from bayescal.methods.judge import judged, predicted
 from bayescal.methods.normals import in_normals, triplets
 from bayescal.methods.ours import OURS
 from bayescal.methods.planes import PLANES, bound, is_plane
-from bayescal.methods.solving import told
+from bayescal.methods.solving import estimable
 from bayescal.methods.system import System, contacts, part
 from bayescal.model import build
 from bayescal.model.scene import Scene
@@ -66,7 +66,7 @@ def results(comparison: Comparison):
 @pytest.mark.parametrize("name", TOUCHING)
 def test_without_noise_distances_are_true(name):
     found = results(compared("touched"))
-    assert UM * np.max(np.abs(found["as drawn"].distances)) > 300  # there is something to find
+    assert UM * np.max(np.abs(found["nominal"].distances)) > 300  # there is something to find
     assert UM * np.max(np.abs(found[name].distances)) < 1
     assert UM * np.max(np.abs(found[name].planes)) < 1
 
@@ -75,7 +75,7 @@ def test_without_noise_distances_are_true(name):
 @pytest.mark.parametrize("which", ["tracked", "posed"])
 def test_without_noise_points_are_true(name, which):
     found = results(compared(which))
-    assert UM * np.mean(found["as drawn"].points) > 300
+    assert UM * np.mean(found["nominal"].points) > 300
     assert UM * np.max(found[name].points) < 1
 
 
@@ -151,7 +151,7 @@ def test_redundant_parameters_are_held():
     """Axes 2 and 3 are parallel: d2 and d3 move the ball alike, and one of them is left as drawn."""
     model = build(Scene(touched()), EFFECTS)
     system = System(model)
-    known = told(system, np.zeros(system.size))
+    known = estimable(system, np.zeros(system.size))
     held = {p.name for k, p in enumerate(model.parameters) if k not in known.kept}
     assert len(held & {"d2", "d3"}) == 1
     assert len(held) == 1
