@@ -16,13 +16,14 @@ from bayescal.assess.shared_causes import SharedCause, shared_causes, with_shari
 from bayescal.dataset import Dataset
 from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.joint import JOINT
-from bayescal.estimate import Estimate, calibrated, estimate
+from bayescal.estimate import Estimate, calibrated, check_enough, estimate
 from bayescal.estimate.flatness import FORM, FaceCheck, check_faces, with_form
 from bayescal.estimate.latent import with_latent_readings
 from bayescal.estimate.unexplained import Unexplained, unexplained
 from bayescal.model import check_asked, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, gaussian, sample
+from bayescal.posterior.streams import spawned
 from bayescal.predict import Forecast, Validation, forecast, validate
 
 VALIDATION_DRAWS = 2000
@@ -109,6 +110,8 @@ def fit(
     if tolerance is not None:
         check_tolerance(tolerance)
     scene = Scene(dataset, oriented=True)
+    check_enough(scene)
+    of_draws, of_sampler, of_causes, of_noise, of_forecast = spawned(seed, 5)
     steps = _steps(effects)
     ladder: list[ModelLevel] = []
     faces: tuple[FaceCheck, ...] = ()
@@ -125,28 +128,28 @@ def fit(
             uneven = tuple(f.target for f in faces if f.uneven)
             if uneven and FORM not in effects and effects:
                 found = with_form(found.model.scene, found, uneven, robust)
-            causes = shared_causes(found, seed) if robust else ()
+            causes = shared_causes(found, of_causes) if robust else ()
             if causes:
                 found = with_sharing_rows(found, causes)
             if latent_joints:
                 found = with_latent_readings(found)
         left = unexplained(found)
-        draws = gaussian(found, seed, VALIDATION_DRAWS)
+        draws = gaussian(found, of_draws, VALIDATION_DRAWS)
         if last:
             progress("sample", 0.0)
             if samples:
-                draws = sample(found, samples, seed, lambda fraction: progress("sample", fraction))
+                draws = sample(found, samples, of_sampler, lambda fraction: progress("sample", fraction))
         z, kappa = _spread(draws)
-        checked = validate(found, z, kappa, left.excess, seed)
+        checked = validate(found, z, kappa, left.excess, of_noise)
         if last:
             tests = acceptance(left, checked, causes)
             wider = widened(left, checked, tests)
             if wider.excess > left.excess:
-                left, checked = wider, validate(found, z, kappa, wider.excess, seed)
+                left, checked = wider, validate(found, z, kappa, wider.excess, of_noise)
         ladder.append(ModelLevel(found.model.effects or NOMINAL, found, left, checked))
     progress("done", 1.0)
     known, seen = identifiability(found), directions(found.model)
-    expected = forecast(found, z, checked, left.excess, seed)
+    expected = forecast(found, z, checked, left.excess, of_forecast)
     told = findings(Assessed(found, left, checked, expected, known, seen, faces, tests, prior_width))
     decided = None if tolerance is None else conformance(tolerance, expected, checked, tests)
     return Fit(

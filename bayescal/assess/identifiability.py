@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from bayescal.effects import UNITS, Parameter
 from bayescal.estimate import Estimate
 
 DETERMINED = 0.9  # contraction from which on the data count as having decided
@@ -13,6 +15,7 @@ PRIOR_ONLY = 0.1
 WEAK = 1.0  # singular value below which a direction stays wider than 71 % of its prior
 FORM = "plane-form"
 SHOWN = 0.25  # loadings smaller than this are not named
+LEAK = 0.1  # share of a combination that may be in weak directions for it to count as identifiable
 
 
 @dataclass(frozen=True)
@@ -50,16 +53,16 @@ def identifiability(fitted: Estimate) -> Identifiability:
     information = own.T @ own - shared.T @ np.linalg.solve(prior, shared)
     eigenvalues, vectors = np.linalg.eigh(information)
     singular = np.sqrt(np.maximum(eigenvalues, 0.0))
-    names = [model.parameters[k].name for k in arm]
-    weak = singular < WEAK
-    directions = _varimax(vectors[:, weak]) if np.any(weak) else np.zeros((len(names), 0))
+    parameters = [model.parameters[k] for k in arm]
+    names = [p.name for p in parameters]
+    weak = vectors[:, singular < WEAK]
     found = []
-    for v in directions.T:
+    for v in _varimax(weak).T if weak.size else ():
         size = float(np.sqrt(max(v @ information @ v, 0.0)))
         order = np.argsort(-np.abs(v))
         v = v * np.sign(v[order[0]])
         loadings = tuple((names[k], float(v[k])) for k in order if abs(v[k]) > SHOWN)
-        found.append(Direction(size, loadings, _words(loadings)))
+        found.append(Direction(size, loadings, _words(parameters, v, size, weak)))
     contraction = 1.0 - np.diag(fitted.covariance)[arm]
     found.sort(key=lambda d: d.singular_value)
     return Identifiability(
@@ -71,16 +74,48 @@ def identifiability(fitted: Estimate) -> Identifiability:
     )
 
 
-def _words(loadings: tuple[tuple[str, float], ...]) -> str:
-    """What cannot be told: the weak direction is free, what is orthogonal to it is determined."""
-    if len(loadings) == 1:
-        return f"{loadings[0][0]} is not identifiable from these contacts"
-    if len(loadings) == 2 and abs(abs(loadings[0][1]) - abs(loadings[1][1])) < 0.1:
-        first, second = sorted(name for name, _ in loadings)
-        kept = "sum" if loadings[0][1] * loadings[1][1] < 0 else "difference"
-        return f"{first} and {second} only as their {kept}"
-    parts = [f"{'+' if value > 0 else '-'} {abs(value):.2f} {name}" for name, value in loadings]
-    return f"the combination {' '.join(parts).removeprefix('+ ')} (in prior sds) is not identifiable"
+def _words(parameters: Sequence[Parameter], v: np.ndarray, size: float, weak: np.ndarray) -> str:
+    """A weak direction as what the data leave open, in the units of files.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter, (P,)
+    v : np.ndarray, shape (P,)
+        The direction, a unit vector, normalised by the prior standard deviations.
+    size : float
+        Its singular value.
+    weak : np.ndarray, shape (P, K)
+        Basis of all weak directions: what it holds is not identifiable in any other combination either.
+    """
+    state = "not" if size**2 / (1.0 + size**2) < PRIOR_ONLY else "weakly"
+    shown = [int(k) for k in np.argsort(-np.abs(v)) if abs(v[k]) > SHOWN]
+    units = [UNITS[p.unit] for p in parameters]
+    if len(shown) == 1:
+        return f"{parameters[shown[0]].name} is {state} identifiable"
+    if len(shown) == 2:
+        i, j = sorted(shown, key=lambda k: parameters[k].name)
+        across = np.zeros(len(v))
+        across[[i, j]] = np.array([v[j], -v[i]]) / np.hypot(v[i], v[j])
+        if np.sum((weak.T @ across) ** 2) < LEAK:
+            sd = [parameters[k].sd * units[k][1] for k in (i, j)]
+            kept = _combination(parameters[i].name, parameters[j].name, -v[i] * sd[0] / (v[j] * sd[1]))
+            if units[i][0] != units[j][0]:
+                kept = kept.replace("*", f" {units[i][0]}/{units[j][0]} ")
+            kept = kept.replace("*", " ")
+            if state == "not":
+                return f"only the combination {kept} is identifiable"
+            both = f"{parameters[i].name} and {parameters[j].name}"
+            return f"the combination {kept} is identifiable, {both} singly weakly"
+    changes = [
+        f"{parameters[k].name} by {v[k] * parameters[k].sd * units[k][1]:+.2g} {units[k][0]}" for k in shown
+    ]
+    return f"a common change of {', '.join(changes[:-1])} and {changes[-1]} is {state} identifiable"
+
+
+def _combination(first: str, second: str, factor: float) -> str:
+    """``first + factor*second``; a factor that rounds to 1 is left out."""
+    size = f"{abs(factor):.2g}"
+    return f"{first} {'+' if factor > 0 else '-'} {'' if size == '1' else size + '*'}{second}"
 
 
 def _varimax(basis: np.ndarray, rounds: int = 60) -> np.ndarray:

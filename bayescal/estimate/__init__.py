@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bayescal.estimate.checks import check_converged, check_length, check_within_reach
+from bayescal.estimate.enough import check_enough
 from bayescal.estimate.estimate import Estimate, calibrated, estimate, settled, standing
 from bayescal.estimate.linear import Linear, leverages, linearise
 from bayescal.estimate.noise import STATED_WORTH
@@ -20,6 +21,7 @@ __all__ = [
     "add_constraints",
     "calibrated",
     "check_converged",
+    "check_enough",
     "check_length",
     "check_within_reach",
     "estimate",

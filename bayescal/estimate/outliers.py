@@ -61,7 +61,7 @@ def without_outliers(model: Model, z: np.ndarray, weights: Weights) -> tuple[np.
         before = z
         z, _, more = solve(model, weights, z)
         iterations += more
-        if np.max(np.abs(z - before)) < 1e-3:
+        if np.max(np.abs(z - before), initial=0.0) < 1e-3:
             break
     for _ in range(4):
         sizes = row_sizes(model, weights, z)

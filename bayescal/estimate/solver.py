@@ -29,6 +29,8 @@ def solve(
     """
     from factors.graph import Graph
 
+    if not model.size:  # all is known: nothing to solve
+        return np.zeros(0), lambda: np.zeros((0, 0)), 0
     slices = model.slices
     graph = Graph()
     for name, own in slices.items():
@@ -64,7 +66,8 @@ def add_block(graph: Graph, model: Model, block: Block, whiten: np.ndarray) -> N
         return r * whiten, slopes
 
     names = ([ARM] if model.parameters else []) + ([block.target] if block.size else [])
-    graph.factor(names, block.residuals, function)
+    if names:  # the nominal arm on a target that is known: a constant
+        graph.factor(names, block.residuals, function)
 
 
 def add_constraints(graph: Graph, model: Model, variables: list[str]) -> None:

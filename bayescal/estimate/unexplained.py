@@ -17,6 +17,7 @@ from bayescal.estimate import Estimate
 from bayescal.model.scene import Scene
 
 FEWEST_REPEATS = 5  # degrees of freedom that make a noise floor
+FINEST = 1e-9  # m: repeats that scatter less were read too coarsely to tell a noise
 P_VALUE = 1e-2
 STATED_FACTOR = 1.4  # without repeats: how far the stated noise may be off before it is contradicted
 
@@ -50,7 +51,8 @@ def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
     """Standard deviation of repeated contacts about their mean, m, and its degrees of freedom.
 
     Of `calibrate` and `validate` rows of fitted surfaces; a group counts by its median absolute
-    deviation, so that a contact that slipped does not.
+    deviation, so that a contact that slipped does not. None without enough of them, or where most read
+    identically: an encoder coarser than the noise hides it.
     """
     repeat = scene.dataset.measurements.repeat
     if repeat is None:
@@ -75,8 +77,8 @@ def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
         return None, dof
     size = np.concatenate(deviations)
     robust = float(np.median(size)) / 0.6745
-    kept = size[size <= 4.0 * robust]
-    return float(np.sqrt(np.mean(kept**2))), dof
+    scatter = float(np.sqrt(np.mean(size[size <= 4.0 * robust] ** 2)))
+    return (scatter if scatter > FINEST else None), dof
 
 
 def _rms(values: list[np.ndarray]) -> float:

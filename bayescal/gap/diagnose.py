@@ -12,7 +12,7 @@ from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING
 from bayescal.effects.compliance import expected
-from bayescal.estimate import Estimate, calibrated, estimate
+from bayescal.estimate import Estimate, calibrated, check_enough, estimate
 from bayescal.gap.design.advise import advise
 from bayescal.gap.design.blind_spots import blind_spots, unseen
 from bayescal.gap.linear.masses import masses
@@ -45,6 +45,7 @@ from bayescal.model import ORIENTATION, check_asked, with_parameters
 from bayescal.model.length_blocks import length_blocks, main_group
 from bayescal.model.parts import Part, parts_of
 from bayescal.model.scene import Scene
+from bayescal.posterior.streams import spawned
 from bayescal.predict.crossvalidation import HeldOut, held_out
 
 UNSEEN = "not detectable with these contacts at any plausible amplitude"
@@ -215,12 +216,14 @@ def diagnose(
     check_asked(effects, prior_width)
     parts = parts_of(without, effects)
     scene = Scene(dataset, oriented=True)
+    check_enough(scene)
     found = explain(scene, effects, robust, prior_width, parts, progress)
     first, last, promoted, final = found.first, found.last, found.promoted, found.final
     before, after, members = found.before, found.after, last.decision.members
     noise = noise_floor(final, after.main)
     progress("report", 0.8)
-    size = magnitude(first.fitted, final, before, after, seed)
+    of_magnitude, of_shrinkage = spawned(seed, 2)
+    size = magnitude(first.fitted, final, before, after, of_magnitude)
     chosen = last.decision.hypothesis
     changed = bool(members) or promoted
     rungs = _rungs(scene, effects, prior_width, robust, parts, first.fitted, last, promoted)
@@ -239,7 +242,7 @@ def diagnose(
         where=_where(first, last, promoted, noise.sd),
         margins=margins(first.fitted, before, noise.sd, noise.dof),
         verdict=found.verdict,
-        shrinkage=shrinkage(before, after, noise.sd, seed, noise.dof) if changed else (),
+        shrinkage=shrinkage(before, after, noise.sd, of_shrinkage, noise.dof) if changed else (),
         ladder=ladder(rungs),
         advice=advise(last.fitted, last.candidates, pairs),
         blind_spots=unseen(spots),

@@ -10,6 +10,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.errors import BayescalError
+from bayescal.estimate import check_enough
 from bayescal.methods.inverse import INVERSE
 from bayescal.methods.judge import judged, predicted
 from bayescal.methods.linear import LINEAR
@@ -104,6 +105,7 @@ def compare(
     """
     check_asked(effects, 1.0)
     scene = Scene(dataset)
+    check_enough(scene)
     model = build(scene, effects)
     judged(NOMINAL.solve(scene, effects))  # compiles what is compiled: no method pays for it
     rows = []

@@ -13,6 +13,7 @@ from bayescal.estimate.unexplained import unexplained
 from bayescal.methods.method import Solution
 from bayescal.model import ARM, Model, with_parameters
 from bayescal.posterior import gaussian
+from bayescal.posterior.streams import spawned
 from bayescal.predict import Validation, validate
 from bayescal.predict.locate import locate
 
@@ -46,5 +47,6 @@ def predicted(solution: Solution, seed: int) -> Validation | None:
     found = solution.estimate
     if found is None:
         return None
-    draws = gaussian(found, seed, DRAWS)
-    return validate(found, draws.flat, draws.kappa, unexplained(found).excess, seed)
+    of_draws, of_noise = spawned(seed, 2)
+    draws = gaussian(found, of_draws, DRAWS)
+    return validate(found, draws.flat, draws.kappa, unexplained(found).excess, of_noise)

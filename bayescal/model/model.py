@@ -249,9 +249,7 @@ def build(
     BayescalError
         Without rows to fit, or where an effect lacks what it needs, or a part that it should be without.
     """
-    rows = scene.rows("calibrate")
-    if not len(rows):
-        raise BayescalError("no row has the role calibrate", "measurements.csv", "nothing can be fitted")
+    rows = _rows(scene)
     circumstances = scene.circumstances(rows)
     parameters = kept(parameters_of(effects, circumstances), without)
     parameters = tuple(p.widened(prior_width) for p in parameters)
@@ -259,8 +257,14 @@ def build(
 
 
 def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Parameter, ...]) -> Model:
-    """The model of a scene's `calibrate` rows with any parameters."""
-    rows = scene.rows("calibrate")
+    """The model of a scene's `calibrate` rows with any parameters.
+
+    Raises
+    ------
+    BayescalError
+        Without rows to fit.
+    """
+    rows = _rows(scene)
     bare = Model(scene, effects, parameters, (), ())
     present = np.unique(scene.dataset.measurements.target[rows])
     blocks = tuple(bare.block(int(t), scene.rows_of(int(t), rows)) for t in present)
@@ -272,6 +276,16 @@ def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Pa
         constraint for k, entry in numbered if (constraint := _constraint(bare, k, entry, kinds)) is not None
     )
     return Model(scene, effects, parameters, blocks, constraints)
+
+
+def _rows(scene: Scene) -> np.ndarray:
+    """The rows to fit."""
+    rows = scene.rows("calibrate")
+    if not len(rows):
+        raise BayescalError(
+            "no row has the role calibrate", "measurements.csv", "nothing can be fitted without such rows"
+        )
+    return rows
 
 
 def _constraint(

@@ -61,7 +61,8 @@ class Draws:
     @property
     def flat(self) -> np.ndarray:
         """All draws of z, (chains * draws, D)."""
-        return self.z.reshape(-1, self.z.shape[-1])
+        chains, draws, size = self.z.shape  # -1 does not do: where all is known there are no components
+        return self.z.reshape(chains * draws, size)
 
     @property
     def kappa(self) -> np.ndarray:

@@ -39,7 +39,7 @@ def test_notebook(path, pyplot, monkeypatch, capsys):
 
 def fitted(left, said):
     assert "compliance_J2" in said
-    assert "d2 and d3 only as their sum" in said
+    assert "only the combination d2 + d3 is identifiable" in said
     errors = left["errors"]
     assert (
         errors["kinematic + stiffness"].max()
