@@ -12,7 +12,7 @@ from bayescal.assess.conformance import Tolerance, check_tolerance, conformance
 from bayescal.assess.directions import Directions, directions
 from bayescal.assess.findings import Assessed, Finding, findings
 from bayescal.assess.identifiability import Identifiability, identifiability
-from bayescal.assess.shared_causes import SharedCause, shared_causes, with_sharing_rows
+from bayescal.assess.shared_causes import SharedCause, rejected_share, shared_causes, with_sharing_rows
 from bayescal.dataset import Dataset
 from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.joint import JOINT
@@ -142,7 +142,7 @@ def fit(
         z, kappa = _spread(draws)
         checked = validate(found, z, kappa, left.excess, of_noise)
         if last:
-            tests = acceptance(left, checked, causes)
+            tests = acceptance(left, checked, causes, rejected_share(found))
             wider = widened(left, checked, tests)
             if wider.excess > left.excess:
                 left, checked = wider, validate(found, z, kappa, wider.excess, of_noise)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.stats import chi2, norm, poisson
 
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
 from bayescal.assess.shared_causes import SharedCause
@@ -23,12 +23,14 @@ LEVEL = 0.01
 EXPLAINED = "calibrated; model explains validation data"
 CONTRADICTED = "model does not explain the machine: run bayescal gap"
 UNVERIFIED = "not verified: no validation rows"
+SHARED = "shared_cause"
+"""The test of what rejected rows share."""
 FEWEST_DISTANCES = 3
 """Distances whose mean error is tested."""
 FALSE_REJECTIONS = 0.01
 """Validation rows of normal noise that are left out of the test of all as outliers, on average."""
-MOST_OUTLIERS = 0.05
-"""Share of validation rows up to which such rows are outliers; with more, all of them count."""
+MORE_OUTLIERS = 1e-3
+"""Chance of more such rows, at the share of rows that the fit rejected, below which all of them count."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ class Acceptance:
     checks: tuple[Check, ...]
     causes: tuple[SharedCause, ...]
     validated: bool  # there are validation rows
+    rejected: float = 0.0  # share of the fitted rows
 
     @property
     def failed(self) -> tuple[Check, ...]:
@@ -83,7 +86,9 @@ class _Figure:
     words: str
 
 
-def acceptance(left: Unexplained, checked: Validation, causes: Sequence[SharedCause] = ()) -> Acceptance:
+def acceptance(
+    left: Unexplained, checked: Validation, causes: Sequence[SharedCause] = (), rejected: float = 0.0
+) -> Acceptance:
     """Test a fit.
 
     Parameters
@@ -94,16 +99,18 @@ def acceptance(left: Unexplained, checked: Validation, causes: Sequence[SharedCa
         Of the same fit, predicted without any widening by its own errors.
     causes : sequence of SharedCause
         What rejected rows share.
+    rejected : float
+        Share of the fitted rows that were rejected: as many of the validation rows may be outliers.
     """
-    figures = [_noise(left), *_validation(checked, bool(causes))]
+    figures = [_noise(left), *_validation(checked, None if causes else rejected)]
     level = LEVEL / len(figures)
     checks = [Check(f.test, f.value, f.limit(level), f.p_value, level, f.words) for f in figures]
     checks += [
-        Check("shared_cause", len(c.rows) / c.rejected, c.size / c.count, c.p_value, LEVEL_SHARED, c.words)
+        Check(SHARED, len(c.rows) / c.rejected, c.size / c.count, c.p_value, LEVEL_SHARED, c.words)
         for c in causes
     ]
     validated = bool(checked.planes or checked.distances or checked.points or checked.turns)
-    return Acceptance(tuple(checks), tuple(causes), validated)
+    return Acceptance(tuple(checks), tuple(causes), validated, rejected)
 
 
 def widened(left: Unexplained, checked: Validation, tests: Acceptance) -> Unexplained:
@@ -114,7 +121,7 @@ def widened(left: Unexplained, checked: Validation, tests: Acceptance) -> Unexpl
     """
     failed = {c.test for c in tests.failed}
     beyond = [0.0]
-    for test, r, predicted in _sets(checked, bool(tests.causes)):
+    for test, r, predicted in _sets(checked, None if tests.causes else tests.rejected):
         if f"validation_{test}" in failed and test != "orientations":
             beyond.append(float(np.mean(r**2) - np.mean(np.var(predicted, axis=0))))
     if failed & {"validation_distances", "mean_distance_error"}:
@@ -129,9 +136,9 @@ def _noise(left: Unexplained) -> _Figure:
     return _Figure("residuals", left.fitted / left.floor, left.p_value, left.limit, words)
 
 
-def _validation(checked: Validation, every: bool) -> Iterator[_Figure]:
+def _validation(checked: Validation, rejected: float | None) -> Iterator[_Figure]:
     units = {"orientations": (180e3 / np.pi, "mdeg")}
-    for test, r, predicted in _sets(checked, every):
+    for test, r, predicted in _sets(checked, rejected):
         factor, unit = units.get(test, (1e6, "µm"))
         yield _chi_square(f"validation_{test}", test, r, predicted, factor, unit)
     if checked.distances:
@@ -170,8 +177,11 @@ def _chi_square(
     return _Figure(name, float(np.sqrt(statistic / mean)), p, limit, words)
 
 
-def _sets(checked: Validation, every: bool) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Residuals (C,) and their draws (S, C) by kind of validation row, outliers left out unless `every`."""
+def _sets(checked: Validation, rejected: float | None) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Residuals (C,) and their draws (S, C) by kind of validation row, without outliers.
+
+    `rejected` is the share of outliers among the fitted rows; None: no row is an outlier.
+    """
     kinds: dict[str, tuple[PlaneCheck | PointCheck | TurnCheck, ...]] = {
         "contacts": checked.planes, "points": checked.points, "orientations": checked.turns
     }  # fmt: skip
@@ -183,7 +193,7 @@ def _sets(checked: Validation, every: bool) -> Iterator[tuple[str, np.ndarray, n
         predicted = np.concatenate([d.reshape(len(d), *one.shape) for one, d in kept], axis=2)
         tail = chi2.sf(np.sum((r / np.std(predicted, axis=0)) ** 2, axis=0), len(r))
         out = tail < FALSE_REJECTIONS / len(tail)
-        if every or np.mean(out) > max(MOST_OUTLIERS, 1.0 / len(out)):
+        if rejected is None or poisson.sf(np.sum(out) - 1, rejected * len(out) + 1.0) < MORE_OUTLIERS:
             out = np.zeros_like(out)
         yield test, r[:, ~out].ravel(), predicted[:, :, ~out].reshape(len(predicted), -1)
 

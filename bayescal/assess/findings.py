@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from bayescal.assess.acceptance import Acceptance
+from bayescal.assess.acceptance import SHARED, Acceptance
 from bayescal.assess.directions import Directions, in_words
 from bayescal.assess.identifiability import Identifiability
 from bayescal.estimate import Estimate
@@ -66,13 +66,12 @@ def findings(of: Assessed) -> tuple[Finding, ...]:
 
 def _tests(of: Assessed) -> Iterator[Finding]:
     for check in of.tests.failed:
-        ratio = "" if check.test == "shared_cause" else f" (ratio {check.value:.2g}, limit {check.limit:.2g})"
+        ratio = "" if check.test == SHARED else f" (ratio {check.value:.2g}, limit {check.limit:.2g})"
         yield Finding(check.test, "error", check.words + ratio)
     if of.tests.causes:
         yield Finding(
             "rejected_rows_kept", "warning",
-            "rejected rows that share a cause are not outliers: they are kept in the fit, and the prediction "
-            "is widened",
+            "rejected rows that share a cause are not outliers: the fit keeps them, the prediction is wider",
         )  # fmt: skip
 
 
@@ -82,7 +81,7 @@ def _residuals(of: Assessed) -> Iterator[Finding]:
         noise = "of repeated contacts" if left.repeats is not None else "stated"
         yield Finding(
             "unexplained", "warning",
-            f"unexplained: {1e6 * left.excess:.1f} µm per coordinate, added to every predicted point "
+            f"{1e6 * left.excess:.1f} µm per coordinate unexplained, added to every predicted point "
             f"(residuals {1e6 * left.fitted:.1f} µm, noise {noise} {1e6 * left.floor:.1f} µm)",
         )  # fmt: skip
     if max(s for group, s in found.weights.scale.items() if group != ORIENTATION) > WILD_SCALE:

@@ -123,6 +123,11 @@ def with_sharing_rows(found: Estimate, causes: Sequence[SharedCause]) -> Estimat
     return estimate(found.model, start=found.z, left_out=np.setdiff1d(found.rejected, kept))
 
 
+def rejected_share(found: Estimate) -> float:
+    """Share of the fitted rows that an estimate rejects."""
+    return len(found.rejected) / sum(len(b.rows) for b in found.model.states)
+
+
 def _validation_rows(found: Estimate) -> tuple[np.ndarray, np.ndarray]:
     """Validation rows (V,) of fitted targets, and which of them their predictions exclude."""
     scene, rows, p = found.model.scene, [np.empty(0, int)], [np.empty(0)]

@@ -74,7 +74,7 @@ def fit(
     console.print(fit_summary(result, verbose))
     if compared is not None:
         console.print(Group("", agreement_summary(compared)))
-    console.print(f"[dim]written          [/dim]{folder}/fit.json, posterior.nc, robot.yaml")
+    console.print(f"[dim]written          [/dim]{folder}/fit.json, posterior.nc, robot.yaml", soft_wrap=True)
     if not result.draws.converged:
         raise BayescalError(
             f"the sampler did not converge: {result.draws.complaint}", "--samples", "see fit.json"

@@ -60,7 +60,7 @@ def test_record_and_table_tell_how_the_sessions_agree(together):
     assert set(pair["apart_sd"]) == {p["name"] for p in found["parameters"]}
     for p in found["parameters"]:
         assert p["together"]["sd"] <= 1.15 * min(s["sd"] for s in p["alone"].values())
-    assert "sd apart" in printed
+    assert "difference" in printed
     assert "may and june: chi-squared" in printed
 
 

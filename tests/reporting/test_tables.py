@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from bayescal.reporting.shared.table import FigureTable
-from bayescal.reporting.shared.text import plain_table
+from bayescal.reporting.shared.text import plain_table, with_u
 
 NAMES = ("nominal", "geometry + compliance + eccentricity of joint 3 + second-harmonic of joint 5", "x" * 90)
 FIGURES = ("+1234.56", "-0.071(12)", "-1733 .. +1698", "(> 0.99)", "98.7654 %", "17.125")
@@ -53,3 +53,18 @@ def test_a_table_that_fits_has_one_block_and_no_blank_line():
     assert all(line.strip() for line in lines)
     assert sum("nominal" in line for line in lines) == 1
     assert lines[-1].strip() == "a caption"
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "text"),
+    [
+        (0.02441, 0.00098, "0.02441(98)"),
+        (0.02441, 0.000996, "0.0244(10)"),
+        (300.0551, 0.0081, "300.0551(81)"),
+        (12.34, 1.44, "12.3(1.4)"),
+        (5317.0, 238.0, "5320(240)"),
+        (-0.5, 0.0, "-0.5"),
+    ],
+)
+def test_two_digits_of_the_uncertainty(value, u, text):
+    assert with_u(value, u) == text

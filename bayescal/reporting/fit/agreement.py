@@ -1,4 +1,4 @@
-"""What several sessions say of one arm, side by side: a table, a verdict in words, and the record of both."""
+"""Parameters of one arm by several sessions: a table, a verdict in words, and the record of both."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rich.table import Table
 
 from bayescal.assess.agreement import Agreement, Pair
 from bayescal.effects import UNITS
-from bayescal.reporting.shared.text import facts, plain_table
+from bayescal.reporting.shared.text import facts, plain_table, unit_label, with_u
 
 MOST = 12  # parameters shown, those that differ most
 FAR = 3.0  # standard deviations from which on a parameter is named as the one that differs
@@ -29,30 +29,21 @@ def disagreement(compared: Agreement) -> tuple[str, ...]:
 
 
 def _table(compared: Agreement) -> Table:
-    table = plain_table("the arm by session", *compared.alone, "together", "sd apart")
-    for column in table.columns[1:]:
-        column.overflow = "fold"  # not a digit less
+    table = plain_table("parameter by session", *compared.alone, "together", "difference / u")
     furthest = compared.furthest
     shown = sorted(np.argsort(-furthest, kind="stable")[:MOST])
     for k in shown:
         unit, factor = UNITS[compared.units[k]]
         cells = [
-            _number(factor * values[k], factor * sd[k])
+            with_u(factor * values[k], factor * sd[k])
             for values, sd in (*compared.alone.values(), compared.together)
         ]
-        name = compared.names[k] + ("" if unit == "1" else f", {unit}")
+        label = unit_label(unit)
+        name = compared.names[k] + (f" ({label})" if label else "")
         table.add_row(name, *cells, f"{furthest[k]:.1f}")
     if len(shown) < len(compared.names):
         table.caption = f"the {MOST} of {len(compared.names)} that differ most; all are in fit.json"
     return table
-
-
-def _number(value: float, sd: float) -> str:
-    """A value with its standard deviation, in units of its last digit, as ``300.456(14)``."""
-    if not sd > 0:
-        return f"{value:.9g}"
-    decimals = int(np.clip(1 - np.floor(np.log10(sd)), 0, 9))
-    return f"{value:.{decimals}f}({sd * 10**decimals:.0f})"
 
 
 def verdicts(compared: Agreement) -> Iterable[tuple[str, str, str]]:
@@ -67,13 +58,16 @@ def verdicts(compared: Agreement) -> Iterable[tuple[str, str, str]]:
 
 
 def _chance(pair: Pair) -> str:
-    return f"chi-squared {pair.chi2:.4g} in {pair.directions} directions that both know, p {pair.p_value:.2g}"
+    return (
+        f"chi-squared {pair.chi2:.4g} in {pair.directions} directions identifiable in both, "
+        f"p {pair.p_value:.2g}"
+    )
 
 
 def _apart(compared: Agreement, pair: Pair) -> str:
     order = np.argsort(-np.abs(pair.apart))
     most = [k for k in order if abs(pair.apart[k]) > FAR][:SHOWN]
-    where = ", ".join(f"{compared.names[k]} by {abs(pair.apart[k]):.1f} sd" for k in most)
+    where = ", ".join(f"{compared.names[k]} by {abs(pair.apart[k]):.1f} u" for k in most)
     return (
         f"{' and '.join(pair.sessions)} disagree ({_chance(pair)})"
         + (f": {where}" if where else "")

@@ -8,15 +8,18 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from bayescal.assess.acceptance import Acceptance
+from bayescal.assess.acceptance import SHARED, Acceptance
 from bayescal.assess.conformance import COVERAGE, FAIL, PASS, Tolerance
+from bayescal.assess.shared_causes import SharedCause
 from bayescal.calibration import Fit
 from bayescal.predict import DistanceErrors, Validation, inside95
 from bayescal.reporting.fit.tables import distance_table, level_table, parameter_table, tolerance_table
-from bayescal.reporting.shared.text import MDEG, MM, UM, facts, percent, um
+from bayescal.reporting.shared.text import MDEG, MM, UM, facts, percent, um, um2
 
 MOST_REASONS = 4
 """Failed tests that are told; fit.json has all."""
+SAME_ROWS = 0.5
+"""Share of a cause's rows from which on another cause has told of them."""
 MOST_ROWS = 6
 """Rejected rows named without --verbose."""
 STYLES = {PASS: "bold green", FAIL: "bold red"}
@@ -45,67 +48,71 @@ def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
 def _verdict(tests: Acceptance) -> Facts:
     style = "bold red" if not tests.explains else "bold green" if tests.validated else "bold yellow"
     yield "verdict", tests.verdict, style
-    failed = sorted(tests.failed, key=lambda c: c.p_value)
-    for check in failed[:MOST_REASONS]:
-        yield "", check.words, "red"
-    if len(failed) > MOST_REASONS:
-        yield "", f"and {len(failed) - MOST_REASONS} more tests: see fit.json", "red"
+    failed = [c.words for c in sorted(tests.failed, key=lambda c: c.p_value) if c.test != SHARED]
+    causes: list[SharedCause] = []
+    for cause in tests.causes:  # further ones where they are not the same rows again
+        if not any(np.mean(np.isin(cause.rows, other.rows)) > SAME_ROWS for other in causes):
+            causes.append(cause)
+    for words in [*(c.words for c in causes), *failed][:MOST_REASONS]:
+        yield "", words, "red"
 
 
 def _predicted(fit: Fit) -> Facts:
-    """The distance error to expect, its interval, and the largest error that validation rows show."""
-    lead = fit.forecast.lead
-    yield "predicted", f"distance error {_expected(lead)}", "bold"
-    yield "", _over(lead), ""
+    """The distance error to expect, its interval, and the maximum errors of validation rows."""
+    lead, space = fit.forecast.lead, fit.forecast.workspace
+    yield "distance error", _expected(lead), "bold"
+    yield "", _over(lead), "dim"
     if fit.forecast.checked:
-        space = fit.forecast.workspace
-        yield "", f"probed volume: {_expected(space)}, {_over(space)}", ""
-    yield "validation", _measured(fit.final.validation, lead), "bold"
+        yield "probed volume", _expected(space), ""
+        yield "", _over(space), "dim"
+    for k, words in enumerate(_measured(fit.final.validation, lead)):
+        yield "" if k else "validation", words, "" if k else "bold"
 
 
 def _expected(d: DistanceErrors) -> str:
     low, high = d.interval
-    return f"{um(d.rms)} µm RMS (95 %: {um(low)} to {um(high)}), U = {um(COVERAGE * d.rms)} µm (k = 2)"
+    expanded = um2(COVERAGE * d.rms)
+    return f"predicted {um2(d.rms)} µm RMS (95 %: {um2(low)} to {um2(high)}); U = {expanded} µm, k = 2"
 
 
 def _over(d: DistanceErrors) -> str:
-    return f"{d.count} distances of {MM * d.shortest:.0f} to {MM * d.longest:.0f} mm between {d.over}"
+    return f"{d.count} of {MM * d.shortest:.0f} to {MM * d.longest:.0f} mm between {d.over}"
 
 
-def _measured(v: Validation, lead: DistanceErrors) -> str:
-    """Largest errors of validation rows: distances, points, contacts."""
-    parts = []
-    if lead.measured is not None and not v.distances:
-        parts.append(f"distance error {um(lead.measured)} µm RMS")
+def _measured(v: Validation, lead: DistanceErrors) -> list[str]:
+    """Maximum errors of validation rows: distances, points, contacts, orientations."""
+    out = []
     if v.distances:
         within = sum(bool(inside95(d.error, d.predicted)) for d in v.distances)
         rms = float(np.sqrt(np.mean([d.error**2 for d in v.distances])))
-        parts.append(
-            f"maximum distance error {um(v.worst_distance)} µm ({um(rms)} µm RMS), "
-            f"{within} of {len(v.distances)} within the 95 % prediction interval"
+        out.append(
+            f"maximum distance error {um(v.worst_distance)} µm, RMS {um(rms)}; "
+            f"{within} of {len(v.distances)} within 95 %"
         )
+    elif lead.measured is not None:
+        out.append(f"distance error {um(lead.measured)} µm RMS")
     if v.points:
         length = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])
-        parts.append(f"maximum point error {um(length.max())} µm (mean {um(length.mean())} µm)")
+        out.append(f"maximum point error {um(length.max())} µm, mean {um(length.mean())}")
     if v.planes:
         r = np.abs(np.concatenate([p.residuals for p in v.planes]))
-        parts.append(f"maximum contact error {um(r.max())} µm ({um(np.sqrt(np.mean(r**2)))} µm RMS)")
+        out.append(f"maximum contact error {um(r.max())} µm, RMS {um(np.sqrt(np.mean(r**2)))}")
     if v.turns:
         angle = MDEG * np.concatenate([np.linalg.norm(t.residuals, axis=0) for t in v.turns])
-        parts.append(f"maximum orientation error {angle.max():.2g} mdeg (mean {angle.mean():.2g} mdeg)")
-    return "; ".join(parts) or "none: no rows with role validate"
+        out.append(f"maximum orientation error {angle.max():.2g} mdeg, mean {angle.mean():.2g} mdeg")
+    return out or ["none: no rows with role validate"]
 
 
 def _tolerance(decided: Tolerance | None) -> Facts:
     if decided is None:
         return
     style = STYLES.get(decided.decision, "bold yellow")
-    yield f"{MM * decided.tolerance:g} mm", f"{decided.decision} (ISO 14253-1): {decided.why}", style
     yield (
-        "",
-        f"probability that a distance error in the probed volume is within: {percent(decided.probability)}",
-        "",
+        "tolerance",
+        f"{MM * decided.tolerance:g} mm: {decided.decision}; {decided.why} (ISO 14253-1)",
+        style,
     )
+    yield "", f"probability {percent(decided.probability)} for a distance in the probed volume", ""
 
 
 def _next(fit: Fit) -> Facts:
@@ -113,10 +120,10 @@ def _next(fit: Fit) -> Facts:
         folders = [str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,))]
         yield "next", f"bayescal gap {' '.join(folders)}", "bold"
     elif not fit.acceptance.validated:
-        words = "probe rows with role validate, best spheres at certified distances (docs: validation)"
+        words = "measure rows with role validate, best on spheres at certified distances"
         yield "next", words, "bold"
     elif any(f.code in ("directions", "prior", "no_length", "contrast") for f in fit.findings):
-        yield "next", "probe more: what is missing is in the warnings below; then fit again", "bold"
+        yield "next", "measure what the warnings below say is missing; then fit again", "bold"
     else:
         yield "next", "use robot.yaml of the run folder", "bold"
 
@@ -148,7 +155,11 @@ def _details(fit: Fit, verbose: bool) -> Facts:
         ids = [fit.dataset.measurements.ids[row] for row in found.rejected]
         shown = ids if verbose else ids[:MOST_ROWS]
         more = ", ..." if len(shown) < len(ids) else ""
-        yield "rejected", f"{len(ids)} rows as outliers: {', '.join(shown)}{more}", ""
+        yield (
+            "rejected",
+            f"{len(ids)} row{'s' if len(ids) > 1 else ''} as outliers: {', '.join(shown)}{more}",
+            "",
+        )
     if verbose:
         yield from _identifiable(fit)
     yield "posterior", _sampler(fit), ""

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from bayescal.assess.conformance import FAIL, PASS, Tolerance
 from bayescal.calibration import Fit, ModelLevel
+from bayescal.estimate.flatness import FORM
 from bayescal.predict import PlaneCheck, PointCheck, TurnCheck, Validation, inside95, interval95
 from bayescal.reporting.shared.table import FigureTable
 from bayescal.reporting.shared.text import (
@@ -112,7 +113,9 @@ def parameter_table(fit: Fit, every: bool) -> FigureTable:
     states |= dict.fromkeys(known.partly, "weakly") | dict.fromkeys(known.prior_only, "no")
     table = plain_table("parameter", "nominal", "value(u)", "unit", "prior u", "identifiable")
     arm = len(model.parameters)
-    for k, name in enumerate(model.names if every else model.names[:arm]):
+    for k, name in enumerate(model.names):
+        if not every and (k >= arm or model.parameters[k].effect == FORM):
+            continue
         nominal = model.parameters[k].nominal * factor[k] if k < arm else 0.0
         number = with_u(value[k], u[k])
         decimals = len(number.partition("(")[0].partition(".")[2])
@@ -121,9 +124,9 @@ def parameter_table(fit: Fit, every: bool) -> FigureTable:
             f"{nominal:.{decimals}f}",
             number,
             unit_label(units[k]),
-            f"{prior[k]:.2g}",
+            f"{float(f'{prior[k]:.2g}'):.9g}",
             states.get(name, "-"),
             style="yellow" if states.get(name) == "no" else "",
         )
-    table.caption = "value(u): u in units of the last digits, k = 1"
+    table.caption = "value(u): standard uncertainty u in units of the last digits"
     return table

@@ -33,6 +33,13 @@ def um(value: float) -> str:
     return f"{UM * value:.1f}" if abs(UM * value) < 100 else f"{UM * value:.0f}"
 
 
+def um2(value: float) -> str:
+    """An uncertainty in µm with two significant digits; "-" where there is none."""
+    return (
+        f"{float(f'{UM * value:.2g}'):.{1 if abs(UM * value) < 9.95 else 0}f}" if np.isfinite(value) else "-"
+    )
+
+
 def amplitude(value: float, unit: str) -> tuple[float, str]:
     """The size of an error and its unit from SI: as in files, but lengths in um (ASCII, for JSON)."""
     name, factor = ("um", UM) if unit == "m" else UNITS[unit]
