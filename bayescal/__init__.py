@@ -1,3 +1,51 @@
-"""bayescal: Bayesian calibration of robot arms from probed planes, with its uncertainty."""
+"""bayescal: Bayesian calibration of robot arms from probed planes, with its uncertainty.
+
+>>> import bayescal as bc
+>>> "backlash" in bc.effects.names()
+True
+
+Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `load`; packages: `robots`, `effects`.
+All are imported when first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bayescal import effects, robots
+    from bayescal.errors import BayescalError
+    from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
+    from bayescal.public.saved import load
 
 __version__ = "0.1.0"
+__all__ = [
+    "BayescalError",
+    "__version__",
+    "compare",
+    "diagnose",
+    "effects",
+    "fit",
+    "load",
+    "read_dataset",
+    "robots",
+    "simulate",
+]
+
+_FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate"), "bayescal.public.functions")
+_FROM |= {"load": "bayescal.public.saved", "BayescalError": "bayescal.errors"}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used."""
+    if name in ("effects", "robots"):
+        return import_module(f"bayescal.{name}")
+    if name not in _FROM:
+        raise AttributeError(f"module 'bayescal' has no attribute '{name}'")
+    found = getattr(import_module(_FROM[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return sorted(__all__)

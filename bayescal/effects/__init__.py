@@ -101,7 +101,9 @@ __all__ = [
     "Site",
     "Term",
     "confusable",
+    "describe",
     "named",
+    "names",
     "parameters_of",
     "register",
     "unregister",
@@ -163,3 +165,32 @@ def named(name: str) -> tuple[Effect, Setting]:
         what = f"'{setting}' is no number above 0"
         raise BayescalError(what, f"--model {name}", f"give the {effect.scan.what}")
     return effect, value
+
+
+def names() -> tuple[str, ...]:
+    """Names of all effects that a model may have, those that were registered too.
+
+    Examples
+    --------
+    >>> import bayescal as bc
+    >>> bc.effects.names()[:2]
+    ('geometry', 'compliance')
+    """
+    return tuple(EFFECTS)
+
+
+def describe(name: str) -> str:
+    """What an effect is, in a line.
+
+    Raises
+    ------
+    BayescalError
+        For an unknown effect.
+
+    Examples
+    --------
+    >>> import bayescal as bc
+    >>> isinstance(bc.effects.describe("backlash"), str)
+    True
+    """
+    return named(name)[0].summary

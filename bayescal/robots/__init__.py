@@ -23,7 +23,7 @@ from bayescal.robots.schema import SCHEMA, robot_from
 from bayescal.robots.urdf import robot_from_urdf
 from bayescal.robots.writing import robot_to_yaml
 
-__all__ = ["builtin_robots", "load_robot", "robot_to_yaml"]
+__all__ = ["builtin_robots", "load_robot", "names", "robot_to_yaml"]
 
 _HERE = Path(__file__).parent
 
@@ -31,6 +31,18 @@ _HERE = Path(__file__).parent
 def builtin_robots() -> tuple[str, ...]:
     """Names of the robots that come with the package."""
     return tuple(sorted(p.stem for p in _HERE.glob("*.yaml")))
+
+
+def names() -> tuple[str, ...]:
+    """Names of the built-in robots, of the public API.
+
+    Examples
+    --------
+    >>> import bayescal as bc
+    >>> "ur5e" in "".join(bc.robots.names())
+    True
+    """
+    return builtin_robots()
 
 
 def load_robot(reference: str, folder: Path | None = None, allow_xacro: bool = False) -> tuple[Robot, bytes]:

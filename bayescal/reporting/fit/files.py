@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from bayescal.assess.agreement import Agreement
 from bayescal.calibration import Fit
@@ -18,6 +19,15 @@ from bayescal.robots import robot_to_yaml
 FIT = "fit.json"
 
 
+def fit_contents(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
+    """The content of fit.json; `compared` is what the sessions of a joint fit say each by itself."""
+    contents = fit_record(fit)
+    if compared is not None:
+        contents["agreement"] = agreement_record(compared)
+        contents["warnings"] += disagreement(compared)
+    return contents
+
+
 def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None:
     """Write fit.json, posterior.nc and the calibrated robot.yaml, whole or not at all.
 
@@ -28,11 +38,7 @@ def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None
         comment=f"{fit.dataset.robot.name} calibrated on {fit.dataset.name}: {', '.join(fit.final.effects)}. "
         "The tool is not part of it: see fit.json.",
     )
-    contents = fit_record(fit)
-    if compared is not None:
-        contents["agreement"] = agreement_record(compared)
-        contents["warnings"] += disagreement(compared)
-    record = json.dumps(contents, indent=1, allow_nan=False) + "\n"
+    record = json.dumps(fit_contents(fit, compared), indent=1, allow_nan=False) + "\n"
     with whole(folder, FIT) as stage:
         (stage / FIT).write_text(record, encoding="utf-8")
         save(fit_draws(fit), stage / "posterior.nc")

@@ -1,0 +1,276 @@
+"""The public functions. Each takes a dataset as it is read, its folder, or a simulated session."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bayescal.errors import BayescalError
+from bayescal.public.results import ComparisonResult, FitResult, GapResult, SimulatedSession
+
+if TYPE_CHECKING:
+    from bayescal.dataset import Dataset
+
+    Source = Dataset | SimulatedSession | str | PathLike[str]
+
+Progress = Callable[[str, float], None]
+MODEL = ("geometry", "compliance")
+
+
+def silent(stage: str, fraction: float) -> None:
+    """Report no progress."""
+
+
+def read_dataset(folder: str | PathLike[str], allow_xacro: bool = False) -> Dataset:
+    """Read a dataset folder.
+
+    Parameters
+    ----------
+    folder : path
+        With dataset.yaml, measurements.csv and, where it is not built in, the robot.
+    allow_xacro : bool
+        Expand a robot that is given as xacro, which can read files and run programs.
+
+    Returns
+    -------
+    Dataset
+        Frozen, in SI: m, rad, kg, s, degC.
+
+    Raises
+    ------
+    BayescalError
+        With the file, the line and the remedy, where the folder is not by the contract.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import bayescal as bc
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     names = bc.simulate(contacts=40, later=4, repeats=2, spheres=0).save(f"{folder}/session")
+    ...     dataset = bc.read_dataset(f"{folder}/session")
+    >>> dataset.robot.name, dataset.measurements.readings.shape
+    ('fanuc-lrmate200ic', (44, 6))
+    """
+    from bayescal.dataset import read_dataset as read
+
+    return read(Path(folder), allow_xacro=allow_xacro)
+
+
+def fit(
+    dataset: Source | Sequence[Source],
+    model: Sequence[str] | str = MODEL,
+    samples: int = 5000,
+    seed: int = 0,
+    *,
+    robust: bool = True,
+    prior_width: float = 1.0,
+    latent_joints: bool = False,
+    remounted: bool = False,
+    tolerance_mm: float | None = None,
+    progress: Progress = silent,
+) -> FitResult:
+    """Calibrate an arm: its parameters with their uncertainty, and the error to expect.
+
+    Parameters
+    ----------
+    dataset : Dataset, SimulatedSession or path, or a sequence of them
+        Several are sessions of one arm and are fitted together.
+    model : sequence of str, or str
+        Names of effects, comma separated if in one string; see `bayescal.effects.names`.
+    samples : int
+        Effective posterior draws of every parameter; 0: Gaussian approximation.
+    seed : int
+        One seed, one result.
+    robust : bool
+        Exclude outliers.
+    prior_width : float
+        Factor on the standard deviations of the arm's prior.
+    latent_joints : bool
+        Keep the joint readings as unknowns.
+    remounted : bool
+        Of several sessions: the tools were remounted in between.
+    tolerance_mm : float, optional
+        mm; decide whether distance errors are within it (ISO 14253-1).
+    progress : callable
+        Called with the stage and the fraction that is done.
+
+    Returns
+    -------
+    FitResult
+        Prints as a summary; `parameters`, `levels` and `distances` are tables.
+
+    Raises
+    ------
+    BayescalError
+        Where the session cannot be fitted, with the reason.
+
+    Examples
+    --------
+    >>> import bayescal as bc
+    >>> session = bc.simulate(contacts=80, later=8, repeats=5, spheres=0, seed=1)
+    >>> result = bc.fit(session, samples=0)
+    >>> list(result.parameters.columns[:6])
+    ['effect', 'unit', 'nominal', 'estimate', 'u', 'prior_sd']
+    >>> bool(result.parameters.loc["a2", "u"] < result.parameters.loc["a2", "prior_sd"])
+    True
+    """
+    from bayescal.assess.agreement import agreement
+    from bayescal.calibration import fit as run
+
+    effects, session = _names(model), _session(dataset, remounted, own_noise=True)
+    tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
+    found = run(session, effects, samples, seed, robust, prior_width, latent_joints, progress, tolerance)
+    if not session.sessions:
+        return FitResult(found)
+    progress("compare", 1.0)
+    return FitResult(found, agreement(found.final.estimate, effects, prior_width, robust))
+
+
+def diagnose(
+    dataset: Source | Sequence[Source],
+    model: Sequence[str] | str = MODEL,
+    seed: int = 0,
+    *,
+    without: Sequence[str] = (),
+    robust: bool = True,
+    prior_width: float = 1.0,
+    remounted: bool = False,
+    progress: Progress = silent,
+) -> GapResult:
+    """Diagnose the difference between model and machine: size, location, effect, improvement.
+
+    Parameters
+    ----------
+    dataset, model, seed, robust, prior_width, remounted, progress
+        As of `fit`.
+    without : sequence of str
+        Parts of the effects that the model lacks and that are candidates: 'geometry at joint 4'.
+
+    Returns
+    -------
+    GapResult
+        Prints as a summary; `probability`, `where` and `shrinkage` are tables.
+
+    Raises
+    ------
+    BayescalError
+        Where the session cannot be fitted, or the model has no such part, with the reason.
+
+    Examples
+    --------
+    >>> import bayescal as bc
+    >>> session = bc.simulate(effects=("geometry",), contacts=60, later=8, repeats=5, spheres=0, seed=1)
+    >>> gap = bc.diagnose(session, model="geometry")
+    >>> gap.verdict in ("null", "named", "named+unexplained", "unknown", "ambiguous")
+    True
+    """
+    from bayescal.gap.diagnose import diagnose as run
+
+    session = _session(dataset, remounted, own_noise=False)
+    return GapResult(run(session, _names(model), seed, robust, prior_width, progress, tuple(without)))
+
+
+def simulate(
+    robot: str = "fanuc-lrmate200ic", effects: Sequence[str] | str = MODEL, *, seed: int = 0, **options: Any
+) -> SimulatedSession:
+    """Simulate a session on a cube and spheres, in memory.
+
+    Parameters
+    ----------
+    robot : str
+        A built-in name (`bayescal.robots.names`), or the path of a robot file.
+    effects : sequence of str, or str
+        What the true arm has.
+    seed : int
+        One seed, one session.
+    **options
+        Any other field of `bayescal.simulation.Options`: `contacts` to calibrate with, `later` to validate,
+        `spheres`, `noise` (m), `joint_noise` (rad), `payload` (kg), ...
+
+    Returns
+    -------
+    SimulatedSession
+        Its `dataset` is what a measurement would leave behind, `truth` what is true of it.
+
+    Raises
+    ------
+    BayescalError
+        For options that cannot be, or targets out of reach.
+
+    Examples
+    --------
+    >>> import bayescal as bc
+    >>> session = bc.simulate(effects="geometry, compliance, backlash", contacts=40, repeats=2, spheres=0)
+    >>> session
+    <simulated session simulated: 100 rows>
+    """
+    from dataclasses import fields
+
+    from bayescal.simulation import Options
+    from bayescal.simulation import simulate as run
+
+    known = [f.name for f in fields(Options)]
+    if unknown := [name for name in options if name not in known]:
+        what = f"there is no option {', '.join(unknown)}"
+        raise BayescalError(what, "simulate", f"known: {', '.join(known)}")
+    return SimulatedSession(run(Options(robot=robot, effects=_names(effects), seed=seed, **options)))
+
+
+def compare(
+    dataset: Source, model: Sequence[str] | str = MODEL, seed: int = 0, *, progress: Progress = silent
+) -> ComparisonResult:
+    """Calibrate a session by every method of the survey, and compare them on the same validation rows.
+
+    Parameters
+    ----------
+    dataset, model, seed, progress
+        As of `fit`.
+
+    Returns
+    -------
+    ComparisonResult
+        Prints as a table.
+
+    Raises
+    ------
+    BayescalError
+        Where the session allows no model at all.
+
+    Examples
+    --------
+    >>> import bayescal as bc
+    >>> session = bc.simulate(effects="geometry", contacts=60, later=8, repeats=5, spheres=0, seed=1)
+    >>> len(bc.compare(session, "geometry").record["methods"]) > 3
+    True
+    """
+    from bayescal.methods import compare as run
+
+    return ComparisonResult(run(_session(dataset), _names(model), seed, progress=progress))
+
+
+def _names(effects: Sequence[str] | str) -> tuple[str, ...]:
+    """Names of effects, of a sequence or of a text with commas."""
+    each = effects.split(",") if isinstance(effects, str) else effects
+    return tuple(name.strip() for name in each if name.strip())
+
+
+def _session(source: Source | Sequence[Source], remounted: bool = False, own_noise: bool = True) -> Dataset:
+    """One session, or several sessions of one arm joined."""
+    from bayescal.dataset import Dataset
+    from bayescal.dataset.join import joined
+
+    each = source if isinstance(source, list | tuple) else (source,)
+    read: list[Dataset] = []
+    for own in each:
+        if isinstance(own, Dataset):
+            read.append(own)
+        elif isinstance(own, SimulatedSession):
+            read.append(own.dataset)
+        elif isinstance(own, str | PathLike):
+            read.append(read_dataset(own))
+        else:
+            what = f"{type(own).__name__} is no dataset"
+            raise BayescalError(what, "dataset", "give a Dataset, a simulated session or a path")
+    return joined(read, remounted, own_noise)

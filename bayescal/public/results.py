@@ -1,0 +1,188 @@
+"""Results of the public functions: the frozen result of a calculation together with its report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from io import StringIO
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bayescal.public.tables import FitTables, GapTables, Json, fit_line, gap_line
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from bayescal.assess.agreement import Agreement
+    from bayescal.calibration import Fit
+    from bayescal.dataset import Dataset
+    from bayescal.gap.result import Gap
+    from bayescal.methods import Comparison
+    from bayescal.simulation import Simulation
+
+WIDTH = 100
+"""Characters of a line of a printed summary."""
+
+
+def as_text(renderable: RenderableType) -> str:
+    """What a terminal of `WIDTH` columns would show, without colours."""
+    from rich.console import Console
+
+    out = StringIO()
+    Console(file=out, width=WIDTH, highlight=False, color_system=None).print(renderable)
+    return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
+
+
+@dataclass(frozen=True, repr=False)
+class FitResult(FitTables):
+    """A calibration; `print` shows its summary.
+
+    Attributes
+    ----------
+    data : Fit
+        All of it, in SI.
+    agreement : Agreement or None
+        Of several sessions: what each says alone.
+    """
+
+    data: Fit
+    agreement: Agreement | None = None
+
+    @cached_property
+    def record(self) -> Json:
+        """The content of fit.json."""
+        from bayescal.reporting.fit.files import fit_contents
+
+        return fit_contents(self.data, self.agreement)
+
+    def report(self, verbose: bool = False) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`; `verbose` adds details."""
+        from rich.console import Group
+
+        from bayescal.reporting.fit.agreement import agreement_summary
+        from bayescal.reporting.fit.summary import fit_summary
+
+        summary = fit_summary(self.data, verbose)
+        return summary if self.agreement is None else Group(summary, "", agreement_summary(self.agreement))
+
+    def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
+        """Write fit.json, posterior.nc and robot.yaml to a run folder; return their names."""
+        from bayescal.reporting.fit.files import write_fit
+
+        write_fit(self.data, Path(folder), self.agreement)
+        return ("fit.json", "posterior.nc", "robot.yaml")
+
+    def inference_data(self) -> Any:
+        """The content of posterior.nc for ArviZ: InferenceData (ArviZ 0.x) or DataTree (1.x)."""
+        from bayescal.posterior.inference import inference_data
+        from bayescal.reporting.fit.posterior import fit_draws
+
+        return inference_data(fit_draws(self.data))
+
+    def __str__(self) -> str:
+        return as_text(self.report())
+
+    def __repr__(self) -> str:
+        return fit_line(self.record)
+
+
+@dataclass(frozen=True, repr=False)
+class GapResult(GapTables):
+    """A diagnosis; `print` shows its summary. `data` is all of it, in SI."""
+
+    data: Gap
+
+    @cached_property
+    def record(self) -> Json:
+        """The content of gap.json."""
+        from bayescal.reporting.gap.record import gap_record
+
+        return gap_record(self.data)
+
+    def report(self) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`."""
+        from bayescal.reporting.gap.summary import gap_summary
+
+        return gap_summary(self.data)
+
+    def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
+        """Write gap.json, and the figures where `pictures`, to a run folder; return the names."""
+        from bayescal.reporting.gap.files import write_gap
+
+        return write_gap(self.data, Path(folder), pictures)
+
+    def __str__(self) -> str:
+        return as_text(self.report())
+
+    def __repr__(self) -> str:
+        return gap_line(self.record)
+
+
+@dataclass(frozen=True, repr=False)
+class ComparisonResult:
+    """All methods on one session; `print` shows the table. `data` is all of it, in SI."""
+
+    data: Comparison
+
+    @cached_property
+    def record(self) -> Json:
+        """The content of compare.json."""
+        from bayescal.reporting.comparison import comparison_record
+
+        return comparison_record(self.data)
+
+    def report(self) -> RenderableType:
+        """The table, to be printed by a `rich.console.Console`."""
+        from bayescal.reporting.comparison import comparison_summary
+
+        return comparison_summary(self.data)
+
+    def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
+        """Write compare.json to a run folder; return its name."""
+        from bayescal.reporting.comparison import write_comparison
+
+        write_comparison(self.data, Path(folder))
+        return ("compare.json",)
+
+    def __str__(self) -> str:
+        return as_text(self.report())
+
+    def __repr__(self) -> str:
+        names = ", ".join(row.method.name for row in self.data.rows)
+        return f"<comparison on {self.data.dataset.name}: {names}>"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{self}</pre>"
+
+
+@dataclass(frozen=True, repr=False)
+class SimulatedSession:
+    """A simulated session. `data` is all of it, in SI; `truth` the content of truth.json."""
+
+    data: Simulation
+
+    @property
+    def dataset(self) -> Dataset:
+        """The session as a measurement would leave it behind."""
+        return self.data.dataset
+
+    @property
+    def truth(self) -> dict[str, Any]:
+        """True parameters and distances, units in the keys."""
+        return self.data.truth
+
+    def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
+        """Write a dataset folder with its truth.json; return the names of its files."""
+        from bayescal.simulation.folder import write
+
+        write(self.data, Path(folder))
+        return tuple(sorted(p.name for p in Path(folder).iterdir() if not p.name.startswith(".")))
+
+    def __str__(self) -> str:
+        from bayescal.simulation.folder import summary
+
+        return summary(self.data)
+
+    def __repr__(self) -> str:
+        return f"<simulated session {self.dataset.name}: {len(self.dataset.measurements.ids)} rows>"

@@ -1,0 +1,158 @@
+"""Tables of a result, made of its record: those of a new result and of a saved one are the same."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Json = Mapping[str, Any]
+LEVELS = {"determined": "yes", "partly": "weakly", "prior_only": "no"}
+"""Lists of fit.json -> what the column `identifiable` says."""
+
+
+class FitTables:
+    """Tables of a calibration; lengths and angles in the units that they name.
+
+    `record` is the content of fit.json.
+    """
+
+    @property
+    def record(self) -> Json:
+        """The content of fit.json."""
+        raise NotImplementedError
+
+    @property
+    def parameters(self) -> DataFrame:
+        """One row per parameter, by name.
+
+        Columns: `effect`, `unit`, `nominal`, `estimate`, `u` (posterior standard uncertainty), `prior_sd`,
+        `low95` and `high95` (ends of the 95 % interval), and `identifiable` ("yes", "weakly", "no"; empty
+        for the pose of a target).
+        """
+        from pandas import DataFrame
+
+        known = self.record["identifiability"]
+        level = {name: word for key, word in LEVELS.items() for name in known[key]}
+        rows = [
+            {
+                "name": p["name"],
+                "effect": p["effect"],
+                "unit": p["unit"],
+                "nominal": p["nominal"],
+                "estimate": p["estimate"],
+                "u": p["sd"],
+                "prior_sd": p["prior_sd"],
+                "low95": p["interval95"][0],
+                "high95": p["interval95"][1],
+                "identifiable": level.get(p["name"], ""),
+            }
+            for p in self.record["parameters"]
+        ]
+        return DataFrame(rows).set_index("name")
+
+    @property
+    def levels(self) -> DataFrame:
+        """Validation errors by model level, from the nominal model to the fitted one; keys of fit.json."""
+        from pandas import DataFrame
+
+        rows = [{**level, "model": " + ".join(level["model"])} for level in self.record["ladder"]]
+        return DataFrame(rows).set_index("model")
+
+    @property
+    def distances(self) -> DataFrame:
+        """Certified distances, measured and predicted: `certified_mm`, errors and intervals in um."""
+        from pandas import DataFrame
+
+        rows = [
+            {
+                "from": d["between"][0],
+                "to": d["between"][1],
+                "certified_mm": d["certified_mm"],
+                "nominal_error_um": d["nominal_error_um"],
+                "calibrated_error_um": d["calibrated_error_um"],
+                "predicted_sd_um": d["predicted_sd_um"],
+                "low95_um": d["predicted_interval95_um"][0],
+                "high95_um": d["predicted_interval95_um"][1],
+                "inside95": d["inside95"],
+            }
+            for d in self.record["validation"]["distances"]
+        ]
+        return DataFrame(rows)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before a figure is relied on."""
+        return tuple(self.record["warnings"])
+
+    def _repr_html_(self) -> str:
+        return f"<p>{_escaped(repr(self))}</p>{self.parameters.to_html(float_format='%.6g')}"
+
+
+class GapTables:
+    """Tables of a diagnosis, made of the content of gap.json."""
+
+    @property
+    def record(self) -> Json:
+        """The content of gap.json."""
+        raise NotImplementedError
+
+    @property
+    def verdict(self) -> str:
+        """The kind of verdict: null, named, named+unexplained, unknown or ambiguous."""
+        return str(self.record["verdict"])
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names that the verdict commits to."""
+        return tuple(self.record["effects"])
+
+    @property
+    def probability(self) -> DataFrame:
+        """Probability of every effect, of the noise-only model ('null') and of an unmodelled effect."""
+        from pandas import DataFrame
+
+        ranked = sorted(self.record["probability"].items(), key=lambda item: -(item[1] or 0.0))
+        return DataFrame(ranked, columns=["effect", "probability"]).set_index("effect")
+
+    @property
+    def where(self) -> DataFrame:
+        """Locations of the error, largest first: site, driver, `rms_um`, share of the excess, p-values."""
+        from pandas import DataFrame
+
+        return DataFrame(list(self.record["where"]))
+
+    @property
+    def shrinkage(self) -> DataFrame:
+        """Validation errors before and after the effects that were named are in the model, in um."""
+        from pandas import DataFrame
+
+        rows = {what: row for what, row in self.record["shrinkage"].items() if row}
+        return DataFrame.from_dict(rows, orient="index")
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before the verdict is relied on."""
+        return tuple(self.record["warnings"])
+
+    def _repr_html_(self) -> str:
+        return f"<p>{_escaped(repr(self))}</p>{self.probability.to_html(float_format='%.3g')}"
+
+
+def fit_line(record: Json) -> str:
+    """A calibration in one line."""
+    rms, where = record["predicted_distance"]["predicted_rms_um"], record["dataset"]["name"]
+    model = ", ".join(record["model"])
+    return f"<calibration of {where}: {model}; predicted distance error {rms:.1f} µm RMS>"
+
+
+def gap_line(record: Json) -> str:
+    """A diagnosis in one line."""
+    found = ", ".join(record["effects"]) or ", ".join(record["credible_set90"])
+    return f"<diagnosis of {record['dataset']['name']}: {record['verdict']}; {found}>"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

@@ -1,0 +1,167 @@
+"""The public API: its examples run, results print and come back, and a user's own effect is taken."""
+
+from __future__ import annotations
+
+import doctest
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayescal as bc
+from bayescal.effects import Effect, Parameter, Term
+from bayescal.effects.location import Driver, joint
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTED = (
+    "bayescal",
+    "bayescal.public.functions",
+    "bayescal.public.saved",
+    "bayescal.effects",
+    "bayescal.robots",
+)
+
+
+@pytest.mark.parametrize("module", DOCUMENTED)
+def test_examples_of_docstrings(module):
+    found = doctest.testmod(import_module(module))
+    assert found.attempted
+    assert not found.failed
+
+
+def test_examples_of_the_page():
+    found = doctest.testfile(str(ROOT / "docs" / "api.md"), module_relative=False)
+    assert found.attempted > 5
+    assert not found.failed
+
+
+def test_every_name_is_documented_and_there():
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    for name in bc.__all__:
+        assert getattr(bc, name) is not None
+        assert name.startswith("_") or f"`{name}" in page or f"`bc.{name}" in page
+    assert set(dir(bc)) == set(bc.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = bc.nothing
+
+
+def test_import_alone_imports_nothing():
+    """What is heavy is imported by the first call."""
+    heavy = {"numpy", "scipy", "pydantic", "yaml"}
+    code = f"import sys, bayescal; print([m for m in sys.modules if m.split('.')[0] in {heavy}])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.fixture(scope="module")
+def session():
+    return bc.simulate(contacts=80, later=8, repeats=5, spheres=2, placements=1, seed=1)
+
+
+@pytest.fixture(scope="module")
+def result(session):
+    return bc.fit(session, samples=0)
+
+
+def test_a_fit_prints_itself(result):
+    assert repr(result).startswith(
+        "<calibration of simulated: geometry, compliance; predicted distance error"
+    )
+    assert "\n" not in repr(result)
+    assert "model explains validation data" in str(result)
+    assert "<table" in result._repr_html_()
+    assert "&lt;calibration" in result._repr_html_()
+
+
+def test_parameters_are_those_of_the_estimate(result):
+    table, found = result.parameters, result.data.final.estimate
+    model = found.model
+    _, factor = model.in_file_units()
+    np.testing.assert_allclose(table["estimate"], model.physical(found.z) * factor)
+    assert list(table.index) == list(model.names)
+    assert table.loc["a2", "unit"] == "mm"
+    assert table.loc["a2", "identifiable"] == "yes"
+    assert table.loc["d2", "identifiable"] != "yes"
+    assert set(table["identifiable"]) <= {"yes", "weakly", "no", ""}
+
+
+def test_a_fit_comes_back(result, tmp_path):
+    names = result.save(tmp_path / "run")
+    assert {p.name for p in (tmp_path / "run").iterdir() if not p.name.startswith(".")} >= set(names)
+    saved = bc.load(tmp_path / "run")
+    for table in ("parameters", "levels", "distances"):
+        pd.testing.assert_frame_equal(getattr(saved, table), getattr(result, table))
+    assert saved.warnings == result.warnings
+    assert repr(saved) == repr(result)
+    assert "a2" in str(saved)
+    a2 = np.asarray(saved.inference_data()["posterior"]["a2"])
+    assert a2.std() == pytest.approx(saved.parameters.loc["a2", "u"], rel=1e-6)
+
+
+def test_a_folder_and_a_dataset_give_the_same(session, tmp_path):
+    """By path, as text, and in memory but for the readings' rounding in the file."""
+    session.save(tmp_path / "session")
+    by_path = bc.fit(tmp_path / "session", "geometry", samples=0).parameters["estimate"]
+    by_text = bc.fit(str(tmp_path / "session"), ("geometry",), samples=0).parameters["estimate"]
+    pd.testing.assert_series_equal(by_path, by_text)
+    in_memory = bc.fit(session.dataset, "geometry", samples=0).parameters["estimate"]
+    pd.testing.assert_series_equal(by_path, in_memory, rtol=1e-6, atol=1e-6)
+
+
+def test_what_is_no_dataset_or_no_result_is_refused(tmp_path):
+    with pytest.raises(bc.BayescalError, match="int is no dataset"):
+        bc.fit(3)
+    with pytest.raises(bc.BayescalError, match="there is no option contact"):
+        bc.simulate(contact=3)
+    with pytest.raises(bc.BayescalError, match=r"there is no fit\.json or gap\.json"):
+        bc.load(tmp_path)
+    (tmp_path / "fit.json").write_text('{"schema": "bayescal-fit/9"}', encoding="utf-8")
+    with pytest.raises(bc.BayescalError, match="the schema is bayescal-fit/9"):
+        bc.load(tmp_path)
+    (tmp_path / "fit.json").write_text("{", encoding="utf-8")
+    with pytest.raises(bc.BayescalError, match="cannot be read"):
+        bc.load(tmp_path)
+
+
+SAG = Effect(
+    "wrist-cable",
+    "a cable pulls joint 5 as joint 4 turns",
+    lambda c: [
+        Parameter(
+            "wrist-cable", "rad", (Term(5, "rz", np.sin(2 * c.q[:, 3]) * np.cos(c.q[:, 1])),), 1e-3,
+            site=joint(5), driver=Driver("angle", 4),
+        )
+    ],
+    phrase=("joint 5", "is pulled by a cable"),
+)  # fmt: skip
+
+
+@pytest.fixture
+def own():
+    bc.effects.register(SAG)
+    yield SAG
+    bc.effects.unregister(SAG.name)
+
+
+def test_a_users_own_effect_is_simulated_fitted_and_named(own, tmp_path):
+    """Registered once, `simulate`, `fit` and `diagnose` take it; a diagnosis comes back from its folder."""
+    assert own.name in bc.effects.names()
+    assert bc.effects.describe(own.name) == own.summary
+    model = ("geometry", "compliance", own.name)
+    session = bc.simulate(effects=model, contacts=160, later=24, spheres=0, seed=4)
+    true = next(p for p in session.truth["parameters"] if p["name"] == own.name)["value_deg"]
+    fitted = bc.fit(session, model, samples=0).parameters.loc[own.name]
+    assert abs(fitted["estimate"] - true) < 4 * fitted["u"] < 0.5 * abs(true)
+    gap = bc.diagnose(session)
+    assert gap.effects == (own.name,)
+    assert gap.probability.index[0] == own.name
+    gap.save(tmp_path / "gap", pictures=False)
+    saved = bc.load(tmp_path / "gap")
+    assert saved.effects == gap.effects
+    pd.testing.assert_frame_equal(saved.probability, gap.probability)
+    assert repr(saved) == repr(gap)
+    assert own.name in str(gap)
