@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from factors.feature import Feature, slopes
 from factors.kind import dot, tangents, tilted
 
 
@@ -67,3 +68,9 @@ class Cylinder:
             "axis": axis,
             "diameter": float(self.diameter + x[4]),
         }
+
+    def feature(self, x: np.ndarray) -> Feature:
+        by, turn = slopes(x), slopes(x)
+        axis, turn[..., :2, :] = tilted(self.axis, self.tangents, x[..., :2])
+        by[..., 2:4, :] = self.tangents
+        return Feature(self.point + x[..., 2:4] @ self.tangents, by, axis, turn)

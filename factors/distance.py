@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from factors.feature import Feature, point
+
 
 @dataclass(frozen=True)
 class Distance:
@@ -37,3 +39,6 @@ class Distance:
 
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
         return {"centre": self.centre + x}
+
+    def feature(self, x: np.ndarray) -> Feature:
+        return point(self.centre, x)

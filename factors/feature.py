@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol, cast
 
 import numpy as np
 
-from factors.cylinder import Cylinder
-from factors.distance import Distance
-from factors.fixed_point import FixedPoint
-from factors.instrument import Instrument
-from factors.kind import Kind, tilted
-from factors.plane import Plane
-from factors.sphere import Sphere
-from factors.turns import cross_matrix, left_jacobian, turned
+from factors.kind import Kind
 
 
 @dataclass(frozen=True)
@@ -35,50 +27,26 @@ class Feature:
     by_direction: np.ndarray | None = None
 
 
+class Placed(Kind, Protocol):
+    """A kind of which a certificate may speak."""
+
+    def feature(self, x: np.ndarray) -> Feature:
+        """Its feature at the states x (..., size)."""
+        ...
+
+
 def feature(kind: Kind, x: np.ndarray) -> Feature:
     """The feature of a target at its states x (..., size)."""
-    return OF[type(kind)](kind, x)
+    return cast(Placed, kind).feature(x)
 
 
-def _slopes(x: np.ndarray) -> np.ndarray:
+def slopes(x: np.ndarray) -> np.ndarray:
+    """Room (..., size, 3) for slopes by the state, all zero."""
     return np.zeros((*x.shape, 3))
 
 
-def _centre(kind: Sphere | FixedPoint | Distance, x: np.ndarray) -> Feature:
-    by = _slopes(x)
+def point(centre: np.ndarray, x: np.ndarray) -> Feature:
+    """A point whose displacement, m, leads the state."""
+    by = slopes(x)
     by[..., :3, :] = np.eye(3)
-    return Feature(kind.centre + x[..., :3], by)
-
-
-def _origin(kind: Instrument, x: np.ndarray) -> Feature:
-    by = _slopes(x)
-    arm = (turned(x[..., :3]) @ (kind.frame[:3, 3] - kind.pivot)[:, None])[..., 0]
-    by[..., :3, :] = np.swapaxes(-cross_matrix(arm) @ left_jacobian(x[..., :3]), -1, -2)
-    by[..., 3:, :] = np.eye(3)
-    return Feature(kind.pivot + x[..., 3:] + arm, by)
-
-
-def _face(kind: Plane, x: np.ndarray) -> Feature:
-    by, turn = _slopes(x), _slopes(x)
-    normal, turn[..., :2, :] = tilted(kind.normal, kind.tangents, x[..., :2])
-    by[..., :2, :] = x[..., 2, None, None] * turn[..., :2, :]
-    by[..., 2, :] = normal
-    return Feature(kind.pivot + x[..., 2:] * normal, by, normal, turn)
-
-
-def _axis(kind: Cylinder, x: np.ndarray) -> Feature:
-    by, turn = _slopes(x), _slopes(x)
-    axis, turn[..., :2, :] = tilted(kind.axis, kind.tangents, x[..., :2])
-    by[..., 2:4, :] = kind.tangents
-    return Feature(kind.point + x[..., 2:4] @ kind.tangents, by, axis, turn)
-
-
-OF: dict[type, Callable[[Any, np.ndarray], Feature]] = {
-    Plane: _face,
-    Cylinder: _axis,
-    Sphere: _centre,
-    FixedPoint: _centre,
-    Distance: _centre,
-    Instrument: _origin,
-}
-"""Of each kind how its feature is found."""
+    return Feature(centre + x[..., :3], by)

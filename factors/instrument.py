@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from factors.feature import Feature, slopes
 from factors.turns import cross_matrix, left_jacobian, turned
 
 
@@ -63,3 +64,10 @@ class Instrument:
         out[:3, :3] = turn @ self.frame[:3, :3]
         out[:3, 3] = turn @ (self.frame[:3, 3] - self.pivot) + self.pivot + x[3:]
         return {"frame": out}
+
+    def feature(self, x: np.ndarray) -> Feature:
+        by = slopes(x)
+        arm = (turned(x[..., :3]) @ (self.frame[:3, 3] - self.pivot)[:, None])[..., 0]
+        by[..., :3, :] = np.swapaxes(-cross_matrix(arm) @ left_jacobian(x[..., :3]), -1, -2)
+        by[..., 3:, :] = np.eye(3)
+        return Feature(self.pivot + x[..., 3:] + arm, by)

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from factors.feature import Feature, slopes
 from factors.kind import dot, tangents, tilted
 
 
@@ -59,3 +60,10 @@ class Plane:
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
         normal, offset = self.at(x)
         return {"normal": normal, "offset": float(offset)}
+
+    def feature(self, x: np.ndarray) -> Feature:
+        by, turn = slopes(x), slopes(x)
+        normal, turn[..., :2, :] = tilted(self.normal, self.tangents, x[..., :2])
+        by[..., :2, :] = x[..., 2, None, None] * turn[..., :2, :]
+        by[..., 2, :] = normal
+        return Feature(self.pivot + x[..., 2:] * normal, by, normal, turn)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from factors.feature import Feature, point
+
 
 @dataclass(frozen=True)
 class Sphere:
@@ -45,3 +47,6 @@ class Sphere:
 
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
         return {"centre": self.centre + x[:3], "diameter": float(self.diameter + x[3])}
+
+    def feature(self, x: np.ndarray) -> Feature:
+        return point(self.centre, x)

@@ -1,20 +1,17 @@
 """Residuals of contacts at nominal geometry, and how far a target must move to explain them.
 
-Rough and robust, to tell an impossible row from a loosely known target; the fit has its own kinds.
+Robust, to tell an impossible row from a loosely known target.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayescal.arm.transforms import rpy_matrix
+from bayescal.dataset.target_kinds import KINDS, Seen, angle_sd, place_sd
 from bayescal.dataset.types import Target
-
-LOOSE_U, LOOSE_ANGLE = 0.05, 0.2
-"""The contract's prior of a target that states none: m, rad."""
 
 ARM_ERROR = 0.01
 """m: what an arm may nominally be wrong by; a smaller misfit weighs in full."""
@@ -27,61 +24,20 @@ Residual = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Contacts:
-    """The M rows of one target: ball centres p (M, 3), ball radii and lengths (M,), m."""
+    """The M rows of one target: ball centres p (M, 3), m, and what its kind is made of."""
 
     target: Target
     p: np.ndarray
-    radius: np.ndarray
-    length: np.ndarray
+    seen: Seen
 
 
 def residual(contacts: Contacts, p: np.ndarray | None = None) -> Residual:
     """Residuals (M, k), m, and their gradients by p (M, k, 3), at `p` or at the contacts' own."""
-    return _KINDS[contacts.target.kind](contacts, contacts.p if p is None else p)
-
-
-def _plane(c: Contacts, p: np.ndarray) -> Residual:
-    normal = np.asarray(c.target.values["normal"])
-    r = p @ normal - c.target.values["offset"] - c.radius
-    return r[:, None], np.broadcast_to(normal, (len(p), 1, 3))
-
-
-def _off(away: np.ndarray, length: np.ndarray) -> Residual:
-    norm = np.linalg.norm(away, axis=1)
-    return (norm - length)[:, None], (away / np.maximum(norm, 1e-9)[:, None])[:, None, :]
-
-
-def _sphere(c: Contacts, p: np.ndarray) -> Residual:
-    return _off(p - c.target.values["centre"], 0.5 * np.asarray(c.target.values["diameter"]) + c.radius)
-
-
-def _cylinder(c: Contacts, p: np.ndarray) -> Residual:
-    axis, away = np.asarray(c.target.values["axis"]), p - c.target.values["point"]
-    across = away - (away @ axis)[:, None] * axis
-    return _off(across, 0.5 * np.asarray(c.target.values["diameter"]) + c.radius)
-
-
-def _fixed_point(c: Contacts, p: np.ndarray) -> Residual:
-    return p - c.target.values["centre"], np.broadcast_to(np.eye(3), (len(p), 3, 3))
-
-
-def _distance(c: Contacts, p: np.ndarray) -> Residual:
-    return _off(p - c.target.values["centre"], c.length)
-
-
-_KINDS: dict[str, Callable[[Contacts, np.ndarray], Residual]] = {
-    "plane": _plane,
-    "sphere": _sphere,
-    "cylinder": _cylinder,
-    "fixed-point": _fixed_point,
-    "distance": _distance,
-}
-
-
-def priors(target: Target) -> tuple[float, float]:
-    """Standard uncertainties of a target's place (m) and direction (rad); loose where it states none."""
-    u = LOOSE_U if target.u is None else target.u
-    return u, LOOSE_ANGLE if target.u_angle is None else target.u_angle
+    p = contacts.p if p is None else p
+    kind = KINDS[contacts.target.kind].build(contacts.target, contacts.seen)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a ball at the very centre has no direction
+        r, slopes, _ = kind.linearise(np.zeros(len(kind.sd)), p.T)
+    return r.T, np.nan_to_num(np.moveaxis(slopes, -1, 0))
 
 
 def settled(contacts: Contacts, passes: int = 12) -> np.ndarray:
@@ -92,7 +48,7 @@ def settled(contacts: Contacts, passes: int = 12) -> np.ndarray:
     follows the median: most rows move the target, a few wild ones do not.
     """
     p = contacts.p
-    u, angle = priors(contacts.target)
+    u, angle = place_sd(contacts.target), angle_sd(contacts.target)
     pivot = np.median(p, axis=0)
     arm = p - pivot
     hold = np.repeat([1 / (3 * u + 0.001), 1 / (1.5 * angle + 0.001)], 3) ** 2

@@ -17,6 +17,7 @@ import numpy as np
 
 from bayescal.dataset.checks.same_robot import check_alike
 from bayescal.dataset.join_rows import called, column, measurements, temperature_of
+from bayescal.dataset.target_kinds import kinds_of
 from bayescal.dataset.types import Certificate, Dataset, Noise, Target, Tool
 from bayescal.errors import BayescalError
 
@@ -154,12 +155,12 @@ def _stated(sessions: Sequence[Dataset]) -> tuple[Noise, list[np.ndarray]]:
     Where the sessions state different noise, each one's rows carry what theirs states.
     """
     rows = [column(s, "u") for s in sessions]
-    for key, read in (("contact", False), ("point", True)):
+    for key in ("contact", "point"):
         values = [getattr(s.noise, key) for s in sessions]
         if len({v for v in values if v is not None}) < 2:
             continue
         for s, u, value in zip(sessions, rows, values, strict=True):
-            of_kind = np.array([t.kind == "instrument" for t in s.targets])[s.measurements.target] == read
+            of_kind = np.array([kind.noise == key for kind in kinds_of(s)])[s.measurements.target]
             u[of_kind & np.isnan(u)] = np.nan if value is None else value
     common = Noise(
         _first(s.noise.contact for s in sessions),

@@ -6,28 +6,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Target
 from bayescal.errors import BayescalError
 from factors.certificate import FORMS, RELATIONS, ordered
 from factors.feature import Feature
 from factors.relation import Relation, aligned, apart, off_plane, square
-
-FORM = {
-    "plane": "plane",
-    "cylinder": "axis",
-    "sphere": "point",
-    "fixed-point": "point",
-    "distance": "point",
-    "instrument": "point",
-}
-"""What each kind of target is to a certificate of two: a centre, a pivot and an origin are points."""
-
-PLACE: dict[str, Callable[[Target], np.ndarray]] = {
-    "plane": lambda t: t.values["offset"] * np.asarray(t.values["normal"]),
-    "cylinder": lambda t: np.asarray(t.values["point"]),
-    "instrument": lambda t: np.asarray(t.values["xyz"]),
-}
-DIRECTION = {"plane": "normal", "axis": "axis"}
 
 WRONG: dict[Relation, Callable[[float], bool]] = {
     aligned: lambda cosine: cosine < 0.85,
@@ -42,7 +26,7 @@ SHARE: dict[Relation, float] = {off_plane: 0.1, apart: 1e-6}
 def forms_of(targets: Sequence[Target]) -> tuple[str, str]:
     """The forms of two targets."""
     a, b = targets
-    return FORM[a.kind], FORM[b.kind]
+    return KINDS[a.kind].form, KINDS[b.kind].form
 
 
 def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -> None:
@@ -53,7 +37,7 @@ def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -
     BayescalError
         Where the pair has no meaning, is nominally not as parallel or square as said, or at one place.
     """
-    a, b = sorted(pair, key=lambda t: FORMS.index(FORM[t.kind]))
+    a, b = sorted(pair, key=lambda t: FORMS.index(KINDS[t.kind].form))
     names, forms = f"`{a.name}` and `{b.name}`", ordered(forms_of(pair))
     if forms not in RELATIONS[kind]:
         what = f"a `{kind}` certificate cannot join {names}, a {a.kind} and a {b.kind}"
@@ -81,14 +65,14 @@ def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -
 
 def joinable(kind: str) -> str:
     """The kinds of target that a kind of certificate joins, in words."""
-    of = {form: "/".join(k for k, f in FORM.items() if f == form) for form in FORMS}
+    of = {form: "/".join(k.name for k in KINDS.values() if k.form == form) for form in FORMS}
     return ", ".join(f"{of[a]} with {of[b]}" for a, b in RELATIONS[kind])
 
 
 def _nominal(target: Target) -> Feature:
-    place = PLACE.get(target.kind, lambda t: np.asarray(t.values["centre"]))(target)
-    key = DIRECTION.get(FORM[target.kind])
-    return Feature(place, np.zeros((0, 3)), None if key is None else np.asarray(target.values[key]))
+    kind = KINDS[target.kind]
+    direction = np.asarray(target.values[kind.direction]) if kind.direction else None
+    return Feature(kind.place(target), np.zeros((0, 3)), direction)
 
 
 def _apart(relation: Relation, a: Feature, b: Feature) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from bayescal.dataset import session
 from bayescal.dataset.checks import orientation_check, plausibility
 from bayescal.dataset.rows import measurements_of
-from bayescal.dataset.schema import SCHEMA, DatasetFile
+from bayescal.dataset.schema import SCHEMA, file_model
 from bayescal.dataset.table import read_table
 from bayescal.dataset.types import Dataset, Measurements
 from bayescal.errors import BayescalError
@@ -68,7 +68,7 @@ def read_settings(path: Path, allow_xacro: bool = False) -> tuple[Dataset, Docum
     """
     document = read_document(path)
     check_schema(document, SCHEMA)
-    file = document.parse(DatasetFile)
+    file = document.parse(file_model())
     try:
         robot, robot_content = load_robot(file.robot, path.parent, allow_xacro)
     except BayescalError as error:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.dataset.table import RPY, XYZ, Table, joint_columns
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import ROLES, Measurements, Noise, Target, Tool
 from bayescal.errors import BayescalError
 from bayescal.files import unknown
-
-TOUCHING = ("plane", "sphere", "cylinder")
-"""Kinds whose rows touch a surface with a ball."""
 
 
 def measurements_of(
@@ -106,28 +104,36 @@ def _check_kinds(
     """Every row has what its target's kind needs, and nothing that it cannot use."""
     kind = np.array([t.kind for t in targets])[rows.target]
     no_ball = np.array([t.ball_radius is None for t in tools])[rows.tool]
-    bad = np.isin(kind, TOUCHING) & no_ball
+    bad = np.array([KINDS[t.kind].touched for t in targets])[rows.target] & no_ball
     if bad.any():
         row = int(np.argmax(bad))
         what = f"{kind[row]} `{targets[rows.target[row]].name}` touched with `{tools[rows.tool[row]].name}`"
         raise table.error(row, f"{what}, which has no ball", "add `ball_radius_mm` to the tool")
-    instrument = kind == "instrument"
+    reads = np.array([KINDS[t.kind].reads for t in targets])[rows.target]
+    instrument = reads == "xyz"
     for column in XYZ:
         empty = np.array([not c for c in table.cells.get(column, ("",) * len(kind))])
-        what = f"instrument `{{target}}`, but `{column}` is empty"
-        table.first(instrument & empty, what, f"fill in {', '.join(XYZ)}")
-        _refuse(table, ~instrument & ~empty, column, "instrument")
+        for name in readers("xyz"):
+            what = f"{name} `{{target}}`, but `{column}` is empty"
+            table.first((kind == name) & empty, what, f"fill in {', '.join(XYZ)}")
+        _refuse(table, ~instrument & ~empty, column, " or ".join(readers("xyz")))
     turned = np.zeros((len(kind), 3), bool) if rows.rpy is None else np.isfinite(rows.rpy)
     for column, given in zip(RPY, turned.T, strict=True):
-        _refuse(table, ~instrument & given, column, "instrument")
+        _refuse(table, ~instrument & given, column, " or ".join(readers("xyz")))
         table.first(
             turned.any(axis=1) & ~given, f"`{column}` is empty", f"give all of {', '.join(RPY)}, or none"
         )
     fixed = np.array([np.isfinite(t.values.get("length", np.nan)) for t in targets])[rows.target]
     read = np.zeros(len(kind), bool) if rows.length is None else np.isfinite(rows.length)
-    lengthless = "distance `{target}` has no `length_mm`"
-    table.first((kind == "distance") & ~fixed & ~read, lengthless, "write it in the row, or in the target")
-    _refuse(table, read & (kind != "distance"), "length_mm", "distance")
+    for name in readers("length"):
+        lengthless = f"{name} `{{target}}` has no `length_mm`"
+        table.first((kind == name) & ~fixed & ~read, lengthless, "write it in the row, or in the target")
+    _refuse(table, read & (reads != "length"), "length_mm", " or ".join(readers("length")))
+
+
+def readers(field: str) -> list[str]:
+    """Kinds of target whose rows read a field of `Measurements`."""
+    return [kind.name for kind in KINDS.values() if kind.reads == field]
 
 
 def _refuse(table: Table, bad: np.ndarray, column: str, kind: str) -> None:
@@ -147,7 +153,7 @@ def _check_values(table: Table, rows: Measurements) -> None:
 
 def _check_noise(table: Table, rows: Measurements, targets: tuple[Target, ...], noise: Noise) -> None:
     """Every row knows its standard uncertainty: its own, or the stated one of its kind."""
-    instrument = np.array([t.kind == "instrument" for t in targets])[rows.target]
+    instrument = np.array([KINDS[t.kind].noise == "point" for t in targets])[rows.target]
     own = np.zeros(len(instrument), bool) if rows.u is None else np.isfinite(rows.u)
     stated_of = (("contact_mm", noise.contact, ~instrument), ("point_mm", noise.point, instrument))
     for key, stated, which in stated_of:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from functools import lru_cache
+from typing import Annotated, Any, Literal, Union
 
-from pydantic import Field
+from pydantic import Field, create_model
 
-from bayescal.files import Keys, NotNegative, Number, Positive, Vector
+from bayescal.dataset.target_kinds import KINDS, TargetKind
+from bayescal.files import Keys, NotNegative, Positive, Vector
 
 SCHEMA = "bayescal-dataset/1"
 
@@ -37,54 +39,6 @@ class Loose(Keys):
 
     u_mm: NotNegative | None = None
     u_rad: NotNegative | None = None
-
-
-class Plane(Loose):
-    """``n.x = offset`` on the surface, n outward."""
-
-    kind: Literal["plane"]
-    normal: Vector
-    offset_mm: Number
-
-
-class Sphere(Loose):
-    """A ball to be probed."""
-
-    kind: Literal["sphere"]
-    centre_mm: Vector
-    diameter_mm: Positive
-
-
-class Cylinder(Loose):
-    """A pin to be probed on its side."""
-
-    kind: Literal["cylinder"]
-    point_mm: Vector
-    axis: Vector
-    diameter_mm: Positive
-
-
-class FixedPoint(Loose):
-    """A seat to which the ball's centre comes back."""
-
-    kind: Literal["fixed-point"]
-    centre_mm: Vector
-
-
-class Distance(Loose):
-    """A ball bar or a wire: the ball's centre at a length from a fixed pivot."""
-
-    kind: Literal["distance"]
-    centre_mm: Vector
-    length_mm: Positive | None = None
-
-
-class Instrument(Loose):
-    """A tracker's or a camera's frame in F0."""
-
-    kind: Literal["instrument"]
-    xyz_mm: Vector
-    rpy_deg: Vector
 
 
 Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
@@ -133,9 +87,6 @@ class Flat(Keys):
     u_form_mm: Positive
 
 
-AnyTarget = Annotated[
-    Plane | Sphere | Cylinder | FixedPoint | Distance | Instrument, Field(discriminator="kind")
-]
 AnyCertificate = Annotated[Parallel | Perpendicular | Between | Diameter | Flat, Field(discriminator="kind")]
 
 
@@ -149,21 +100,11 @@ class DatasetFile(Keys):
     gravity_mps2: Vector = (0.0, 0.0, -9.81)
     tools: Annotated[dict[str, ToolEntry], Field(min_length=1)]
     noise: NoiseEntry = NoiseEntry()
-    targets: Annotated[dict[str, AnyTarget], Field(min_length=1)]
+    targets: Annotated[dict[str, Any], Field(min_length=1)]  # see `file_model`
     certificates: tuple[AnyCertificate, ...] = ()
     temperature_of: Literal["arm", "air", "artefact"] | None = None
     source: str | None = None
 
-
-TARGETS: dict[str, type[Keys]] = {
-    "plane": Plane,
-    "sphere": Sphere,
-    "cylinder": Cylinder,
-    "fixed-point": FixedPoint,
-    "distance": Distance,
-    "instrument": Instrument,
-}
-"""Model of each kind of target."""
 
 CERTIFICATES: dict[str, type[Keys]] = {
     "parallel": Parallel,
@@ -173,3 +114,24 @@ CERTIFICATES: dict[str, type[Keys]] = {
     "flat": Flat,
 }
 """Model of each kind of certificate."""
+
+
+def entry_of(kind: TargetKind) -> type[Keys]:
+    """The model of a target's entry: the keys of its kind, and those of every target."""
+    fields: dict[str, Any] = {"kind": (Literal[kind.name], ...)}
+    for key, value in kind.keys.items():
+        fields[key] = (value | None, None) if key in kind.optional else (value, ...)
+    return create_model(kind.name, __base__=Loose, **fields)
+
+
+def file_model() -> type[DatasetFile]:
+    """The model of dataset.yaml with an entry for every declared kind of target."""
+    return _file_model(tuple(KINDS.values()))
+
+
+@lru_cache(maxsize=4)
+def _file_model(kinds: tuple[TargetKind, ...]) -> type[DatasetFile]:
+    entries: Any = Union[tuple(entry_of(kind) for kind in kinds)]  # noqa: UP007
+    entry: Any = Annotated[entries, Field(discriminator="kind")]
+    targets: Any = Annotated[dict[str, entry], Field(min_length=1)]
+    return create_model("DatasetFile", __base__=DatasetFile, targets=(targets, ...))

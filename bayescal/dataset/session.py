@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayescal.dataset import joins
-from bayescal.dataset.joins import FORM
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Certificate, Noise, Target, Tool
 from bayescal.errors import BayescalError
 from bayescal.files import Document, si, stem_of, unknown
@@ -15,14 +15,14 @@ from bayescal.files import Document, si, stem_of, unknown
 if TYPE_CHECKING:
     from bayescal.dataset import schema
 
-KINDS = {
-    "parallel": ("faces", tuple(FORM)),
-    "perpendicular": ("faces", tuple(FORM)),
-    "distance": ("between", tuple(FORM)),
-    "diameter": ("target", ("sphere", "cylinder")),
-    "flat": ("target", ("plane",)),
+NAMES = {
+    "parallel": "faces",
+    "perpendicular": "faces",
+    "distance": "between",
+    "diameter": "target",
+    "flat": "target",
 }
-"""Of each kind of certificate: the key that names its targets, and their kinds; see `joins` for pairs."""
+"""Of each kind of certificate: the key that names its targets."""
 
 FIELDS = {
     "distance_mm": "distance",
@@ -33,7 +33,6 @@ FIELDS = {
 }
 """Field of `Certificate` that a key of an entry fills."""
 
-DIRECTIONS = ("normal", "axis")
 STRONGEST_GRAVITY = 20.0  # m/s2: more was written in other units
 
 
@@ -74,7 +73,7 @@ def targets_of(document: Document, file: schema.DatasetFile) -> tuple[Target, ..
                 continue
             given = getattr(entry, key)
             value = np.nan if given is None else given
-            if key in DIRECTIONS:
+            if key == KINDS[entry.kind].direction:
                 value = _direction(document, name, key, np.array(value))
             scaled = np.array(value, float) * si(key)
             values[stem_of(key)[0]] = scaled if scaled.ndim else float(scaled)
@@ -91,14 +90,14 @@ def certificates_of(
     seen: dict[tuple[str, frozenset[str]], int] = {}
     for i, entry in enumerate(file.certificates):
         where = document.where(("certificates", i))
-        key, kinds = KINDS[entry.kind]
-        named = getattr(entry, key)
+        named = getattr(entry, NAMES[entry.kind])
         names = (named,) if isinstance(named, str) else tuple(named)
         for name in names:
             if name not in by_name:
                 _, remedy = unknown("target", name, by_name)
                 raise BayescalError(f"a certificate names `{name}`, which is no target", where, remedy)
-            if by_name[name].kind not in kinds:
+            kinds = [k.name for k in KINDS.values() if len(names) == 2 or entry.kind in k.certificates]
+            if by_name[name].kind not in kinds:  # of a pair, see `joins`
                 what = f"a `{entry.kind}` certificate names `{name}`, a {by_name[name].kind}"
                 raise BayescalError(what, where, f"name a target of kind {' or '.join(kinds)}")
         if len(set(names)) < len(names):

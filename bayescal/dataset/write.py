@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.dataset.read import SETTINGS, TABLE
-from bayescal.dataset.schema import CERTIFICATES, SCHEMA, TARGETS, ToolEntry
-from bayescal.dataset.session import FIELDS, KINDS
+from bayescal.dataset.schema import CERTIFICATES, SCHEMA, ToolEntry
+from bayescal.dataset.session import FIELDS, NAMES
 from bayescal.dataset.table import JOINT, RPY, XYZ, joint_columns
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Certificate, Dataset, Target, Tool
 from bayescal.errors import BayescalError
 from bayescal.files import si, stem_of
@@ -110,8 +111,7 @@ def _target(target: Target) -> str:
     def items() -> Iterator[tuple[str, str]]:
         yield "kind", target.kind
         own = {"u_mm": target.u, "u_rad": target.u_angle}
-        keys = [k for k in TARGETS[target.kind].model_fields if k != "kind"]
-        for key in sorted(keys, key=lambda k: k in own):
+        for key in (*KINDS[target.kind].keys, *own):
             value = own[key] if key in own else target.values[stem_of(key)[0]]
             if value is not None and not np.isnan(value).any():
                 yield key, _text(key, value)
@@ -122,7 +122,7 @@ def _target(target: Target) -> str:
 def _certificate(certificate: Certificate) -> str:
     def items() -> Iterator[tuple[str, str]]:
         yield "kind", certificate.kind
-        key = KINDS[certificate.kind][0]
+        key = NAMES[certificate.kind]
         names = ", ".join(map(scalar, certificate.targets))
         yield key, names if key == "target" else f"[{names}]"
         for key in CERTIFICATES[certificate.kind].model_fields:

@@ -14,6 +14,7 @@ import numpy as np
 
 from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Motion, Term
 from bayescal.dataset import Certificate as CertificateEntry
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import MODELS, UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.model.block import ARM, Block, Constraint, Turned
@@ -22,8 +23,6 @@ from bayescal.model.parts import Part, kept
 from bayescal.model.scene import Scene, u_of
 from factors import certificate
 from factors.cylinder import Cylinder
-from factors.distance import Distance
-from factors.instrument import Instrument
 from factors.kind import Kind
 from factors.sphere import Sphere
 
@@ -118,9 +117,10 @@ class Model:
     def knows_length(self) -> bool:
         """Whether anything but the priors says how long the arm is."""
         stated = {t.name for t in self.scene.dataset.targets if t.u is not None and t.u <= KNOWN_PLACE}
+        fitted = {b.target for b in self.blocks}
         return (
             any(t.kind in LENGTHS and self._looseness(t) <= KNOWN_PLACE for t in self.constraints)
-            or any(isinstance(b.kind, Instrument | Distance) for b in self.blocks)
+            or any(KINDS[t.kind].metric for t in self.scene.dataset.targets if t.name in fitted)
             or sum(b.target in stated for b in self.blocks) > 1
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,26 +11,19 @@ import numpy as np
 from bayescal.arm import chain as reference
 from bayescal.arm.chain import Chain, chain_of, link_angles
 from bayescal.arm.statics import gravity_moments
-from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Target
 from bayescal.dataset.joins import forms_of
+from bayescal.dataset.target_kinds import TargetKind, kinds_of, seen
 from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
 from bayescal.model import orientations
 from factors.certificate import RELATIONS, ordered
-from factors.cylinder import Cylinder
-from factors.distance import Distance
-from factors.fixed_point import FixedPoint
 from factors.instrument import Instrument
 from factors.kind import Kind
 from factors.orientation import Orientation
 from factors.plane import Plane
 from factors.relation import Relation, aligned, apart, between_faces, off_plane, square
-from factors.sphere import Sphere
 
-LOOSE, LOOSE_ANGLE = 50e-3, 0.2  # m, rad: the contract's priors of a target that states none
-DIAMETER_SD = 1e-3  # m, of a diameter that no certificate states
-POINT_KINDS = ("instrument",)
 STATED: dict[str, dict[Relation, tuple[tuple[str, str], ...]]] = {
     "parallel": {
         aligned: (("parallel 1", "rad"), ("parallel 2", "rad")),
@@ -135,6 +128,11 @@ class Scene:
         """Which rows tell how the tool is turned, (N,)."""
         return orientations.posed(self.dataset) & self.oriented
 
+    @cached_property
+    def declared(self) -> tuple[TargetKind, ...]:
+        """The declared kind of every target."""
+        return kinds_of(self.dataset)
+
     def rows(self, *roles: str) -> np.ndarray:
         """Indices of the rows with one of the roles, in order."""
         return np.flatnonzero(np.isin(self.dataset.measurements.role, roles))
@@ -188,7 +186,7 @@ class Scene:
         for t in np.unique(target):
             rows = np.flatnonzero(target == t)
             kind = self.kind(int(t), rows)
-            if isinstance(kind, Plane | Sphere | Cylinder):
+            if self.declared[t].touched:
                 _, u, _ = kind.linearise(np.zeros(len(kind.sd)), self.points[rows].T)
                 out[rows] = -u[0].T
         return out
@@ -212,8 +210,9 @@ class Scene:
         out: list[Face] = []
         for t in np.unique(d.measurements.target[fitted]):
             kind = self.kind(int(t), self.rows_of(int(t), fitted))
-            if not isinstance(kind, Plane):
+            if not self.declared[t].flat:
                 continue
+            assert isinstance(kind, Plane)
             touching = d.measurements.target == t
             place = np.where(touching[:, None], (self.points - kind.pivot) @ kind.tangents.T, 0.0)
             mine = place[self.rows_of(int(t), fitted)]
@@ -259,14 +258,14 @@ class Scene:
     def group(self, target: int) -> str:
         """Which stated noise, and so which noise scale, a target's residuals have: contact or point."""
         item = self.dataset.targets[target]
-        group = "point" if item.kind in POINT_KINDS else "contact"
+        group = self.declared[target].noise
         return f"{group} of {item.noise}" if item.noise else group
 
     def sigma(self, rows: np.ndarray) -> np.ndarray:
         """Stated standard uncertainty of one residual of each row, m, without that of the readings."""
         d, m = self.dataset, self.dataset.measurements
-        kinds = np.array([t.kind for t in d.targets])[m.target[rows]]
-        stated = np.where(np.isin(kinds, POINT_KINDS), d.noise.point or np.nan, d.noise.contact or np.nan)
+        of_kind = [getattr(d.noise, kind.noise) or np.nan for kind in self.declared]
+        stated = np.array(of_kind)[m.target[rows]]
         if m.u is not None:
             stated = np.where(np.isnan(m.u[rows]), stated, m.u[rows])
         return stated
@@ -287,74 +286,9 @@ class Scene:
         mine = np.flatnonzero(m.target == target)
         fitted = mine[m.role[mine] == "calibrate"]
         middle = self.points[fitted if len(fitted) else mine].mean(axis=0)
-        radii = np.array([t.ball_radius or 0.0 for t in self.dataset.tools])[m.tool[rows]]
-        return KINDS[item.kind](item, _Rows(middle, radii, rows, self.dataset))
+        return self.declared[target].build(item, seen(self.dataset, target, rows, middle))
 
 
 def _tied(targets: Sequence[Target]) -> bool:
     """Whether a target's place in F0 is stated."""
     return any(t.u is not None or t.u_angle is not None for t in targets)
-
-
-@dataclass(frozen=True)
-class _Rows:
-    middle: np.ndarray
-    radii: np.ndarray
-    rows: np.ndarray
-    dataset: Dataset
-
-
-def _place_sd(t: Target) -> float:
-    return LOOSE if t.u is None else t.u
-
-
-def _angle_sd(t: Target) -> float:
-    return LOOSE_ANGLE if t.u_angle is None else t.u_angle
-
-
-def _plane(t: Target, rows: _Rows) -> Plane:
-    normal = np.asarray(t.values["normal"], float)
-    pivot = rows.middle - (normal @ rows.middle - t.values["offset"]) * normal
-    return Plane(normal, pivot, rows.radii, np.array([_angle_sd(t), _angle_sd(t), _place_sd(t)]))
-
-
-def _sphere(t: Target, rows: _Rows) -> Sphere:
-    sd = np.array([_place_sd(t)] * 3 + [DIAMETER_SD])
-    return Sphere(np.asarray(t.values["centre"]), float(t.values["diameter"]), rows.radii, sd)
-
-
-def _cylinder(t: Target, rows: _Rows) -> Cylinder:
-    axis, point = np.asarray(t.values["axis"], float), np.asarray(t.values["point"], float)
-    point = point + axis * (axis @ (rows.middle - point))
-    sd = np.array([_angle_sd(t)] * 2 + [_place_sd(t)] * 2 + [DIAMETER_SD])
-    return Cylinder(point, axis, float(t.values["diameter"]), rows.radii, sd)
-
-
-def _fixed_point(t: Target, rows: _Rows) -> FixedPoint:
-    return FixedPoint(np.asarray(t.values["centre"], float), np.full(3, _place_sd(t)))
-
-
-def _distance(t: Target, rows: _Rows) -> Distance:
-    length = np.full(len(rows.rows), t.values.get("length", np.nan), float)
-    read = rows.dataset.measurements.length
-    if read is not None:
-        length = np.where(np.isnan(read[rows.rows]), length, read[rows.rows])
-    return Distance(np.asarray(t.values["centre"], float), length, np.full(3, _place_sd(t)))
-
-
-def _instrument(t: Target, rows: _Rows) -> Instrument:
-    frame = rigid(rpy_matrix(np.asarray(t.values["rpy"])), np.asarray(t.values["xyz"]))
-    xyz = rows.dataset.measurements.xyz
-    assert xyz is not None
-    sd = np.array([_angle_sd(t)] * 3 + [_place_sd(t)] * 3)
-    return Instrument(frame, rows.middle, xyz[rows.rows], sd)
-
-
-KINDS: dict[str, Callable[[Target, _Rows], Kind]] = {
-    "plane": _plane,
-    "sphere": _sphere,
-    "cylinder": _cylinder,
-    "fixed-point": _fixed_point,
-    "distance": _distance,
-    "instrument": _instrument,
-}

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.chain import chain_of, link_angles, points
+from bayescal.dataset import target_kinds
 from bayescal.dataset.contacts import Contacts, residual, scatter
-from bayescal.dataset.types import Dataset, Target
+from bayescal.dataset.target_kinds import KINDS
+from bayescal.dataset.types import Dataset
 
 OFF = 0.05
 """m: a contact this far from where the others of its target put the surface is impossible."""
@@ -21,14 +23,10 @@ def nominal(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
     return points(chain_of(dataset.robot), link_angles(dataset.robot, readings), tool)
 
 
-def contacts(dataset: Dataset, target: Target, p: np.ndarray, at: np.ndarray) -> Contacts:
+def contacts(dataset: Dataset, target: int, p: np.ndarray, at: np.ndarray) -> Contacts:
     """The rows `at` of one target, with ball centres p (N, 3), m, of all rows."""
-    rows = dataset.measurements
-    radius = np.array([t.ball_radius or 0.0 for t in dataset.tools])[rows.tool[at]]
-    length = np.full(len(at), target.values.get("length", np.nan))
-    if rows.length is not None:
-        length = np.where(np.isfinite(rows.length[at]), rows.length[at], length)
-    return Contacts(target, p[at], radius, length)
+    seen = target_kinds.seen(dataset, target, at, p[at].mean(axis=0))
+    return Contacts(dataset.targets[target], p[at], seen)
 
 
 def seen(dataset: Dataset, p: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -42,8 +40,8 @@ def away(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
     p, out = nominal(dataset, readings), np.zeros(len(readings))
     for index, target in enumerate(dataset.targets):
         at = np.flatnonzero(dataset.measurements.target == index)
-        if target.kind == "instrument":
+        if not KINDS[target.kind].placed:
             out[at] = seen(dataset, p, at)
         elif len(at):
-            out[at] = np.linalg.norm(residual(contacts(dataset, target, p, at))[0], axis=1)
+            out[at] = np.linalg.norm(residual(contacts(dataset, index, p, at))[0], axis=1)
     return out

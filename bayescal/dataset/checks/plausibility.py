@@ -9,8 +9,9 @@ import numpy as np
 from bayescal.arm.robot import Robot
 from bayescal.dataset.checks.misfit import OFF, contacts, nominal, seen
 from bayescal.dataset.checks.units import suspicion
-from bayescal.dataset.contacts import Contacts, priors, residual, settled
+from bayescal.dataset.contacts import Contacts, residual, settled
 from bayescal.dataset.table import Table
+from bayescal.dataset.target_kinds import KINDS, angle_sd, place_sd
 from bayescal.dataset.types import Dataset, Target
 from bayescal.errors import BayescalError
 from bayescal.files import Document
@@ -47,10 +48,10 @@ def check(dataset: Dataset, table: Table, document: Document) -> None:
         at = np.flatnonzero(rows.target == index)
         if not len(at):
             continue
-        if target.kind == "instrument":
+        if not KINDS[target.kind].placed:
             away = seen(dataset, p, at)
         else:
-            mine = contacts(dataset, target, p, at)
+            mine = contacts(dataset, index, p, at)
             away = np.linalg.norm(residual(mine)[0], axis=1)
             if (away <= limit[at]).all():
                 continue
@@ -101,12 +102,12 @@ def _check_place(contacts: Contacts, away: np.ndarray, document: Document) -> No
     its values are taken for another unit's.
     """
     target = contacts.target
-    u, angle = priors(target)
+    u, angle = place_sd(target), angle_sd(target)
     if away.min() <= OFF:
         return
     remedy = ""
     for factor, unit in ((1e3, "m"), (1e-3, "um")):
-        keep = ("normal", "axis", "diameter")
+        keep = (KINDS[target.kind].direction, "diameter")
         values = {k: v if k in keep else v * factor for k, v in target.values.items()}
         other = replace(contacts, target=replace(target, values=values))
         if np.median(np.linalg.norm(residual(other)[0], axis=1)) < OFF:
@@ -124,13 +125,13 @@ def _check_rows(
     bad = away > limit
     if not bad.any():
         return
-    noun = "readings" if target.kind == "instrument" else "contacts"
+    noun = "readings" if KINDS[target.kind].noise == "point" else "contacts"
     if bad.mean() > 0.5:
         what = f"most {noun} of `{target.name}` disagree with the arm by {1e3 * np.median(away):.0f} mm"
         remedy = "check the target, the tool and the units"
         raise BayescalError(what, document.where(("targets", target.name)), remedy)
     row = int(np.argmax(away))
-    which = "reading" if target.kind == "instrument" else "contact"
+    which = "reading" if KINDS[target.kind].noise == "point" else "contact"
     what = f"impossible {which}: {1e3 * away[row]:.0f} mm off where the others put `{target.name}`"
     more = f" ({bad.sum() - 1} more rows are as far off)" if bad.sum() > 1 else ""
     raise table.error(at[row], what + more, "check target, tool and joint readings, or leave the row out")

@@ -1,0 +1,245 @@
+"""Kinds of target, each declared once: keys of dataset.yaml, measurement kind, what rows must have.
+
+The schema, the checks of a dataset, the writer, the scene and the model read `KINDS` alone. A further kind
+is a file in `factors/` and an entry here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.dataset.types import Dataset, Target
+from bayescal.files import Number, Positive, Vector
+from factors.cylinder import Cylinder
+from factors.distance import Distance
+from factors.fixed_point import FixedPoint
+from factors.instrument import Instrument
+from factors.kind import Kind
+from factors.plane import Plane
+from factors.sphere import Sphere
+
+LOOSE, LOOSE_ANGLE = 50e-3, 0.2
+"""m, rad: the contract's prior of a target that states none."""
+DIAMETER_SD = 1e-3
+"""m, of a diameter that no certificate states."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the measurement kind of a target is made of beside its entry, for M of its rows.
+
+    Parameters
+    ----------
+    middle : (3,) m, in F0
+        The mean of the nominal tool points of its fitted rows.
+    radius : (M,) m
+        Of the ball of each row's tool, 0 without one.
+    read : (M,) or (M, 3), or None
+        What the rows read in the column that the kind names, SI, nan where a cell is empty.
+    """
+
+    middle: np.ndarray
+    radius: np.ndarray
+    read: np.ndarray | None
+
+
+@dataclass(frozen=True, eq=False)
+class TargetKind:
+    """One kind of target.
+
+    Parameters
+    ----------
+    name : str
+        As ``kind`` in dataset.yaml.
+    summary : str
+        One line.
+    keys : mapping
+        Keys of its entry with the type of their value; beside these each has ``u_mm`` and ``u_rad``.
+    build : callable
+        The measurement kind of a target as some rows see it.
+    form : str
+        What it is to a certificate of two targets: of `factors.certificate.FORMS`.
+    place : callable
+        A nominal point of it in F0, (3,), m.
+    optional : tuple of str
+        Keys that may be left out.
+    direction : str
+        The key of its unit vector; "" for a point.
+    certificates : tuple of str
+        Certificates of one target that may name it.
+    reads : str
+        The field of `Measurements` that its rows read (``xyz``, ``length``), or "". Rows may leave a length
+        empty where the target states one.
+    noise : str
+        Whose stated noise its residuals have: ``contact`` or ``point``.
+    touched : bool
+        A ball meets a surface: the tool of every row has a ball, and the slope of the residual is the outward
+        normal.
+    flat : bool
+        The surface is a plane, whose form may be in error.
+    metric : bool
+        Its rows read a length, so that they say how long the arm is.
+    placed : bool
+        Its nominal place is known roughly; False of a frame that is found from its rows.
+    """
+
+    name: str
+    summary: str
+    keys: Mapping[str, Any]
+    build: Callable[[Target, Seen], Kind]
+    form: str
+    place: Callable[[Target], np.ndarray]
+    optional: tuple[str, ...] = ()
+    direction: str = ""
+    certificates: tuple[str, ...] = ()
+    reads: str = ""
+    noise: str = "contact"
+    touched: bool = False
+    flat: bool = False
+    metric: bool = False
+    placed: bool = True
+
+
+def seen(dataset: Dataset, target: int, rows: np.ndarray, middle: np.ndarray) -> Seen:
+    """What a target's kind is made of for some rows of a dataset."""
+    m = dataset.measurements
+    reads = KINDS[dataset.targets[target].kind].reads
+    read = getattr(m, reads) if reads else None
+    radius = np.array([t.ball_radius or 0.0 for t in dataset.tools])[m.tool[rows]]
+    return Seen(middle, radius, None if read is None else read[rows])
+
+
+def kinds_of(dataset: Dataset) -> tuple[TargetKind, ...]:
+    """The declared kind of every target."""
+    return tuple(KINDS[t.kind] for t in dataset.targets)
+
+
+def place_sd(t: Target) -> float:
+    """Standard uncertainty of a target's place, m."""
+    return LOOSE if t.u is None else t.u
+
+
+def angle_sd(t: Target) -> float:
+    """Standard uncertainty of a target's direction, rad."""
+    return LOOSE_ANGLE if t.u_angle is None else t.u_angle
+
+
+def _vector(t: Target, key: str) -> np.ndarray:
+    return np.asarray(t.values[key], float)
+
+
+def _plane(t: Target, seen: Seen) -> Plane:
+    normal = _vector(t, "normal")
+    pivot = seen.middle - (normal @ seen.middle - t.values["offset"]) * normal
+    return Plane(normal, pivot, seen.radius, np.array([angle_sd(t), angle_sd(t), place_sd(t)]))
+
+
+def _sphere(t: Target, seen: Seen) -> Sphere:
+    sd = np.array([place_sd(t)] * 3 + [DIAMETER_SD])
+    return Sphere(_vector(t, "centre"), float(t.values["diameter"]), seen.radius, sd)
+
+
+def _cylinder(t: Target, seen: Seen) -> Cylinder:
+    axis, point = _vector(t, "axis"), _vector(t, "point")
+    point = point + axis * (axis @ (seen.middle - point))
+    sd = np.array([angle_sd(t)] * 2 + [place_sd(t)] * 2 + [DIAMETER_SD])
+    return Cylinder(point, axis, float(t.values["diameter"]), seen.radius, sd)
+
+
+def _fixed_point(t: Target, seen: Seen) -> FixedPoint:
+    return FixedPoint(_vector(t, "centre"), np.full(3, place_sd(t)))
+
+
+def _distance(t: Target, seen: Seen) -> Distance:
+    length = np.full(len(seen.radius), t.values.get("length", np.nan), float)
+    if seen.read is not None:
+        length = np.where(np.isnan(seen.read), length, seen.read)
+    return Distance(_vector(t, "centre"), length, np.full(3, place_sd(t)))
+
+
+def _instrument(t: Target, seen: Seen) -> Instrument:
+    assert seen.read is not None
+    frame = rigid(rpy_matrix(_vector(t, "rpy")), _vector(t, "xyz"))
+    sd = np.array([angle_sd(t)] * 3 + [place_sd(t)] * 3)
+    return Instrument(frame, seen.middle, seen.read, sd)
+
+
+def _centre(t: Target) -> np.ndarray:
+    return _vector(t, "centre")
+
+
+KINDS: dict[str, TargetKind] = {
+    kind.name: kind
+    for kind in (
+        TargetKind(
+            "plane",
+            "``n.x = offset`` on the surface, n outward",
+            {"normal": Vector, "offset_mm": Number},
+            _plane,
+            form="plane",
+            place=lambda t: t.values["offset"] * _vector(t, "normal"),
+            direction="normal",
+            certificates=("flat",),
+            touched=True,
+            flat=True,
+        ),
+        TargetKind(
+            "sphere",
+            "a sphere, probed on its surface",
+            {"centre_mm": Vector, "diameter_mm": Positive},
+            _sphere,
+            form="point",
+            place=_centre,
+            certificates=("diameter",),
+            touched=True,
+        ),
+        TargetKind(
+            "cylinder",
+            "a cylinder, probed on its side",
+            {"point_mm": Vector, "axis": Vector, "diameter_mm": Positive},
+            _cylinder,
+            form="axis",
+            place=lambda t: _vector(t, "point"),
+            direction="axis",
+            certificates=("diameter",),
+            touched=True,
+        ),
+        TargetKind(
+            "fixed-point",
+            "a seat to which the ball's centre comes back",
+            {"centre_mm": Vector},
+            _fixed_point,
+            form="point",
+            place=_centre,
+        ),
+        TargetKind(
+            "distance",
+            "a ball bar or a wire: the ball's centre at a length from a fixed pivot",
+            {"centre_mm": Vector, "length_mm": Positive},
+            _distance,
+            form="point",
+            place=_centre,
+            optional=("length_mm",),
+            reads="length",
+            metric=True,
+        ),
+        TargetKind(
+            "instrument",
+            "the frame of a tracker or a camera in F0, which reads points and orientations",
+            {"xyz_mm": Vector, "rpy_deg": Vector},
+            _instrument,
+            form="point",
+            place=lambda t: _vector(t, "xyz"),
+            reads="xyz",
+            noise="point",
+            metric=True,
+            placed=False,
+        ),
+    )
+}
+"""Every kind, by its name in dataset.yaml."""
