@@ -30,16 +30,13 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from bayescal.calibration import fit
-from bayescal.dataset import read_dataset
-from bayescal.posterior.inference import inference_data
-from bayescal.reporting.fit.posterior import fit_draws
+import bayescal as bc
 
 HERE = Path.cwd()
 DATA = next(p / "data" / "lrmate200ic-cube" for p in (HERE, *HERE.parents) if (p / "data").is_dir())
 SAMPLES = int(os.environ.get("BAYESCAL_NOTEBOOK_SAMPLES", "4000"))  # effective draws of every parameter
 
-dataset = read_dataset(DATA)
+dataset = bc.read_dataset(DATA)
 rows = dataset.measurements
 count = Counter((str(role), dataset.targets[k].kind) for role, k in zip(rows.role, rows.target, strict=True))
 for (role, kind), number in sorted(count.items()):
@@ -54,7 +51,8 @@ for (role, kind), number in sorted(count.items()):
 # turn (as drawn, kinematic, kinematic with stiffness) and samples the posterior of the last with emcee.
 
 # %%
-calibration = fit(dataset, ("geometry", "compliance"), samples=SAMPLES, seed=1)
+result = bc.fit(dataset, ("geometry", "compliance"), samples=SAMPLES, seed=1)
+calibration = result.data
 draws = calibration.draws
 noise = 1e6 * calibration.final.unexplained.fitted
 print(f"noise of a contact {noise:.1f} um, {len(calibration.final.estimate.rejected)} contacts left out")
@@ -67,7 +65,7 @@ print(f"{draws.ess.min():.0f} effective draws or more, R-hat up to {np.nanmax(dr
 # ball alike: their sum is told, their difference is left to the prior.
 
 # %%
-data = inference_data(fit_draws(calibration))
+data = result.inference_data()
 
 import arviz as az
 

@@ -27,13 +27,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: more threa
 import matplotlib.pyplot as plt
 import numpy as np
 
-from bayescal.gap.diagnose import diagnose
-from bayescal.reporting.gap.phrases import headline
-from bayescal.simulation import Options, simulate
+import bayescal as bc
 
 HIDDEN = "backlash"
-session = simulate(Options(effects=("geometry", "compliance", HIDDEN), seed=4, contacts=300, placements=3))
-gap = diagnose(session.dataset, ("geometry", "compliance"), seed=1)
+session = bc.simulate(effects=("geometry", "compliance", HIDDEN), seed=4, contacts=300, placements=3)
+result = bc.diagnose(session, ("geometry", "compliance"), seed=1)
+gap = result.data
 
 # %% [markdown]
 # ## How big
@@ -79,8 +78,7 @@ plt.show()
 # cannot tell apart.
 
 # %%
-for line in headline(gap):
-    print(line)
+print(result)
 named = {n.effect for n in gap.verdict.named}
 print("90 % set:", ", ".join(gap.verdict.credible_set90))
 ranked = sorted(gap.verdict.probability.items(), key=lambda item: item[1])[-6:]
