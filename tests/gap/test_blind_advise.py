@@ -315,7 +315,7 @@ def test_more_load_tells_a_bent_link_and_turning_tells_play(cubes):
     readings = {tuple(r) for r in cubes.dataset.measurements.readings.tolist()}
     assert set(load.poses) <= readings
     assert any(a.separates == ("eccentricity", "noise only") for a in found)
-    assert any("turning" in a.what for a in found if a.separates[0] == "backlash")
+    assert any("both directions" in a.what for a in found if a.separates[0] == "backlash")
     small = [replace(h, state=replace(h.state, step=1e-4 * h.state.step)) for h in (bent, scaled)]
     assert advising.advise(cubes.fitted, cubes.known, [(small[0], small[1])]) == ()
     assert advising.advise(cubes.fitted, cubes.known, []) == ()
