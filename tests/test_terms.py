@@ -60,6 +60,7 @@ NOT_YET: tuple[str, ...] = (
     "bayescal/model",
     "bayescal/posterior",
     "bayescal/predict",
+    "bayescal/public",
     "bayescal/reporting/fit/files.py",
     "bayescal/reporting/fit/posterior.py",
     "bayescal/reporting/fit/record.py",
