@@ -7,13 +7,11 @@ from bayescal.estimate.enough import check_enough
 from bayescal.estimate.estimate import Estimate, calibrated, estimate, settled, standing
 from bayescal.estimate.linear import Linear, leverages, linearise
 from bayescal.estimate.noise import STATED_WORTH
-from bayescal.estimate.outliers import TAIL
 from bayescal.estimate.solver import add_block, add_constraints, solve
 from bayescal.estimate.weights import Weights, unit_weights
 
 __all__ = [
     "STATED_WORTH",
-    "TAIL",
     "Estimate",
     "Linear",
     "Weights",

@@ -1,78 +1,227 @@
-"""Rows that no noise explains: sought with Student t weights, then left out."""
+"""One rule for outliers: which measurements no noise explains.
+
+A measurement of k rows (one contact, the three coordinates of a point) is judged as a whole, by the
+chi-square of its k residuals under their predicted covariance. A residual of the fit varies less than the
+noise, by the leverage H of its rows: sigma^2 (I - H). One that was left out varies more: sigma^2 (I + H).
+
+The scale of the noise comes first from the median of all chi-squares, which outliers hardly move, then from
+the measurements that are kept. Either is itself uncertain by its degrees of freedom, so a chi-square is
+compared with the F distribution. A session of clean normal noise loses `FALSE_REJECTIONS` measurements on
+average, however few contacts it has.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import chdtri, fdtrc
 
+from bayescal.estimate.linear import linearise
 from bayescal.estimate.noise import by_group
 from bayescal.estimate.solver import solve
 from bayescal.estimate.weights import Weights
-from bayescal.model.block import ARM
 from bayescal.model.model import Model
 
 TAIL = 4.0
-"""Degrees of freedom of the Student t that weighs rows while outliers are sought."""
+"""Degrees of freedom of the Student t that weighs measurements while outliers are sought."""
 ROUNDS = 25
 """At most so many reweightings."""
-MEDIAN_SIZE = {1: 0.6745, 3: 0.8881}
-"""Median of the root mean square of one, or three, standard normal residuals."""
+HARD_ROUNDS = 5
+"""At most so many fits with measurements left out."""
 FALSE_REJECTIONS = 0.01
-"""Contacts of clean normal noise that a session loses as outliers on average."""
+"""Measurements of clean normal noise that a session loses as outliers on average."""
+MEDIAN_WORTH = 0.37
+"""Degrees of freedom that a residual is worth to a scale from the median: its efficiency, normal noise."""
+LEAST_SPARE = 1e-3
+"""Share of a residual's variance that the fit leaves, below which it is taken for this share: rounding."""
 
 
-def row_sizes(model: Model, weights: Weights, z: np.ndarray) -> dict[str, np.ndarray]:
-    """Residuals over the stated noise, one size a row (C,): the root mean square over a row's residuals."""
+def freed(residual: np.ndarray, leverage: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Chi-squares (C,) of measurements under the covariance that a fit predicts of their residuals.
+
+    Parameters
+    ----------
+    residual : np.ndarray, shape (C, k)
+        Over the standard uncertainty of the noise.
+    leverage : np.ndarray, shape (C, k, k)
+        X Cov X' of each measurement's rows at full weight.
+    weight : np.ndarray, shape (C,)
+        Weight that each had in the fit: 0 where it was left out.
+
+    Notes
+    -----
+    The error of a prediction from all other measurements is (I - w H)^-1 r, of covariance I + H (I - w H)^-1;
+    their quadratic form is r' [(I - w H) (I + (1 - w) H)]^-1 r.
+    """
+    if residual.shape[1] == 1:
+        share, square = leverage[:, 0], residual**2
+    else:
+        share, turn = np.linalg.eigh(leverage)
+        square = np.einsum("cij,ci->cj", turn, residual) ** 2
+    w = weight[:, None]
+    return np.sum(square / (np.maximum(1.0 - w * share, LEAST_SPARE) * (1.0 + (1.0 - w) * share)), axis=1)
+
+
+def scale(chi2: np.ndarray, rows: np.ndarray | int, taken: float = 0.0) -> float:
+    """Robust scale of the noise, by the median chi-square of measurements.
+
+    Parameters
+    ----------
+    chi2 : np.ndarray, shape (C,)
+        Of each measurement, at noise scale 1.
+    rows : np.ndarray, shape (C,), or int
+        Of each measurement.
+    taken : float
+        Degrees of freedom that the fit took up, where the chi-squares are not `freed` of their leverage.
+    """
+    rows = np.broadcast_to(np.asarray(rows, float), chi2.shape)
+    total = float(np.sum(rows))
+    spare = max(total - taken, 0.25 * total)
+    return max(float(np.sqrt(np.median(chi2 / chdtri(rows, 0.5)) * total / spare)), 1e-3)
+
+
+def student_weights(chi2: np.ndarray, rows: np.ndarray | int, scale: float) -> np.ndarray:
+    """Weights (C,) of measurements with chi-squares (C,) of so many rows each, were noise Student t."""
+    return (TAIL + rows) / (TAIL + chi2 / scale**2)
+
+
+def limit(rows: np.ndarray) -> np.ndarray:
+    """Chi-square (C,) beyond which measurements of so many rows are outliers where the noise is known."""
+    return chdtri(np.asarray(rows, float), FALSE_REJECTIONS / max(len(rows), 1))
+
+
+def rejected(
+    chi2: np.ndarray,
+    rows: np.ndarray | int,
+    scale: float = 1.0,
+    dof: float = np.inf,
+    own: np.ndarray | bool = False,
+) -> np.ndarray:
+    """Which measurements (C,) are outliers: those that noise exceeds `FALSE_REJECTIONS` times a session.
+
+    Parameters
+    ----------
+    chi2 : np.ndarray, shape (C,)
+        Of each measurement, at noise scale 1.
+    rows : np.ndarray, shape (C,), or int
+        Of each measurement.
+    scale : float
+        Of the noise.
+    dof : float
+        Degrees of freedom that the scale stands on; infinite where it is known.
+    own : np.ndarray of bool, shape (C,), or bool
+        Whether the scale was estimated with the measurement itself, which is then taken out of it.
+    """
+    rows = np.broadcast_to(np.asarray(rows, float), chi2.shape)
+    size, level = chi2 / scale**2, FALSE_REJECTIONS / max(len(chi2), 1)
+    if np.isinf(dof):
+        return size > limit(rows)
+    rest = np.maximum(dof - rows * own, 1e-3)
+    left = np.maximum(dof - size * own, 1e-12)
+    return fdtrc(rows, rest, size / rows * rest / left) < level
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Measurements of one noise, and what a fit left of them."""
+
+    chi2: np.ndarray  # (C,) freed of leverage, at noise scale 1
+    square: np.ndarray  # (C,) sum of the squared residuals as they are, at noise scale 1
+    taken: np.ndarray  # (C,) trace of the leverage
+    rows: np.ndarray  # (C,)
+    weight: np.ndarray  # (C,) that each had in the fit
+
+    @classmethod
+    def of(cls, parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Judged:
+        """Judge parts of C measurements of k rows, one after another.
+
+        Each part has residuals (C, k) over the standard uncertainty of the noise, their slopes (C, k, D) by
+        parameters of unit covariance, and the weights (C,) that they had in the fit.
+        """
+        chi2, square, taken, rows, weight = [], [], [], [], []
+        for residual, slopes, own in parts:
+            leverage = slopes @ np.swapaxes(slopes, 1, 2)
+            chi2.append(freed(residual, leverage, own))
+            square.append(np.sum(residual**2, axis=1))
+            taken.append(np.trace(leverage, axis1=1, axis2=2))
+            rows.append(np.full(len(residual), residual.shape[1]))
+            weight.append(own)
+        return cls(*map(np.concatenate, (chi2, square, taken, rows, weight)))
+
+    @property
+    def dof(self) -> float:
+        """Degrees of freedom that the fit leaves to the noise."""
+        return max(float(np.sum(self.weight * (self.rows - self.taken))), 1e-3)
+
+    @property
+    def robust(self) -> float:
+        """Scale of the noise by the median."""
+        return scale(self.chi2, self.rows)
+
+    def student_weights(self) -> np.ndarray:
+        """Weights (C,) for another fit, were noise Student t."""
+        return student_weights(self.chi2, self.rows, self.robust)
+
+    def outliers(self) -> np.ndarray:
+        """Which measurements (C,) are rejected.
+
+        After a fit with Student t weights they are judged by the robust scale. After one that kept some and
+        left out others, by the scale of those that were kept.
+        """
+        kept = self.weight == 1.0
+        if not np.all(kept | (self.weight == 0.0)):
+            return rejected(self.chi2, self.rows, self.robust, MEDIAN_WORTH * self.dof)
+        size = np.sqrt(float(np.sum(self.square[kept])) / self.dof)
+        return rejected(self.chi2, self.rows, max(size, 1e-3), self.dof, kept)
+
+
+def judged(model: Model, z: np.ndarray, weights: Weights, covariance: np.ndarray) -> dict[str, Judged]:
+    """All measurements of a fit by noise group, in the order of the group's blocks."""
+    unit = replace(weights, row={name: np.ones_like(w) for name, w in weights.row.items()})
+    linear, root = linearise(model, z, unit), np.linalg.cholesky(covariance)
     out = {}
-    arm = model.deviations(z[model.slices[ARM]])
-    for block in model.blocks:
-        r = block.residual(arm, z[model.slices[block.target]])
-        r = r / weights.sigma[block.name].reshape(r.shape)
-        out[block.name] = np.sqrt(np.mean(r**2, axis=0))
-    return out
-
-
-def robust_scales(model: Model, sizes: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Robust noise scales by group: the median size of a row over that of normal noise."""
-    out, every = {}, sum(b.residuals for b in model.blocks)  # a group has its share of the parameters
     for group, blocks in by_group(model).items():
-        size = np.concatenate([sizes[b.name] / MEDIAN_SIZE[b.kind.rows] for b in blocks])
-        count = sum(b.residuals for b in blocks)
-        spare = max(count - model.size * count / every, 0.25 * count)
-        out[group] = max(float(np.median(size)) * np.sqrt(count / spare), 1e-3)
+        parts = []
+        for b in blocks:
+            at, count = linear.of_block[b.name], len(b.rows)
+            r = linear.residual[at].reshape(-1, count).T * weights.scale[group]
+            slopes = (linear.jacobian[at] @ root).reshape(-1, count, len(root))
+            parts.append((r, np.swapaxes(slopes, 0, 1), weights.row[b.name]))
+        out[group] = Judged.of(parts)
     return out
 
 
 def without_outliers(model: Model, z: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights, int]:
-    """Student t reweighting until the fit rests, then the rows beyond what their number explains left out."""
-    iterations = 0
-    count = sum(len(b.rows) for b in model.blocks)
+    """Student t reweighting until the fit rests, then the measurements that are rejected left out."""
+    z, covariance, iterations = solve(model, weights, z)
     for _ in range(ROUNDS):
-        sizes = row_sizes(model, weights, z)
-        scale = robust_scales(model, sizes)
-        row = {
-            b.name: (TAIL + b.kind.rows) / (TAIL + b.kind.rows * (sizes[b.name] / scale[b.group]) ** 2)
-            for b in model.blocks
-        }
-        weights = replace(weights, row=row, scale=scale)
-        before = z
-        z, _, more = solve(model, weights, z)
+        found = judged(model, z, weights, covariance())
+        row = {g: own.student_weights() for g, own in found.items()}
+        weights, before = _reweighted(model, weights, row, found), z
+        z, covariance, more = solve(model, weights, z)
         iterations += more
         if np.max(np.abs(z - before), initial=0.0) < 1e-3:
             break
-    for _ in range(4):
-        sizes = row_sizes(model, weights, z)
-        scale = robust_scales(model, sizes)
-        limit = -ndtri(FALSE_REJECTIONS / 2 / count)
-        row = {}
-        for b in model.blocks:
-            row[b.name] = (sizes[b.name] <= limit * scale[b.group]).astype(float)
-        if all(np.array_equal(row[k], weights.row[k]) for k in row):
+    for _ in range(HARD_ROUNDS):
+        found = judged(model, z, weights, covariance())
+        row = {g: 1.0 - own.outliers() for g, own in found.items()}
+        before = weights
+        weights = _reweighted(model, weights, row, found)
+        if all(np.array_equal(w, before.row[name]) for name, w in weights.row.items()):
             break
-        weights = replace(weights, row=row, scale=scale)
-        z, _, more = solve(model, weights, z)
+        z, covariance, more = solve(model, weights, z)
         iterations += more
     return z, weights, iterations
+
+
+def _reweighted(
+    model: Model, weights: Weights, row: Mapping[str, np.ndarray], found: Mapping[str, Judged]
+) -> Weights:
+    """Weights with those of measurements by noise group, and the groups' robust scales."""
+    of_block = {}
+    for group, blocks in by_group(model).items():
+        ends = np.cumsum([len(b.rows) for b in blocks])[:-1]
+        of_block |= {b.name: w for b, w in zip(blocks, np.split(row[group], ends), strict=True)}
+    return replace(weights, row=of_block, scale={g: own.robust for g, own in found.items()})

@@ -17,10 +17,6 @@ from typing import Final
 class LinearSettings:
     """The linear problem: outliers, noise, evidence of columns, mass errors."""
 
-    outliers: float = 0.02
-    """Expected share of gross contacts (assumed)."""
-    gross_width: float = 200.0
-    """Stated standard deviations over which a gross contact may lie anywhere (assumed)."""
     rounds: int = 30
     """Reweightings at most (cost)."""
     scales: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)

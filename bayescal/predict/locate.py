@@ -8,6 +8,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.estimate.checks import LARGEST_STEP
+from bayescal.estimate.outliers import rejected, scale, student_weights
 from bayescal.predict.starts import starts
 from factors.kind import Kind
 
@@ -22,8 +23,6 @@ APART = 5.0
 """Posterior standard deviations from which on two solutions are two places."""
 SUSPICIOUS = 2.0
 """Noise standard deviations of a least-squares residual from which on slipped contacts are looked for."""
-TAIL = 4.0  # degrees of freedom of the Student t that weighs the rows
-OUTLIER = 4.5  # noise standard deviations beyond which a row does not help to find its target
 
 
 @dataclass(frozen=True)
@@ -161,8 +160,8 @@ def locate(
 
     keep = np.ones(p.shape[1])
     found, chosen = best(keep, begin)
-    size = _sizes(kind, chosen, p, sigma, tool_slopes)
-    if size.max(initial=0.0) > SUSPICIOUS * max(float(np.median(size)) / 0.6745, 1.0):
+    chi2 = _chi2(kind, chosen, p, sigma, tool_slopes)
+    if chi2.max(initial=0.0) > SUSPICIOUS**2 * kind.rows * max(scale(chi2, kind.rows), 1.0) ** 2:
         keep = robust_rows(kind, p, sigma, tool_slopes, tool_sd, chosen.x)
         found, chosen = best(keep, begin)
     _check(name, found, chosen, kind)
@@ -199,12 +198,12 @@ def _check(name: str, found: States, chosen: States, kind: Kind) -> None:
         )
 
 
-def _sizes(
+def _chi2(
     kind: Kind, at: States, p: np.ndarray, sigma: np.ndarray, tool_slopes: np.ndarray | None
 ) -> np.ndarray:
-    """Root mean square (C,) of each row's residuals over their standard uncertainty."""
+    """Chi-square (C,) of each row's residuals over their standard uncertainty."""
     q = p if tool_slopes is None else p + np.tensordot(at.tool[0], tool_slopes[0], 1)
-    return np.sqrt(np.mean((kind.residual(at.x, q[None])[0] / sigma) ** 2, axis=0))
+    return np.sum((kind.residual(at.x, q[None])[0] / sigma) ** 2, axis=0)
 
 
 def robust_rows(
@@ -215,17 +214,17 @@ def robust_rows(
     tool_sd: float = 0.0,
     start: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Which rows help to locate a target, (C,) of 0 and 1: those within `OUTLIER` of a Student t fit.
+    """Which rows help to locate a target, (C,) of 0 and 1: no outliers of a Student t fit.
 
     p of shape (3, C), sigma (rows, C), tool_slopes (1, 3, 3, C) and start as for `search`. More than the
     stated scatter is allowed for by the median.
     """
     weight = np.ones(p.shape[-1])
-    size = np.zeros_like(weight)
+    unknowns = int(np.sum(kind.sd > 0)) + (0 if tool_slopes is None else 3)
     for _ in range(8):
         at = search(kind, p[None], np.sqrt(weight) / sigma, None, tool_slopes, tool_sd, start)
         start = at.x
-        size = _sizes(kind, at, p, sigma, tool_slopes)
-        scale = max(float(np.median(size)) / 0.6745, 1.0)
-        weight = (TAIL + 1) / (TAIL + (size / scale) ** 2)
-    return (size <= OUTLIER * scale).astype(float)
+        chi2 = _chi2(kind, at, p, sigma, tool_slopes)
+        size = max(scale(chi2, kind.rows, unknowns), 1.0)
+        weight = student_weights(chi2, kind.rows, size)
+    return 1.0 - rejected(chi2, kind.rows, size)

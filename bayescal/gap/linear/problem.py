@@ -9,22 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
 from bayescal.arm.transforms import AXES
 from bayescal.effects import Parameter
-from bayescal.estimate import STATED_WORTH, TAIL, Estimate, linearise
+from bayescal.estimate import STATED_WORTH, Estimate, linearise
+from bayescal.estimate.outliers import Judged, limit, scale, student_weights
 from bayescal.gap.settings import LINEAR
 from bayescal.model import ARM, with_parameters
 from bayescal.model.length_blocks import length_blocks, main_group
 
-GROSS = float(
-    np.log(LINEAR.outliers / (1 - LINEAR.outliers)) + 0.5 * np.log(2 * np.pi) - np.log(LINEAR.gross_width)
-)
-"""Log density of a gross contact, over that of a good one at its centre and noise scale 1."""
 TURNS = ("rx", "ry", "rz")
 
 
@@ -56,6 +54,23 @@ class Problem:
     def lengths(self) -> int:
         """Number L of residuals that are lengths."""
         return len(self.sigma)
+
+    @cached_property
+    def by_size(self) -> list[np.ndarray]:
+        """Residuals (C, k) of the contacts of k rows, for every k."""
+        order, size = np.argsort(self.contact, kind="stable"), np.bincount(self.contact)
+        first = np.cumsum(size) - size
+        return [order[first[size == k][:, None] + np.arange(k)] for k in np.unique(size)]
+
+    @property
+    def ends(self) -> np.ndarray:
+        """Where the contacts of each size but the last end, of all in the order of `by_size`."""
+        return np.cumsum([len(at) for at in self.by_size])[:-1]
+
+    @cached_property
+    def gross(self) -> np.ndarray:
+        """Log density (contacts,) of an outlier: that of a good contact at the limit of rejection."""
+        return -0.5 * limit(np.bincount(self.contact))
 
 
 def problem(fitted: Estimate, extra: Sequence[Parameter], nuisance: Sequence[Parameter] = ()) -> Problem:
@@ -241,14 +256,18 @@ def fit_state(
         step = -cho_solve(factor, score / kappa**2 + push)
         return step, p.residual + design @ step, info, factor
 
+    def judged(r: np.ndarray, kappa: float, factor) -> Judged:
+        slopes = solve_triangular(factor[0], design[:count].T, lower=True).T / kappa
+        return Judged.of([(r[at], slopes[at], weight[at[:, 0]]) for at in p.by_size])
+
     kappa = 1.0
     if robust and start is None:
-        for k in range(LINEAR.rounds):  # Student t, with a scale from the middle of the residuals
+        for k in range(LINEAR.rounds):  # Student t, with a scale from the median of the chi-squares
             step, r, info, factor = solve(weight, kappa)
-            square = np.bincount(p.contact, r[:count] ** 2) / size
-            before, kappa = kappa, _scatter(square, size, design.shape[1])
-            per = (TAIL + size) / (TAIL + size * square / kappa**2)
-            weight[:count] = per[p.contact]
+            square = np.bincount(p.contact, r[:count] ** 2)
+            taken = float(np.trace(cho_solve(factor, info)))
+            before, kappa = kappa, scale(square, size, taken)
+            weight[:count] = student_weights(square, size, kappa)[p.contact]
             if k > 2 and abs(np.log(kappa / before)) < 3e-3:
                 break
     for _ in range(LINEAR.rounds):
@@ -257,12 +276,12 @@ def fit_state(
         chi2 = float(np.sum(weight[:count] * r[:count] ** 2))
         kept = float(np.sum(weight[:count]))
         dof = max(kept - effective_dof, 0.0) + STATED_WORTH
-        before, kappa = kappa, float(np.sqrt((chi2 + STATED_WORTH) / dof))
         old = weight.copy()
         if robust:
-            total = np.bincount(p.contact, r[:count] ** 2)
-            good = -size * np.log(kappa) - 0.5 * total / kappa**2 > size * GROSS
-            weight[:count] = good[p.contact]
+            good = np.split(~judged(r, kappa, factor).outliers(), p.ends)
+            for at, own in zip(p.by_size, good, strict=True):
+                weight[at] = own[:, None]
+        before, kappa = kappa, float(np.sqrt((chi2 + STATED_WORTH) / dof))
         if abs(np.log(kappa / before)) < 1e-4 and np.array_equal(old, weight):
             break
     step, r, info, factor = solve(weight, kappa)
@@ -270,12 +289,13 @@ def fit_state(
     kept = float(np.sum(weight[:count]))
     effective_dof = float(np.trace(cho_solve(factor, info)))
     z = pull + step
+    lost = np.unique(p.contact[weight[:count] == 0])
     log_evidence = (
         -(kept + STATED_WORTH) * np.log(kappa)
         - 0.5 * (chi2 + STATED_WORTH) / kappa**2
         - 0.5 * (r[count:] @ r[count:] + z @ z)
         - float(np.sum(np.log(np.diag(factor[0]))))
-        + (count - kept) * GROSS
+        + float(np.sum(p.gross[lost]))
         - 0.5 * np.log(2.0 * (kept - effective_dof + STATED_WORTH))
     )
     covariance = cho_solve(factor, np.eye(len(z)))
@@ -287,11 +307,3 @@ def fit_state(
 def again(state: State, p: Problem) -> State:
     """A state on another form of its problem, with the contacts that it kept."""
     return fit_state(p, state.columns, state.scales, state.weight, robust=False)
-
-
-def _scatter(square: np.ndarray, size: np.ndarray, parameters: int) -> float:
-    """Robust noise scale from the mean squares of contacts."""
-    rows = float(np.sum(size))
-    spare = max(rows - parameters, 0.25 * rows)
-    middle = np.where(size == 1, 0.6745, 0.8881)
-    return max(float(np.median(np.sqrt(square) / middle) * np.sqrt(rows / spare)), 1e-3)
