@@ -23,12 +23,8 @@ class LinearSettings:
     """Factors on the prior standard deviations of effects over which evidence is averaged (cost)."""
     scale_spread: float = 3.0
     """Factor by which these prior standard deviations may be wrong, one sigma of its logarithm (assumed)."""
-    noise_lowest: float = -1.6
-    """Log of the lowest noise scale over the state's own, on which it is integrated (cost)."""
-    noise_highest: float = 0.25
-    """Log of the highest such noise scale (cost)."""
-    noise_nodes: int = 40
-    """Noise scales between the two (cost)."""
+    noise_nodes: int = 9
+    """Nodes of the Gauss-Hermite quadrature over the noise scale (cost)."""
     mass_share: float = 0.05
     """Standard uncertainty of a link's mass, and of each coordinate of its centre, as a share (assumed)."""
     load_share: float = 0.005
