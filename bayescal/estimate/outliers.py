@@ -207,9 +207,8 @@ def without_outliers(model: Model, z: np.ndarray, weights: Weights) -> tuple[np.
     for _ in range(HARD_ROUNDS):
         found = judged(model, z, weights, covariance())
         row = {g: 1.0 - own.outliers() for g, own in found.items()}
-        before = weights
-        weights = _reweighted(model, weights, row, found)
-        if all(np.array_equal(w, before.row[name]) for name, w in weights.row.items()):
+        old, weights = weights, _reweighted(model, weights, row, found)
+        if all(np.array_equal(w, old.row[name]) for name, w in weights.row.items()):
             break
         z, covariance, more = solve(model, weights, z)
         iterations += more
@@ -220,7 +219,7 @@ def _reweighted(
     model: Model, weights: Weights, row: Mapping[str, np.ndarray], found: Mapping[str, Judged]
 ) -> Weights:
     """Weights with those of measurements by noise group, and the groups' robust scales."""
-    of_block = {}
+    of_block: dict[str, np.ndarray] = {}
     for group, blocks in by_group(model).items():
         ends = np.cumsum([len(b.rows) for b in blocks])[:-1]
         of_block |= {b.name: w for b, w in zip(blocks, np.split(row[group], ends), strict=True)}
