@@ -16,7 +16,7 @@ class BayescalError(Exception):
     where : str, optional
         File, line or item, for example ``measurements.csv:17``.
     remedy : str, optional
-        How to mend it.
+        How to correct it.
     """
 
     def __init__(self, what: str, where: str = "", remedy: str = "") -> None:

@@ -1,4 +1,4 @@
-"""What an artefact's paper ties together: whitened residuals of one or two targets.
+"""What an artefact's certificate ties together: whitened residuals of one or two targets.
 
 Each function returns one that takes the targets' states x (..., size) and returns residuals
 (..., rows), already divided by their standard uncertainties, and their gradients by every x,
@@ -70,7 +70,7 @@ def join(
         Of `FORMS`, one a target.
     targets : (Kind, Kind)
     distance, u_distance : float, optional
-        m; where a length is stated. Papers state no sign: it is that of the nominal places.
+        m; where a length is stated. Certificates state no sign: it is that of the nominal places.
     u_angle : float, optional
         rad, where a direction is stated.
     """

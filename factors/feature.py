@@ -1,4 +1,4 @@
-"""What an artefact's paper speaks of: the point, axis or plane that a target at a state x is."""
+"""What an artefact's certificate speaks of: the point, axis or plane that a target at a state x is."""
 
 from __future__ import annotations
 

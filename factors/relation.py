@@ -70,7 +70,7 @@ def off_plane(a0: Feature, b0: Feature) -> Callable[[Feature, Feature], Values]:
 
 
 def between_faces(a0: Feature, b0: Feature) -> Callable[[Feature, Feature], Values]:
-    """Distance, m, of two planes, where papers measure it: from the point midway between their places."""
+    """Distance, m, of two planes, as certified: from the point midway between their places."""
     middle, first, second = 0.5 * (a0.place + b0.place), _direction(a0), _direction(b0)
     facing = np.sign(first @ second)  # -1 for the two sides of a block, 1 for a step
     side = np.sign(first @ (a0.place - middle) - facing * (second @ (b0.place - middle)))

@@ -1,4 +1,4 @@
-"""The fast twin of `chain`: the same passes in numba, held to the NumPy reference by the tests.
+"""The fast twin of `chain`: the same passes in numba, checked against the NumPy reference by the tests.
 
 Contacts are worked on in blocks of `WIDTH`, each quantity a row of one scratch array of that fixed
 width, so that every loop compiles to straight vector code. Two facts save most of the work:
@@ -230,7 +230,7 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
 
     Parameters
     ----------
-    values : (W, P) parameter values, SI, as deviations from the drawing
+    values : (W, P) parameter values, SI, as deviations from nominal
     constant_terms : (K0, 2) int64, site and parameter of the terms whose driver is 1
     terms : (K, 3) int64, site, parameter and driver row of the others, sorted by site
     firsts : (6 (n + 2) + 1,) int64, where each site's rows of `terms` begin

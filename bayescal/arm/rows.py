@@ -50,5 +50,5 @@ def split(
 
 
 def _small(turn: float) -> float:
-    """Of the two turns half a revolution apart the smaller: a and alpha keep the signs of the drawing."""
+    """Of the two turns half a revolution apart the smaller: a and alpha keep their nominal signs."""
     return float(turn - np.pi * np.round(turn / np.pi))

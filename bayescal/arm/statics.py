@@ -1,4 +1,4 @@
-"""Gravity moments on every frame of the arm, as drawn or as it stands."""
+"""Gravity moments on every frame of the arm, nominal or at the fitted pose."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def gravity_moments(
 ) -> np.ndarray:
     """Moment of the weight of all that a frame carries, about its origin, in its own axes.
 
-    They are computed once a fit, not once an evaluation. As drawn they are off by parts in a thousand:
+    They are computed once a fit, not once an evaluation. At nominal they are off by parts in a thousand:
     enough to put a compliance several standard deviations off, and the rest looks like an error of a
     joint by its angle. So they are computed again where the arm was found to stand. About joint j the
     torque is component z of frame j.
@@ -38,7 +38,7 @@ def gravity_moments(
     load_centre : np.ndarray, shape (C, 3)
         Its centre of mass in the flange frame, m.
     delta : np.ndarray, shape (C, n + 2, 6), optional
-        Where the frames stand beside the drawing, sag included.
+        Where the frames stand relative to nominal, sag included.
 
     Returns
     -------

@@ -11,7 +11,7 @@ import numpy as np
 from bayescal.dataset.types import Dataset, Measurements
 
 PAUSE = 3600.0
-"""s between the clocks of two sessions, which nobody knows (assumed)."""
+"""s between the clocks of two sessions, which is unknown (assumed)."""
 NAMED = ("stop", "repeat")
 """Columns of labels, called by their session."""
 EMPTY: Mapping[str, float] = {

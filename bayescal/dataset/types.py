@@ -48,7 +48,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Certificate:
-    """What an artefact's paper says of one or two targets; uncertainties are standard (k = 1).
+    """What an artefact's certificate says of one or two targets; uncertainties are standard (k = 1).
 
     kind ``parallel`` (distance m, u_distance m, u_angle rad), ``perpendicular`` (u_angle),
     ``distance`` (distance, u_distance), ``diameter`` (u_distance is that of the diameter),

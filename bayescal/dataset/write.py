@@ -1,4 +1,4 @@
-"""A `Dataset` to a folder on disk, whole or not at all."""
+"""A `Dataset` to a folder on disk, atomically."""
 
 from __future__ import annotations
 

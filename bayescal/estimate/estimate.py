@@ -57,7 +57,7 @@ def calibrated(
 ) -> Estimate:
     """Fit a model, and once more with the gravity moments where the arm was found to stand.
 
-    With moments of the drawing a compliance comes out several standard deviations off, while the residuals
+    With nominal moments a compliance comes out several standard deviations off, while the residuals
     hide it; the more so with a payload.
     """
     found = estimate(build(scene, effects, prior_width, without), robust=robust)
@@ -79,7 +79,7 @@ def standing(model: Model, values: np.ndarray) -> Scene:
     """The scene with its gravity moments where the arm stands at deviations (P,), SI."""
     scene = model.scene
     delta = model.motion(np.arange(len(scene.q))).displacements(values)
-    # the model starts from the drawing with the sag that the robot file knows, the statics from the drawing
+    # the model starts from nominal with the sag that the robot file knows, the statics from nominal
     delta[:, 1:-1, 0] += scene.q - link_angles(scene.dataset.robot, scene.dataset.measurements.readings)
     return replace(scene, delta=delta)
 

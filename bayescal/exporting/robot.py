@@ -42,7 +42,9 @@ def calibrated_robot(fitted: Estimate, name: str = "") -> Robot:
         for term in p.terms:
             if p.effect == "compliance":
                 compliance[term.frame - 1] += value
-            elif 0 <= term.frame <= robot.n and np.ndim(term.driver) == 0:  # not a contact's, not a paper's
+            elif (
+                0 <= term.frame <= robot.n and np.ndim(term.driver) == 0
+            ):  # not of a contact or a certificate
                 delta[term.frame, AXES.index(term.axis)] += value * float(term.driver)
     out = _displaced_rows(robot, delta)
     return replace(

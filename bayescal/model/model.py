@@ -33,7 +33,7 @@ ORIENTATION = "orientation"
 LENGTHS = ("parallel", "distance", "diameter")
 """Certificates that state a length."""
 KNOWN_PLACE = 1e-3
-"""Standard uncertainty, m, up to which two targets' places, or a paper that may be wrong, are a length."""
+"""Standard uncertainty, m, up to which two targets' places, or an uncertain certificate, define a length."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +92,11 @@ class Model:
 
     @cached_property
     def shift(self) -> np.ndarray:
-        """How far the prior means lie from the drawing, (P,), SI."""
+        """How far the prior means lie from nominal, (P,), SI."""
         return np.array([p.centre - p.nominal for p in self.parameters])
 
     def deviations(self, z: np.ndarray) -> np.ndarray:
-        """Deviations of the arm's parameters from the drawing (..., P), SI, from the arm's z (..., P)."""
+        """Deviations of the arm's parameters from nominal (..., P), SI, from the arm's z (..., P)."""
         return z * self.sd + self.shift
 
     def physical(self, z: np.ndarray) -> np.ndarray:
@@ -238,11 +238,11 @@ def build(
     ----------
     scene : Scene
     effects : tuple of str
-        Names of `effects.MODELS`; () leaves the arm as drawn.
+        Names of `effects.MODELS`; () leaves the nominal arm.
     prior_width : float
         Factor on the prior standard deviations of the arm's parameters.
     without : sequence of Part
-        Parts of the effects that stay as drawn.
+        Parts of the effects that stay nominal.
 
     Raises
     ------

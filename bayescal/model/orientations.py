@@ -35,7 +35,7 @@ def sigma(dataset: Dataset, count: int) -> np.ndarray:
 def tool_frames(dataset: Dataset, flange: np.ndarray) -> np.ndarray:
     """Nominal orientation of every tool on the flange, (tools, 3, 3).
 
-    Where a tool states none, the mean of what its rows read, with arm and instruments as drawn; flange
+    Where a tool states none, the mean of what its rows read, with nominal arm and instruments; flange
     (N, 3, 3) in F0.
     """
     m, measured = dataset.measurements, posed(dataset)

@@ -1,4 +1,4 @@
-"""A part of an effect, what it has at one place, left out of a model as if nobody had thought of it."""
+"""A part of an effect, what it has at one place, left out of a model as if it were unknown."""
 
 from __future__ import annotations
 

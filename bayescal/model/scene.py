@@ -50,7 +50,7 @@ def u_of(entry: Certificate, stated: Sequence[tuple[str, str]]) -> np.ndarray:
 class Scene:
     """A dataset, and what follows from it before anything is fitted.
 
-    `delta` (N, n + 2, 6) says where the frames were found to stand beside the drawing, for the statics.
+    `delta` (N, n + 2, 6) says where the frames were found to stand relative to nominal, for the statics.
     `oriented` says that the orientations that instruments read count, beside the points.
     """
 

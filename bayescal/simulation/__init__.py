@@ -59,8 +59,8 @@ def simulate(options: Options, allow_xacro: bool = False) -> Simulation:
     robot, _ = load_robot(options.robot, allow_xacro=allow_xacro)
     planned, scenery = plan(options, robot)
     targets = true_targets(options, scenery)
-    papers = (*planned.certificates, *distance_certificates(options, scenery, targets))
-    planned = replace(planned, certificates=papers)
+    certificates = (*planned.certificates, *distance_certificates(options, scenery, targets))
+    planned = replace(planned, certificates=certificates)
     world = World(options.effects, lambda model: draws(options, model), targets)
     try:
         world = misstated(world, planned)

@@ -1,4 +1,4 @@
-"""What a session knows before it begins: the tool, the targets where they should be, their papers."""
+"""What a session knows before it begins: the tool, the targets where they should be, their certificates."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def dataset_of(options: Options, robot: Robot, scenery: Scenery, measurements: M
 
 
 def _certificates(scenery: Scenery) -> tuple[Certificate, ...]:
-    """What the papers say of the cube and the spheres; distances between spheres are added with the truth."""
+    """Certificates of the cube and the spheres; distances between spheres are added with the truth."""
     out = []
     a, opposite, side, top = (f"cube.{face}" for face in scenery.faces)
     out.append(Certificate("parallel", (a, opposite), SIZE, U_DISTANCE, U_ANGLE))

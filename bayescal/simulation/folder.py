@@ -1,4 +1,4 @@
-"""A simulated session on disk: a dataset folder with its truth.json, whole or not at all."""
+"""A simulated session on disk: a dataset folder with its truth.json, atomically."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the truth of a session is written down, and how wrong the arm as drawn is."""
+"""How the truth of a session is written down, and how wrong the nominal arm is."""
 
 from __future__ import annotations
 

@@ -62,9 +62,9 @@ class World:
 
 
 def misstated(world: World, dataset: Dataset) -> World:
-    """The world with its faces moved, as little as does it, until the papers are as wrong as its arm says.
+    """The world with its faces moved, as little as does it, until the certificates have its error.
 
-    Papers speak of faces in the directions of the nominal ones, as a fit does.
+    Certificates speak of faces in the directions of the nominal ones, as a fit does.
     """
     arm = world.model(dataset)
     model = with_parameters(Scene(dataset), arm.effects, arm.parameters)

@@ -1,4 +1,4 @@
-"""What is true of a simulated session, drawn apart from its plan: arm, targets, papers, noise."""
+"""What is true of a simulated session, drawn apart from its plan: arm, targets, certificates, noise."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def draws(options: Options, model: Model) -> np.ndarray:
 
 
 def true_targets(options: Options, scenery: Scenery) -> tuple[Target, ...]:
-    """The targets where they truly are: put down a little wrong, and made as well as their papers say."""
+    """The targets where they truly are: slightly misplaced, made to their certificates."""
     rng = stream(options.seed, "targets")
     cube, out = scenery.cube, []
     turn, shift = rpy_matrix(rng.normal(0, ANGLE_SD, 3)), rng.normal(0, PLACE_SD, 3)
@@ -54,7 +54,7 @@ def true_targets(options: Options, scenery: Scenery) -> tuple[Target, ...]:
     made = rng.normal(0, 50e-6, (spheres, 3))  # the artefact is no better than its drawing; it is measured
     diameters = rng.normal(DIAMETER, U_SPHERE, (spheres,))
     names = iter(sphere_names(placements, spheres))
-    # the drawing's own frame: that of the first placement
+    # the nominal frame: that of the first placement
     drawing = scenery.spheres[:1].sum(axis=0)
     drawing = drawing - drawing.mean(axis=0, keepdims=True) if spheres else drawing
     for centres in scenery.spheres:
@@ -76,7 +76,7 @@ def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def distance_certificates(
     options: Options, scenery: Scenery, targets: Sequence[Target]
 ) -> tuple[Certificate, ...]:
-    """What the artefact's paper says of its spheres: one value a pair, for all placements."""
+    """What the artefact's certificate says of its spheres: one value a pair, for all placements."""
     placements, spheres = scenery.spheres.shape[:2]
     names, rng = sphere_names(placements, spheres), stream(options.seed, "paper")
     at = {t.name: np.asarray(t.values["centre"]) for t in targets if t.kind == "sphere"}

@@ -1,1 +1,1 @@
-"""Worlds of another making: rigid bodies in Pinocchio, in which something is wrong that nobody is told."""
+"""Worlds of another making: rigid bodies in Pinocchio, in which something is wrong that is not disclosed."""

@@ -52,7 +52,7 @@ class Shape:
 
 
 def nominal() -> Shape:
-    """Return the arm as drawn, with the tool of the session: stiff."""
+    """Return the nominal arm, with the tool of the session: stiff."""
     return Shape(
         a=np.array([0, 75, 300, 75, 0, 0]) * 1e-3,
         alpha=np.radians([0, -90, 0, -90, 90, -90]),

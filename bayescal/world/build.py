@@ -16,7 +16,7 @@ SOLVED = 1e-8  # m
 
 
 def _outliers(rng: np.random.Generator, count: int) -> np.ndarray:
-    """Return what outliers add (m): in a third of worlds 1 to 3 %, of 30 um to 1 mm."""
+    """Return what outliers add (m): in a third of worlds 1 to 3 %, of 30 µm to 1 mm."""
     out = np.zeros(count)
     if rng.random() < 1 / 3:
         hit = rng.random(count) < rng.uniform(0.01, 0.03)

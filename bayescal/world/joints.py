@@ -1,4 +1,4 @@
-"""Effects of joints, in forms of machines: eccentric discs, oval splines, teeth, play with a memory."""
+"""Effects of joints, in forms of machines: eccentric discs, oval splines, teeth, backlash with memory."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def gear_mesh(rng: np.random.Generator, _w: World) -> Act:
 
 
 def played(path: np.ndarray, half: float, start: float) -> np.ndarray:
-    """Return what follows a path with play: it moves only when pushed."""
+    """Return what follows a path with backlash: it moves only when pushed."""
     out, y = np.empty(len(path)), path[0] + start * half
     for k, x in enumerate(path):
         y = min(max(y, x - half), x + half)
@@ -73,7 +73,7 @@ def played(path: np.ndarray, half: float, start: float) -> np.ndarray:
 
 
 def backlash(rng: np.random.Generator, _w: World) -> Act:
-    """Return play with a memory along the whole path: off the surface, across, and on to the next touch."""
+    """Return backlash with memory along the whole path: off the surface, across, and on to the next touch."""
     j, off, start = rng.integers(6), rng.uniform(3e-3, 9e-3), rng.uniform(-1, 1)
     relative = (j == 2 and rng.random() < 0.3) or (j == 1 and rng.random() < 0.5)
     row = LINK_FROM_READING[j] if relative else np.eye(6)[j]

@@ -159,7 +159,7 @@ def dent(rng: np.random.Generator, _w: World) -> Act:
 
 
 def creep(rng: np.random.Generator, w: World) -> Act:
-    """Return a joint that goes on yielding long after its load has changed."""
+    """Return a joint that creeps long after its load has changed."""
     j, tau = rng.integers(1, 6), rng.uniform(40, 200)
     keep = np.exp(-np.diff(w.session.time, prepend=w.session.time[0]) / tau)
 

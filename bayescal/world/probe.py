@@ -57,7 +57,7 @@ def plane_form(rng: np.random.Generator, _w: World) -> Act:
 
 
 def artefact(rng: np.random.Generator, _w: World) -> Act:
-    """Return a cube neither square nor of the size that its paper says, beyond the uncertainty stated."""
+    """Return a cube with certified values in error, beyond the stated uncertainty."""
     tilt, size_of = rng.standard_normal((4, 2)), 0.04 * rng.standard_normal(4)
 
     def move(seen: Seen, size: float, m: Moved) -> None:

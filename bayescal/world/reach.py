@@ -1,4 +1,4 @@
-"""Readings that bring the ball to a place: the arm as drawn, solved in closed form."""
+"""Readings that bring the ball to a place: the nominal arm, solved in closed form."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def within(q: np.ndarray) -> np.ndarray:
 
 
 def joints_in_space(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return elbow and wrist (n, 3) of the arm as drawn."""
+    """Return elbow and wrist (n, 3) of the nominal arm."""
     out = []
     for far in (0.0, 1.0):
         lift = np.pi / 2 - q[:, 1]

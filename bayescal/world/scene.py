@@ -53,7 +53,7 @@ def _plates(rng: np.random.Generator) -> np.ndarray:
 
 
 def draw(rng: np.random.Generator) -> Scene:
-    """Return a cube slightly out of place and true to its paper, and the balls."""
+    """Return a cube slightly out of place and true to its certificate, and the balls."""
     turn = Rotation.from_rotvec(0.009 * rng.standard_normal(3))
     move = 2e-3 * rng.standard_normal(3)
     tilt = U_SQUARE / np.sqrt(2) * rng.standard_normal((4, 3))

@@ -39,7 +39,7 @@ class Session:
 
 
 def _spots(rng: np.random.Generator, scene: Scene, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Draw the places to touch as drawn (n, 3) and their outward normals (n, 3)."""
+    """Draw the nominal places of contact (n, 3) and their outward normals (n, 3)."""
     n = len(target)
     spot, out = np.empty((n, 3)), np.empty((n, 3))
     for f in range(4):

@@ -1,4 +1,4 @@
-"""How large: effects as visible as wished for, and masses wrong only as far as nobody sees it."""
+"""How large: effects as visible as wished for, and masses wrong only as far as is not visible."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def masses(world: World, share: float) -> World:
 
 
 def modest(world: World, stiffness: bool, sigma: float) -> tuple[World, np.ndarray, visible.Fitted]:
-    """Bring wrong masses to where nobody sees them; return readings without noise, and derivatives."""
+    """Bring wrong masses to where they are not visible; return readings without noise, and derivatives."""
     still = np.zeros(len(world.session.time))
     first, _ = world.touch((), still, straight=True)
     world = replace(world, session=replace(world.session, start=first))
@@ -75,7 +75,7 @@ def wrong_masses(world: World, model: visible.Fitted, readings: np.ndarray, sigm
 
 
 def second_order(world: World, model: visible.Fitted, readings: np.ndarray, sigma: float) -> float:
-    """Return how visible it is that torques are those of the true arm, deflected, not of the arm as drawn."""
+    """Return how visible it is that torques are those of the true arm, deflected, not of the nominal arm."""
     n, s = arm.nominal(), world.arm.shape
     drawn = arm.Arm(replace(s, a=n.a, alpha=n.alpha, d=n.d, zero=n.zero, beta3=0.0))
     coordinates = np.zeros((len(readings), arm.SIZE))

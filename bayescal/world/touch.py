@@ -26,7 +26,7 @@ class Moved:
     tip: np.ndarray  # the ball, in the flange's frame (n, 3)
     travel: np.ndarray  # from touch to trigger (n,)
     height: np.ndarray  # of the surface over its plane (n,)
-    kilos: np.ndarray  # mass at the tool that nobody stated (n,)
+    kilos: np.ndarray  # mass at the tool that was not stated (n,)
     lag: np.ndarray  # s, from trigger to reading (n,)
 
     @classmethod
@@ -142,7 +142,7 @@ class World:
     def touch(
         self, acts: Sequence[tuple[Act, float]], noise: np.ndarray, *, straight: bool = False
     ) -> tuple[np.ndarray, float]:
-        """Move on from the start until the probe triggers; return readings and the worst gap left.
+        """Move on from the start until the probe triggers; return readings and the largest gap left.
 
         Parameters
         ----------

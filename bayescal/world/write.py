@@ -18,7 +18,7 @@ def _list(values: np.ndarray, form: str = "{:g}") -> str:
 
 
 def robot_text() -> str:
-    """Return robot.yaml of the arm as drawn."""
+    """Return robot.yaml of the nominal arm."""
     s = nominal()
     lines = ["schema: bayescal-robot/1", "name: fanuc-lrmate200ic", "convention: mdh", "joints:"]
     for i in range(6):
@@ -34,7 +34,7 @@ def robot_text() -> str:
 
 
 def dataset_text(world: World, name: str, stated: float) -> str:
-    """Return dataset.yaml: everything as drawn, noise as stated (m)."""
+    """Return dataset.yaml: everything nominal, noise as stated (m)."""
     s, sc = nominal(), world.scene
     tool = f"centre_mm: {_list(1e3 * s.tool)}, ball_radius_mm: 3.0, mass_kg: {s.tool_mass:g}"
     lines = [

@@ -50,7 +50,7 @@ def suspicion(
 ) -> Suspicion | None:
     """The quantities that are most plainly in another unit than was said, or None.
 
-    Judged by the median over the rows concerned of how far they are off their targets as drawn (after
+    Judged by the median over the rows concerned of how far they are off their nominal targets (after
     a rigid fit, of an instrument's), and among several by that over how far the arm then moved: an arm
     that hardly moves fits any points that are shrunk. Costs one forward kinematics where nothing is wrong.
     What is nominal only for these very readings (a tool found from them) is found again by `settled`.
