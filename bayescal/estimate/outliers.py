@@ -60,7 +60,7 @@ def freed(residual: np.ndarray, leverage: np.ndarray, weight: np.ndarray) -> np.
     else:
         share, turn = np.linalg.eigh(leverage)
         square = np.einsum("cij,ci->cj", turn, residual) ** 2
-    w = weight[:, None]
+    w, share = weight[:, None], np.clip(share, 0.0, None)
     return np.sum(square / (np.maximum(1.0 - w * share, LEAST_SPARE) * (1.0 + (1.0 - w) * share)), axis=1)
 
 
@@ -137,12 +137,11 @@ class Judged:
     def of(cls, parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Judged:
         """Judge parts of C measurements of k rows, one after another.
 
-        Each part has residuals (C, k) over the standard uncertainty of the noise, their slopes (C, k, D) by
-        parameters of unit covariance, and the weights (C,) that they had in the fit.
+        Each part has residuals (C, k) over the standard uncertainty of the noise, their leverage (C, k, k) at
+        full weight, and the weights (C,) that they had in the fit.
         """
         chi2, square, taken, rows, weight = [], [], [], [], []
-        for residual, slopes, own in parts:
-            leverage = slopes @ np.swapaxes(slopes, 1, 2)
+        for residual, leverage, own in parts:
             chi2.append(freed(residual, leverage, own))
             square.append(np.sum(residual**2, axis=1))
             taken.append(np.trace(leverage, axis1=1, axis2=2))
@@ -180,15 +179,17 @@ class Judged:
 def judged(model: Model, z: np.ndarray, weights: Weights, covariance: np.ndarray) -> dict[str, Judged]:
     """All measurements of a fit by noise group, in the order of the group's blocks."""
     unit = replace(weights, row={name: np.ones_like(w) for name, w in weights.row.items()})
-    linear, root = linearise(model, z, unit), np.linalg.cholesky(covariance)
+    linear = linearise(model, z, unit)
     out = {}
     for group, blocks in by_group(model).items():
         parts = []
         for b in blocks:
             at, count = linear.of_block[b.name], len(b.rows)
             r = linear.residual[at].reshape(-1, count).T * weights.scale[group]
-            slopes = (linear.jacobian[at] @ root).reshape(-1, count, len(root))
-            parts.append((r, np.swapaxes(slopes, 0, 1), weights.row[b.name]))
+            slopes = linear.jacobian[at]
+            solved = (slopes @ covariance).reshape(-1, count, model.size)
+            leverage = np.einsum("icd,jcd->cij", solved, slopes.reshape(-1, count, model.size))
+            parts.append((r, leverage, weights.row[b.name]))
         out[group] = Judged.of(parts)
     return out
 

@@ -29,7 +29,8 @@ def left_out(slopes, y):
     weight, size = np.ones(len(y)), 1.0
     for k in range(20):
         covariance, r = solved(slopes, y, weight, size)
-        found = Judged.of([(r, slopes @ np.linalg.cholesky(covariance) / size, weight)])
+        leverage = slopes @ covariance @ np.swapaxes(slopes, 1, 2) / size**2
+        found = Judged.of([(r, leverage, weight)])
         size, before = found.robust, weight
         weight = found.student_weights() if k < 8 else 1.0 - found.outliers()
         if np.array_equal(weight, before):

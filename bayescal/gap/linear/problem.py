@@ -258,7 +258,9 @@ def fit_state(
 
     def judged(r: np.ndarray, kappa: float, factor) -> Judged:
         slopes = solve_triangular(factor[0], design[:count].T, lower=True).T / kappa
-        return Judged.of([(r[at], slopes[at], weight[at[:, 0]]) for at in p.by_size])
+        return Judged.of(
+            [(r[at], slopes[at] @ np.swapaxes(slopes[at], 1, 2), weight[at[:, 0]]) for at in p.by_size]
+        )
 
     kappa = 1.0
     if robust and start is None:
