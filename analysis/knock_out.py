@@ -29,7 +29,7 @@ from bayescal.gap.search.refit import model_name, refit
 from bayescal.model import with_parameters
 from bayescal.model.parts import Part
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import HeldOut, held_out, kept
+from bayescal.predict.crossvalidation import ValidationErrors, kept, validation_errors
 
 RUNS = Path(__file__).parents[1] / "runs" / "knock-out"
 UM, MM = 1e6, 1e3
@@ -82,7 +82,7 @@ def whole(dataset: Dataset, folder: Path) -> Record:
         "named": [model_name(m) for m in members],
         "verdict": gap.verdict.kind,
         "footnotes": list(gap.verdict.footnotes),
-        "ladder": [{"adds": name} | sizes(held_out(fitted)) for name, fitted in rungs],
+        "ladder": [{"adds": name} | sizes(validation_errors(fitted)) for name, fitted in rungs],
         "noise_um": UM * gap.magnitude.noise,
         "heldout_um": UM * _rms(after.residual[kept(after) & (after.group == after.main)]),
         "left": None if left is None else {
@@ -99,7 +99,7 @@ def _row(joint: int) -> Part:
     return Part.of(f"geometry at joint {joint}")
 
 
-def sizes(held: HeldOut) -> Record:
+def sizes(held: ValidationErrors) -> Record:
     """Mean, rms and largest error of all held-out contacts (their size) and points (their length), mm."""
     out = {}
     for kind in np.unique(held.kind):
@@ -188,7 +188,7 @@ def possible(known: Estimate, found: Explained) -> float:
 
 def heldout(known: Estimate, found: Explained) -> Record:
     """Held-out rms errors, um: before, after, of the whole model; and those that the refit expects."""
-    whole, before, after = held_out(known), found.before, found.after
+    whole, before, after = validation_errors(known), found.before, found.after
     fair = kept(whole, before, after)
     out = {}
     for kind in np.unique(before.kind):

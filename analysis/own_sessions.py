@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from analysis.records import on_workers
+from bayescal.blind.assessed import FLAGGED
 from bayescal.blind.card import between, table
-from bayescal.blind.judge import FLAGGED
 from bayescal.blind.rates import proportion
 from bayescal.blind.rows import of
 from bayescal.dataset import Dataset

@@ -27,7 +27,7 @@ def draw(result: Fit) -> plt.Figure:
         1, 2, figsize=(9.5, 3.6), width_ratios=(1, 1.7), constrained_layout=True
     )
     rng = np.random.default_rng(0)
-    for k, (level, colour) in enumerate(zip(result.ladder, COLOURS, strict=True)):
+    for k, (level, colour) in enumerate(zip(result.levels, COLOURS, strict=True)):
         errors = np.array([abs(d.error) for d in level.validation.distances]) * 1e3
         left.scatter(k + rng.uniform(-0.13, 0.13, len(errors)), errors, s=22, color=colour, alpha=0.85)
         left.annotate(

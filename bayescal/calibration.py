@@ -47,7 +47,7 @@ class Fit:
     dataset: Dataset
     seed: int
     prior_width: float
-    ladder: tuple[ModelLevel, ...]  # nominal first, the fitted model last
+    levels: tuple[ModelLevel, ...]  # nominal first, the fitted model last
     draws: Draws
     identifiability: Identifiability
     faces: tuple[FaceCheck, ...]
@@ -65,7 +65,7 @@ class Fit:
     @property
     def final(self) -> ModelLevel:
         """The model level that was asked for."""
-        return self.ladder[-1]
+        return self.levels[-1]
 
 
 def fit(
@@ -113,7 +113,7 @@ def fit(
     check_enough(scene)
     of_draws, of_sampler, of_causes, of_noise, of_forecast = spawned(seed, 5)
     steps = _steps(effects)
-    ladder: list[ModelLevel] = []
+    levels: list[ModelLevel] = []
     faces: tuple[FaceCheck, ...] = ()
     causes: tuple[SharedCause, ...] = ()
     for k, step in enumerate(steps):
@@ -146,14 +146,14 @@ def fit(
             wider = widened(left, checked, tests)
             if wider.excess > left.excess:
                 left, checked = wider, validate(found, z, kappa, wider.excess, of_noise)
-        ladder.append(ModelLevel(found.model.effects or NOMINAL, found, left, checked))
+        levels.append(ModelLevel(found.model.effects or NOMINAL, found, left, checked))
     progress("done", 1.0)
     known, seen = identifiability(found), directions(found.model)
     expected = forecast(found, z, checked, left.excess, of_forecast)
     told = findings(Assessed(found, left, checked, expected, known, seen, faces, tests, prior_width))
     decided = None if tolerance is None else conformance(tolerance, expected, checked, tests)
     return Fit(
-        dataset, seed, prior_width, tuple(ladder), draws, known, faces, expected, seen, tests, told, decided
+        dataset, seed, prior_width, tuple(levels), draws, known, faces, expected, seen, tests, told, decided
     )  # fmt: skip
 
 

@@ -160,7 +160,7 @@ plt.show()
 
 # %%
 RUNGS = ("nominal", "joint zeros and scales", "kinematic", "kinematic + stiffness")
-LADDER = dict(zip(RUNGS, calibration.ladder, strict=True))
+LADDER = dict(zip(RUNGS, calibration.levels, strict=True))
 errors = {name: 1e3 * np.array([abs(d.error) for d in r.validation.distances]) for name, r in LADDER.items()}
 print("distance error, mm          mean    largest")
 for name, own in errors.items():

@@ -99,10 +99,10 @@ for s in gap.shrinkage:
     print(f"{s.what:10s} {1e6 * s.before:5.1f} -> {1e6 * s.after:5.1f} um (floor {1e6 * s.floor:.1f})")
 
 figure, axes = plt.subplots(figsize=(9, 3.2), layout="constrained")
-rungs = ["nominal" if s.model == ("nominal",) else f"+ {s.model[-1]}" for s in gap.ladder]
+rungs = ["nominal" if s.model == ("nominal",) else f"+ {s.model[-1]}" for s in gap.levels]
 for values, colour, label in (
-    ([s.heldout_rms for s in gap.ladder], "#1b4f72", "held-out planes"),
-    ([s.distance_rms for s in gap.ladder], "#c0392b", "sphere distances"),
+    ([s.validation_rms for s in gap.levels], "#1b4f72", "held-out planes"),
+    ([s.distance_rms for s in gap.levels], "#c0392b", "sphere distances"),
 ):
     axes.plot(rungs, 1e6 * np.array(values), "o-", color=colour, label=label)
 axes.axhline(1e6 * size.noise, color="#7b8794", lw=0.8, ls="--", label="noise of a contact")

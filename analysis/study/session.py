@@ -96,13 +96,13 @@ def compared(simulation: Simulation, fitted: Fit) -> Record:
         "pit": np.mean(drawn < exact, axis=0).tolist(),
         "least_compliance_urad_per_nm": UM * min(v for k, v in truth.items() if k.startswith("compliance")),
         "noise_scale": float(found.weights.scale["contact"]),
-        "rejected": {r: len(step.estimate.rejected) for r, step in zip(RUNGS, fitted.ladder, strict=True)},
+        "rejected": {r: len(step.estimate.rejected) for r, step in zip(RUNGS, fitted.levels, strict=True)},
         "contacts": sum(len(block.rows) for block in found.model.blocks),
         "uneven_faces": sum(face.uneven for face in fitted.faces),
         "unexplained_um": UM * fitted.final.unexplained.excess,
         "distance_error_um": {
             rung: [UM * d.error for d in step.validation.distances]
-            for rung, step in zip(RUNGS, fitted.ladder, strict=True)
+            for rung, step in zip(RUNGS, fitted.levels, strict=True)
         },
         "distance_sd_um": [UM * float(np.std(d.predicted)) for d in v.distances],
         "distance_pit": [_place(d.error, d.predicted) for d in v.distances],

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bayescal.blind.judge import Record
+from bayescal.blind.assessed import Record
 from bayescal.folders import whole
 
 SCORE, MISSES = "score.json", "misses.csv"

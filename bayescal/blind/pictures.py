@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayescal.blind.judge import Record, false_names
+from bayescal.blind.assessed import Record, false_names
 from bayescal.blind.rates import value
 from bayescal.blind.rows import bands
 from bayescal.blind.shrunk import FAR, MEASURES, factors

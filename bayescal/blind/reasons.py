@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from bayescal.blind.judge import CRASHED, FLAGGED, Record, false_names, leader, missing
+from bayescal.blind.assessed import CRASHED, FLAGGED, Record, false_names, leader, missing
 from bayescal.effects import confusable
 
 WEAK = 30.0

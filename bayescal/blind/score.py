@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binom
 
-from bayescal.blind.judge import CRASHED, OTHERS, Record, false_names, record
+from bayescal.blind.assessed import CRASHED, OTHERS, Record, false_names, record
 from bayescal.blind.rates import BANDS, by_lambda, ends, mean, proportion, share
 from bayescal.blind.reasons import reason
 from bayescal.blind.shrunk import MEASURES, made_worse, predicted, shrunk

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.blind.judge import Record
+from bayescal.blind.assessed import Record
 
 WORSE = 1.05
 """Ratio of the distance RMS after / before that counts as increased: a refit adds some noise."""

@@ -20,7 +20,7 @@ from itertools import chain
 from math import comb, log
 from typing import Any
 
-from bayescal.blind.judge import OTHERS, Record
+from bayescal.blind.assessed import OTHERS, Record
 from bayescal.blind.rates import mean
 
 CLIP = 1e-4

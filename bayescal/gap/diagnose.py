@@ -25,7 +25,7 @@ from bayescal.gap.linear.problem import (
     of_certificate,
     without_nuisance,
 )
-from bayescal.gap.outcome.levels import ladder
+from bayescal.gap.outcome.levels import model_levels
 from bayescal.gap.outcome.magnitude import magnitude, noise_floor
 from bayescal.gap.outcome.margins import margins
 from bayescal.gap.outcome.notes import cautions, play_or_late, warnings
@@ -46,7 +46,7 @@ from bayescal.model.length_blocks import length_blocks, main_group
 from bayescal.model.parts import Part, parts_of
 from bayescal.model.scene import Scene
 from bayescal.posterior.streams import spawned
-from bayescal.predict.crossvalidation import HeldOut, held_out
+from bayescal.predict.crossvalidation import ValidationErrors, validation_errors
 
 UNSEEN = "not detectable with these contacts at any plausible amplitude"
 Progress = Callable[[str, float], None]
@@ -150,9 +150,9 @@ class Explained:
     first: Examined
     last: Examined  # the same, or with compliance in the model where that was `promoted`
     promoted: bool
-    before: HeldOut  # of the baseline
+    before: ValidationErrors  # of the baseline
     final: Estimate  # with what was named
-    after: HeldOut
+    after: ValidationErrors
 
     @property
     def verdict(self) -> Verdict:
@@ -176,8 +176,8 @@ def explain(
     if promoted:
         last = examine(scene, (*effects, COMPLIANCE), robust, prior_width, without, further=True)
     progress("refit", 0.6)
-    before = held_out(first.fitted)
-    last, final, after = _confirmed(last, held_out(last.fitted) if promoted else before, robust)
+    before = validation_errors(first.fitted)
+    last, final, after = _confirmed(last, validation_errors(last.fitted) if promoted else before, robust)
     return Explained(first, last, promoted, before, final, after)
 
 
@@ -226,7 +226,7 @@ def diagnose(
     size = magnitude(first.fitted, final, before, after, of_magnitude)
     chosen = last.decision.hypothesis
     changed = bool(members) or promoted
-    rungs = _rungs(scene, effects, prior_width, robust, parts, first.fitted, last, promoted)
+    levels = _levels(scene, effects, prior_width, robust, parts, first.fitted, last, promoted)
     plain = without_nuisance(last.problem, last.fitted.model.size)
     named = tuple(m.effect for m in members)
     spots = blind_spots(last.fitted, last.candidates, plain, again(chosen.state, plain), named)
@@ -243,7 +243,7 @@ def diagnose(
         margins=margins(first.fitted, before, noise.sd, noise.dof),
         verdict=found.verdict,
         shrinkage=shrinkage(before, after, noise.sd, of_shrinkage, noise.dof) if changed else (),
-        ladder=ladder(rungs),
+        levels=model_levels(levels),
         advice=advise(last.fitted, last.candidates, pairs),
         blind_spots=unseen(spots),
         residuals=_residuals(first.fitted, final),
@@ -252,12 +252,14 @@ def diagnose(
     )
 
 
-def _confirmed(e: Examined, before: HeldOut, robust: bool) -> tuple[Examined, Estimate, HeldOut]:
+def _confirmed(
+    e: Examined, before: ValidationErrors, robust: bool
+) -> tuple[Examined, Estimate, ValidationErrors]:
     """The refit with the named effects, without those that increase the validation errors."""
     d = e.decision
     while d.members:
         final = refit(e.fitted, e.candidates.pool, d.members, robust)
-        after = held_out(final)
+        after = validation_errors(final)
         spoilt = worse(before, after)
         if not spoilt:
             return replace(e, decision=d), final, after
@@ -338,7 +340,7 @@ def _named(member, d: Decision, e: Examined) -> Named:
     return Named(v.effect, model_name(member), v.sites, setting, d.probability[v.effect], d.lost(v.effect))
 
 
-def _rungs(
+def _levels(
     scene: Scene, effects: tuple[str, ...], width: float, robust: bool, without: Sequence[Part],
     baseline: Estimate, last: Examined, promoted: bool,
 ) -> list[tuple[tuple[str, ...], Estimate]]:  # fmt: skip

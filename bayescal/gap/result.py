@@ -33,8 +33,8 @@ class Measured:
 class Magnitude:
     """How big the gap is, m."""
 
-    heldout: str  # how: "validation rows", or "leave-one-out cross-validation" where there are too few
-    heldout_rms: float
+    validation: str  # how: "validation rows", or "leave-one-out cross-validation" where there are too few
+    validation_rms: float
     noise: float  # of one contact
     noise_interval95: tuple[float, float]
     noise_from: str  # "repeats", "fit" (of the last model) or "stated"
@@ -143,7 +143,7 @@ class Step:
     """A model level."""
 
     model: tuple[str, ...]
-    heldout_rms: float
+    validation_rms: float
     distance_rms: float  # nan without distances
     point_rms: float  # nan without points
     delta_elpd: float  # change in log predictive density of validation rows from the level before, nats
@@ -185,7 +185,7 @@ class Gap:
     margins: Mapping[str, tuple[Margin, ...]]  # target, joint, region, time, direction
     verdict: Verdict
     shrinkage: tuple[Shrinkage, ...]
-    ladder: tuple[Step, ...]
+    levels: tuple[Step, ...]
     advice: tuple[Advice, ...]
     blind_spots: tuple[BlindSpot, ...]
     residuals: tuple[

@@ -12,13 +12,13 @@ from bayescal.dataset import Dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import check_enough
 from bayescal.methods.inverse import INVERSE
-from bayescal.methods.judge import judged, predicted
 from bayescal.methods.linear import LINEAR
 from bayescal.methods.method import NOMINAL, Method, Solution
 from bayescal.methods.normals import NORMALS
 from bayescal.methods.open_loop import OPEN_LOOP
 from bayescal.methods.ours import OURS
 from bayescal.methods.planes import PLANES
+from bayescal.methods.validated import predicted, validated
 from bayescal.model import build, check_asked
 from bayescal.model.scene import Scene
 from bayescal.predict import Validation
@@ -32,23 +32,23 @@ class Result:
 
     solution: Solution
     seconds: float  # of the solution alone, not of its judgement
-    held_out: Validation
+    validation: Validation
     predicted: Validation | None  # of a method with predicted uncertainty
 
     @property
     def planes(self) -> np.ndarray:
         """Residuals of validation contacts, (C,), m."""
-        return np.concatenate([np.zeros(0), *(p.residuals for p in self.held_out.planes)])
+        return np.concatenate([np.zeros(0), *(p.residuals for p in self.validation.planes)])
 
     @property
     def distances(self) -> np.ndarray:
         """Errors of certified distances, (K,), m."""
-        return np.array([d.error for d in self.held_out.distances])
+        return np.array([d.error for d in self.validation.distances])
 
     @property
     def points(self) -> np.ndarray:
         """Lengths of the error vectors of validation points, (C,), m."""
-        each = (np.linalg.norm(p.residuals, axis=0) for p in self.held_out.points)
+        each = (np.linalg.norm(p.residuals, axis=0) for p in self.validation.points)
         return np.concatenate([np.zeros(0), *each])
 
     @property
@@ -107,7 +107,7 @@ def compare(
     scene = Scene(dataset)
     check_enough(scene)
     model = build(scene, effects)
-    judged(NOMINAL.solve(scene, effects))  # compiles what is compiled: no method pays for it
+    validated(NOMINAL.solve(scene, effects))  # compiles what is compiled: no method pays for it
     rows = []
     for k, method in enumerate(methods):
         progress(method.name, k / len(methods))
@@ -122,6 +122,6 @@ def _row(method: Method, dataset: Dataset, effects: tuple[str, ...], seed: int) 
     try:
         solution = method.solve(Scene(dataset), effects)
         seconds = perf_counter() - start
-        return Row(method, Result(solution, seconds, judged(solution), predicted(solution, seed)))
+        return Row(method, Result(solution, seconds, validated(solution), predicted(solution, seed)))
     except BayescalError as error:
         return Row(method, None, error.what)

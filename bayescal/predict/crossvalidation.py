@@ -29,7 +29,7 @@ GROSS = 5.0
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class ValidationErrors:
     """R residuals of held-out contacts, three for a point, in the order of their rows, and the distances."""
 
     how: str  # VALIDATED or LEFT_OUT
@@ -66,14 +66,14 @@ class HeldOut:
         return np.isin(self.rows, self.rows[size > GROSS * limit])
 
 
-def kept(*held: HeldOut) -> np.ndarray:
+def kept(*held: ValidationErrors) -> np.ndarray:
     """Which residuals (R,) of the same session count: all but those gross under every one of the models."""
     return ~np.logical_and.reduce([h.gross for h in held])
 
 
 @dataclass(frozen=True)
 class _Part:
-    """Some residuals of one target, component after component; fields as of `HeldOut`."""
+    """Some residuals of one target, component after component; fields as of `ValidationErrors`."""
 
     target: str
     group: str
@@ -84,7 +84,7 @@ class _Part:
     by_parameters: np.ndarray
 
 
-def held_out(estimate: Estimate) -> HeldOut:
+def validation_errors(estimate: Estimate) -> ValidationErrors:
     """Residuals, predictions and distances of the rows that an estimate did not see.
 
     Raises
@@ -106,7 +106,7 @@ def held_out(estimate: Estimate) -> HeldOut:
     def joined(values: Sequence[np.ndarray]) -> np.ndarray:
         return np.concatenate(values)[order]
 
-    return HeldOut(
+    return ValidationErrors(
         how,
         main,
         joined([p.residual for p in parts]),

@@ -81,7 +81,7 @@ class Validation:
     turns: tuple[TurnCheck, ...] = ()
 
     @property
-    def worst_distance(self) -> float:
+    def maximum_distance_error(self) -> float:
         """Largest absolute error of a distance, m; nan without any."""
         return max((abs(d.error) for d in self.distances), default=float("nan"))
 

@@ -114,7 +114,7 @@ def _method(row: Row) -> dict[str, Any]:
         },
         "distances": [
             {"between": list(d.between), "certified_mm": MM * d.certified, "error_um": UM * d.error}
-            for d in r.held_out.distances
+            for d in r.validation.distances
         ],
         "parameters": _parameters(solution),
     }

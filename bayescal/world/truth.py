@@ -17,13 +17,15 @@ def told(
     acts = [(act, size) for act, size, _ in found]
     shift = world.gap(quiet, acts) - still if acts else np.zeros(len(quiet))
     each = {act.name: note["value"] for act, _, note in found}
-    free, papers = (float(np.sum(model.left(shift, sigma, p) ** 2)) for p in (False, True))
+    free, certificates = (float(np.sum(model.left(shift, sigma, p) ** 2)) for p in (False, True))
     wrong = wrong_masses(world, model, quiet, sigma)
     rows, sc, out = world.session.phase == 0, world.scene, {}
-    paper = np.array([np.linalg.norm(sc.ball[i] - sc.ball[j]) for i, j in scene.pairs()]) - sc.certified
+    certificate_error = (
+        np.array([np.linalg.norm(sc.ball[i] - sc.ball[j]) for i, j in scene.pairs()]) - sc.certified
+    )
     cases = {"oracle": (noise, None), "fit_without_effect": (noise, rows), "baseline": (noise - shift, rows)}
     for label, (data, fit) in cases.items():
-        errors = visible.distances(world, model, data, sigma, fit) + paper
+        errors = visible.distances(world, model, data, sigma, fit) + certificate_error
         out[label] = 1e6 * float(np.sqrt(np.mean(errors**2)))
     only = visible.distances(world, model, -shift, sigma, rows)
     out["baseline_noise_free"] = 1e6 * float(np.sqrt(np.mean(only**2)))
@@ -36,7 +38,7 @@ def told(
             "value": min(each.values(), default=0.0),
             "each": each,
             "free_planes": free,
-            "with_certificates": papers,
+            "with_certificates": certificates,
             "unknown_masses": wrong,
             "second_order": second_order(world, model, quiet, sigma),
         },

@@ -20,17 +20,17 @@ class Fitted:
 
     columns: np.ndarray  # (n, m)
     normal: np.ndarray
-    papers: np.ndarray  # certificates (k, m), whitened
+    certificates: np.ndarray  # certificates (k, m), whitened
     prior: np.ndarray  # standard deviations (m,), wide where nothing is known
     used: np.ndarray  # rows to calibrate with
 
-    def left(self, shift: np.ndarray, sigma: float, papers: bool = False) -> np.ndarray:
+    def left(self, shift: np.ndarray, sigma: float, certificates: bool = False) -> np.ndarray:
         """Return what no fit absorbs of a shift of gaps (n,), whitened."""
         matrix, right = self.columns[self.used] / sigma, shift[self.used] / sigma
-        if papers:
+        if certificates:
             matrix, right = (
-                np.concatenate([matrix, self.papers]),
-                np.append(right, np.zeros(len(self.papers))),
+                np.concatenate([matrix, self.certificates]),
+                np.append(right, np.zeros(len(self.certificates))),
             )
         u, s, _ = np.linalg.svd(matrix / np.linalg.norm(matrix, axis=0), full_matrices=False)
         u = u[:, s > 1e-7 * s[0]]
@@ -38,7 +38,7 @@ class Fitted:
 
     def absorbed(self, shift: np.ndarray, sigma: float, rows: np.ndarray) -> np.ndarray:
         """Return what a fit of these rows makes of a shift of gaps, everywhere (n,)."""
-        matrix = np.concatenate([self.columns[rows] / sigma, self.papers, np.diag(1 / self.prior)])
+        matrix = np.concatenate([self.columns[rows] / sigma, self.certificates, np.diag(1 / self.prior)])
         right = np.zeros(len(matrix))
         right[: rows.sum()] = shift[rows] / sigma
         scale = np.linalg.norm(matrix, axis=0)

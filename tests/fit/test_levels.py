@@ -40,10 +40,10 @@ def misread(cube):
 def test_the_ladder_shows_every_level(split):
     """Nominal, joints, geometry, stiffness: held-out contacts get better with each."""
     result = fit(split, FULL, samples=0)
-    assert [r.effects for r in result.ladder] == [("nominal",), ("joint",), ("geometry",), FULL]
+    assert [r.effects for r in result.levels] == [("nominal",), ("joint",), ("geometry",), FULL]
     rms = [
         np.sqrt(np.mean(np.concatenate([p.residuals for p in r.validation.planes]) ** 2))
-        for r in result.ladder
+        for r in result.levels
     ]
     assert rms[0] > 1.5 * rms[1] > 3 * rms[2] > 3 * rms[3]
     assert rms[3] < 10e-6
@@ -51,7 +51,7 @@ def test_the_ladder_shows_every_level(split):
 
 def test_a_model_without_geometry_has_no_rung_of_joints(split):
     """The rung stands only before the whole of which it is a part."""
-    assert [r.effects for r in fit(split, ("joint",), samples=0).ladder] == [("nominal",), ("joint",)]
+    assert [r.effects for r in fit(split, ("joint",), samples=0).levels] == [("nominal",), ("joint",)]
 
 
 def test_zeros_and_scales_are_found(misread):

@@ -39,7 +39,7 @@ def test_targets_may_be_known(cube, known):
     simulated = cube(seed=2, count=80)
     found = fit(with_targets(simulated.dataset, **known), ("geometry",), samples=0)
     assert np.all(np.isfinite(found.final.estimate.sd))
-    nominal, last = (level.unexplained.fitted for level in (found.ladder[0], found.ladder[-1]))
+    nominal, last = (level.unexplained.fitted for level in (found.levels[0], found.levels[-1]))
     assert last < nominal
 
 

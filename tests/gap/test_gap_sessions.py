@@ -108,7 +108,7 @@ def test_nothing_there_is_said(quiet):
     assert record["shrinkage"] == {"planes": None, "distances": None}
     assert gap.where  # the largest place there is, for what it is worth
     assert all(w.family_p_value > 0.01 for w in gap.where)
-    assert [s.model for s in gap.ladder] == [
+    assert [s.model for s in gap.levels] == [
         ("nominal",),
         ("joint",),
         ("geometry",),
@@ -162,7 +162,7 @@ def test_worlds_of_another_author(world):
     assert gap.where[0].family_p_value < 1e-3
     if kind == "named":
         assert gap.where[0].explained_by == truth["effects"][0]
-        assert gap.ladder[-1].heldout_rms < gap.ladder[-2].heldout_rms
+        assert gap.levels[-1].validation_rms < gap.levels[-2].validation_rms
 
 
 def without_certificates_of(dataset, names):
@@ -249,7 +249,7 @@ def test_a_model_without_compliance_is_judged_with_it(few):
     record = sane(gap)
     assert record["baseline"] == ["geometry"]
     assert record["effects"][:1] == ["compliance"]
-    assert gap.ladder[-1].heldout_rms < 0.2 * gap.ladder[1].heldout_rms
+    assert gap.levels[-1].validation_rms < 0.2 * gap.levels[1].validation_rms
 
 
 def test_a_model_that_has_the_effect_has_no_gap(few):
@@ -257,7 +257,7 @@ def test_a_model_that_has_the_effect_has_no_gap(few):
     sane(gap)
     assert "backlash" not in gap.verdict.probability
     assert gap.verdict.kind == "null"
-    assert len(gap.ladder) == 5
+    assert len(gap.levels) == 5
 
 
 def test_a_model_with_a_step(few):

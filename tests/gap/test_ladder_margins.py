@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bayescal.estimate import estimate
-from bayescal.gap.outcome.levels import difference, ladder, log_predictive
+from bayescal.gap.outcome.levels import difference, log_predictive, model_levels
 from bayescal.gap.outcome.margins import holm, margins
 from bayescal.model import build, with_parameters
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import held_out
+from bayescal.predict.crossvalidation import validation_errors
 
 FULL = ("geometry", "compliance")
 
@@ -30,10 +30,10 @@ def rungs(cube):
 
 
 def test_ladder_goes_down_and_gains(rungs):
-    steps = ladder(rungs)
+    steps = model_levels(rungs)
     assert [s.model for s in steps] == [(), FULL[:1], FULL]
     assert (steps[0].delta_elpd, steps[0].delta_elpd_se) == (0.0, 0.0)
-    rms = [s.heldout_rms for s in steps]
+    rms = [s.validation_rms for s in steps]
     assert rms[0] > 5 * rms[1] > 5 * rms[2]
     assert rms[2] == pytest.approx(5e-6, rel=0.35)
     for s in steps[1:]:
@@ -44,16 +44,16 @@ def test_ladder_goes_down_and_gains(rungs):
 
 def test_the_same_model_again_gains_nothing(rungs):
     last = rungs[-1]
-    _, again = ladder([last, last])
+    _, again = model_levels([last, last])
     assert (again.delta_elpd, again.delta_elpd_se) == (0.0, 0.0)
 
 
 def test_ladder_takes_what_is_known_already(rungs):
-    assert str(ladder(rungs)) == str(ladder(rungs, [held_out(e) for _, e in rungs]))
+    assert str(model_levels(rungs)) == str(model_levels(rungs, [validation_errors(e) for _, e in rungs]))
 
 
 def test_density_is_that_of_a_normal_and_a_slip_costs_little(rungs):
-    h = held_out(rungs[-1][1])
+    h = validation_errors(rungs[-1][1])
     density, block = log_predictive(h)
     assert density.shape == block.shape == (50,)
     normal = -0.5 * (h.residual / h.sd) ** 2 - np.log(np.sqrt(2 * np.pi) * h.sd)
@@ -68,10 +68,10 @@ def test_density_is_that_of_a_normal_and_a_slip_costs_little(rungs):
 def test_points_have_a_rung_too(tracker):
     scene = Scene(tracker(seed=0, count=60).dataset)
     nominal, last = estimate(with_parameters(scene, (), ())), estimate(build(scene, FULL))
-    steps = ladder([((), nominal), (FULL, last)])
-    assert steps[1].point_rms == steps[1].heldout_rms < 0.1 * steps[0].point_rms
+    steps = model_levels([((), nominal), (FULL, last)])
+    assert steps[1].point_rms == steps[1].validation_rms < 0.1 * steps[0].point_rms
     assert steps[1].delta_elpd > 0
-    found = margins(last, held_out(last))
+    found = margins(last, validation_errors(last))
     assert [m.label for m in found["direction"][:3]] == ["along x", "along y", "along z"]
     assert all(m.count == 60 for m in found["direction"][:3])
 
@@ -80,7 +80,9 @@ def test_clean_sessions_have_no_deviant_bin(cube):
     smallest = []
     for seed in range(20, 32):
         found = estimate(build(Scene(kept_back(cube(seed=seed, count=160).dataset, 40)), FULL))
-        smallest.append(min(m.p_value for bins in margins(found, held_out(found)).values() for m in bins))
+        smallest.append(
+            min(m.p_value for bins in margins(found, validation_errors(found)).values() for m in bins)
+        )
     assert np.sum(np.array(smallest) < 0.05) <= 3
     assert min(smallest) > 1e-4
 
@@ -98,7 +100,7 @@ def test_margins_find_a_wrong_face(cube):
     wrong = np.flatnonzero(d.measurements.target == 1)
     d = shifted(d, wrong, 5e-5 * np.random.default_rng(0).standard_normal(len(wrong)))
     found = estimate(build(Scene(d), FULL))
-    bins = margins(found, held_out(found))
+    bins = margins(found, validation_errors(found))
     name = d.targets[1].name
     worst = min(bins["target"], key=lambda m: m.p_value)
     assert worst.label == name
@@ -127,7 +129,7 @@ def test_margins_find_a_moment_and_a_rare_direction(cube):
 
 def _bins(dataset):
     found = estimate(build(Scene(dataset), FULL))
-    return margins(found, held_out(found))
+    return margins(found, validation_errors(found))
 
 
 def test_missing_columns_leave_a_margin_empty(cube):

@@ -7,7 +7,7 @@ import pytest
 
 from bayescal.gap.outcome.shrinkage import expects, of_blocks, of_distances, shrinkage
 from bayescal.predict.bootstrap import independent_distances, resampled
-from bayescal.predict.crossvalidation import VALIDATED, HeldOut
+from bayescal.predict.crossvalidation import VALIDATED, ValidationErrors
 from bayescal.predict.distances import CentreDistances
 from bayescal.predict.intervals import bootstrap_interval95
 
@@ -20,7 +20,7 @@ def held(residual, sd=NOISE, distances=None, distance_sd=NOISE, block=None):
     count = len(residual)
     distances = np.zeros(0) if distances is None else distances
     names = tuple((f"a@{k // 3}", f"b@{k // 3}") for k in range(len(distances)))
-    return HeldOut(
+    return ValidationErrors(
         VALIDATED,
         "contact",
         residual,

@@ -96,7 +96,7 @@ def test_what_was_taken_out_is_named_and_shrinks_as_foreseen(dataset):
 def test_one_stiffness_is_named_at_its_joint(dataset):
     gap = diagnose(dataset, without=("compliance at joint 5",))
     assert [(n.effect, n.site) for n in gap.verdict.named] == [("compliance", "joint 5")]
-    assert gap.ladder[-1].heldout_rms < 0.2 * gap.ladder[-2].heldout_rms
+    assert gap.levels[-1].validation_rms < 0.2 * gap.levels[-2].validation_rms
 
 
 def test_nothing_wrong_there_is_not_named():

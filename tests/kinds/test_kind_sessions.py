@@ -239,7 +239,7 @@ def test_gap_takes_every_kind(name, request):
     session = request.getfixturevalue(name)
     found = diagnose(session.dataset)
     assert found.verdict.kind == "null", found.verdict
-    assert found.magnitude.heldout_rms < 25e-6
+    assert found.magnitude.validation_rms < 25e-6
     turns = any("orientation" in warning for warning in warnings(found))
     assert turns == (session.dataset.measurements.rpy is not None)
 
@@ -259,7 +259,7 @@ def test_what_only_turns_the_tool_is_named_by_orientations(cube, monkeypatch):
     assert [(n.effect, n.site) for n in found.verdict.named] == [("eccentricity", "joint 6")]
     # what is told in metres is of the points, and these hardly tell
     assert max(p.rms for p in found.where) < 5e-6
-    assert found.magnitude.heldout_rms < 2 * POINT
+    assert found.magnitude.validation_rms < 2 * POINT
     assert all(t.rms < 2 * POINT for margin in found.margins.values() for t in margin)
     assert {len(r) for r in found.residuals} == {3 * int(np.sum(m.role == "calibrate"))}
     bare = replace(off, measurements=replace(off.measurements, rpy=None))

@@ -1,4 +1,4 @@
-"""Every method finds the true arm without noise, says what it lacks, and is judged like the others."""
+"""Every method finds the true arm without noise, says what it lacks, and is validated like the others."""
 
 import io
 import json
@@ -17,12 +17,12 @@ from analysis.methods import session
 from bayescal.dataset import Dataset
 from bayescal.methods import METHODS, Comparison, compare
 from bayescal.methods.inverse import in_joints, joint_change
-from bayescal.methods.judge import judged, predicted
 from bayescal.methods.normals import in_normals, triplets
 from bayescal.methods.ours import OURS
 from bayescal.methods.planes import PLANES, bound, is_plane
 from bayescal.methods.solving import estimable
 from bayescal.methods.system import System, contacts, part
+from bayescal.methods.validated import predicted, validated
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.reporting.comparison import COLUMNS, comparison_record, comparison_summary, write_comparison
@@ -87,7 +87,7 @@ def test_what_a_session_lacks_is_said():
     assert "instrument" in why["open loop"]
     assert "no plane" in why["normals"]
     assert "no planes" in why["known planes"]
-    assert "nothing is touched" in why["linear steps"]
+    assert "no contacts" in why["linear steps"]
 
 
 def test_without_a_certified_length_the_peers_refuse():
@@ -180,7 +180,7 @@ def distance_errors(dataset: Dataset, names: tuple[str, ...] = TOUCHING) -> dict
     out = {}
     for method in METHODS:
         if method.name in names:
-            errors = [d.error for d in judged(method.solve(Scene(dataset), EFFECTS)).distances]
+            errors = [d.error for d in validated(method.solve(Scene(dataset), EFFECTS)).distances]
             out[method.name] = UM * float(np.sqrt(np.mean(np.square(errors))))
     return out
 
@@ -198,7 +198,7 @@ def test_outliers_spoil_the_peers_not_ours():
 
 def test_the_judge_agrees_with_a_fits_own_validation():
     solution = OURS.solve(Scene(session.touched(LAYOUT, 36, noise=5e-6)), EFFECTS)
-    own, common = predicted(solution, 0), judged(solution)
+    own, common = predicted(solution, 0), validated(solution)
     assert own is not None
     for mine, theirs in zip(own.distances, common.distances, strict=True):
         assert UM * mine.error == pytest.approx(UM * theirs.error, abs=0.5)

@@ -13,7 +13,7 @@ from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.predict import validate
 from bayescal.predict.bootstrap import blocks
-from bayescal.predict.crossvalidation import LEFT_OUT, VALIDATED, held_out, kept
+from bayescal.predict.crossvalidation import LEFT_OUT, VALIDATED, kept, validation_errors
 
 FULL = ("geometry", "compliance")
 BALLS = {"ball.A@1": (0.45, -0.2, 0.2), "ball.B@1": (0.35, 0.2, 0.25)}
@@ -100,7 +100,7 @@ def fitted(cube):
 
 
 def test_linear_predictions_agree_with_the_draws(fitted):
-    h = held_out(fitted)
+    h = validation_errors(fitted)
     assert (h.how, h.main) == (VALIDATED, "contact")
     draws = gaussian(fitted, 0, 4000)
     checked = validate(fitted, draws.flat, draws.kappa)
@@ -121,7 +121,7 @@ def test_predicted_sd_is_the_error_that_is_made(cube):
     for seed in range(7):
         session = cube(seed=seed, count=110)
         data = with_spheres(session.arm, with_held_out(session.dataset, 20), 5e-6, seed)
-        h = held_out(estimate(build(Scene(data), FULL)))
+        h = validation_errors(estimate(build(Scene(data), FULL)))
         scores.append(h.distances.error / h.distances.predicted_sd())
         contacts.append(h.residual / h.sd)
     assert 0.4 < np.sqrt(np.mean(np.concatenate(scores) ** 2)) < 1.6
@@ -133,7 +133,7 @@ def test_leaving_out_is_refitting_without(maker, request):
     """At the same noise scale, since that is what the closed form holds fixed."""
     session = request.getfixturevalue(maker)(seed=1, count=60)
     found = estimate(build(Scene(session.dataset), FULL), robust=False)
-    h = held_out(found)
+    h = validation_errors(found)
     assert h.how == LEFT_OUT
     assert h.main == ("contact" if maker == "cube" else "point")
     for row in (0, 17, 41):
@@ -159,7 +159,7 @@ def test_leaving_out_is_refitting_without(maker, request):
 
 
 def test_a_slip_is_gross_but_a_common_error_is_none(fitted):
-    h = held_out(fitted)
+    h = validation_errors(fitted)
     slipped = h.residual.copy()
     slipped[3] += 40 * h.sd[3]
     one = replace(h, residual=slipped)
@@ -187,7 +187,7 @@ def test_repeats_and_stops_stay_together(cube):
 
 
 def test_magnitude_of_nothing_and_of_something(fitted, cube):
-    h = held_out(fitted)
+    h = validation_errors(fitted)
     m = magnitude(fitted, fitted, h)
     assert m.excess_interval95[0] == 0.0
     assert m.noise_from == "fit"

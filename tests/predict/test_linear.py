@@ -11,7 +11,7 @@ from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.predict import validate
-from bayescal.predict.crossvalidation import held_out
+from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.locate import search
 from bayescal.predict.rows import prepared
 
@@ -51,7 +51,7 @@ def test_slopes_agree_with_locating_every_draw_again(fitted, excess):
     assert np.std(d.predicted) == pytest.approx(np.std(drawn), rel=0.08)
     assert abs(np.mean(drawn) - mean) < 0.1 * np.std(drawn)
     if not excess:
-        assert held_out(fitted).distances.predicted_sd()[0] == pytest.approx(np.std(drawn), rel=0.08)
+        assert validation_errors(fitted).distances.predicted_sd()[0] == pytest.approx(np.std(drawn), rel=0.08)
 
 
 def test_unexplained_error_is_added_to_located_spheres(fitted):

@@ -195,7 +195,7 @@ def test_summary_of_empty_tables(session):
 def bare(dataset) -> Gap:
     """A gap with every table empty."""
     return replace(
-        diagnosis(dataset, "null"), where=(), margins={}, shrinkage=(), ladder=(), advice=(), blind_spots=()
+        diagnosis(dataset, "null"), where=(), margins={}, shrinkage=(), levels=(), advice=(), blind_spots=()
     )
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from bayescal.estimate import Estimate
 from bayescal.gap.result import Step
 from bayescal.gap.settings import OUTCOME
-from bayescal.predict.crossvalidation import HeldOut, held_out, kept
+from bayescal.predict.crossvalidation import ValidationErrors, kept, validation_errors
 
 
-def ladder(
-    levels: Sequence[tuple[tuple[str, ...], Estimate]], held: Sequence[HeldOut] | None = None
+def model_levels(
+    levels: Sequence[tuple[tuple[str, ...], Estimate]], held: Sequence[ValidationErrors] | None = None
 ) -> tuple[Step, ...]:
     """Validation errors of model levels, each with the change in log predictive density.
 
@@ -21,10 +21,10 @@ def ladder(
     ----------
     levels : sequence of (effects, Estimate)
         Of one session, the nominal model first.
-    held : sequence of HeldOut, optional
+    held : sequence of ValidationErrors, optional
         What each leaves, where it is known already.
     """
-    held = [held_out(e) for _, e in levels] if held is None else held
+    held = [validation_errors(e) for _, e in levels] if held is None else held
     fair = kept(*held[-2:]) if len(held) > 2 else kept(held[-1])
     out: list[Step] = []
     before: np.ndarray | None = None
@@ -46,7 +46,7 @@ def ladder(
     return tuple(out)
 
 
-def log_predictive(held: HeldOut) -> tuple[np.ndarray, np.ndarray]:
+def log_predictive(held: ValidationErrors) -> tuple[np.ndarray, np.ndarray]:
     """Log predictive density of every validation contact, (C,), nats, and its block label (C,).
 
     Normal by the model's own noise and uncertainty, but for a share of gross contacts that all models allow
@@ -69,5 +69,5 @@ def difference(gain: np.ndarray, block: np.ndarray) -> tuple[float, float]:
     return float(np.sum(gain)), se
 
 
-def _rms(held: HeldOut, mine: np.ndarray) -> float:
+def _rms(held: ValidationErrors, mine: np.ndarray) -> float:
     return float(np.sqrt(np.mean(held.residual[mine] ** 2))) if np.any(mine) else float("nan")

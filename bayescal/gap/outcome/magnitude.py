@@ -12,12 +12,12 @@ from bayescal.estimate.unexplained import P_VALUE, STATED_FACTOR, repeat_scatter
 from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Magnitude, Measured
 from bayescal.gap.settings import OUTCOME
 from bayescal.predict.bootstrap import RESAMPLES, resampled
-from bayescal.predict.crossvalidation import LEFT_OUT, HeldOut, kept
+from bayescal.predict.crossvalidation import LEFT_OUT, ValidationErrors, kept
 from bayescal.predict.intervals import bootstrap_interval95, interval95
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseFloor:
     """Noise of one contact, or of one coordinate of a point, m."""
 
     sd: float
@@ -41,7 +41,7 @@ def stated_noise(fitted: Estimate, group: str) -> float:
     return float(np.sqrt(np.mean(np.concatenate(sigma) ** 2)))
 
 
-def noise_floor(final: Estimate, group: str) -> Noise:
+def noise_floor(final: Estimate, group: str) -> NoiseFloor:
     """Noise of one contact: from repeats where there are enough, else from what the fullest model leaves.
 
     Without repeats, residuals far above the stated noise are taken for what they are: a gap, not noise.
@@ -56,15 +56,19 @@ def noise_floor(final: Estimate, group: str) -> Noise:
     if group == "contact":
         repeats, count = repeat_scatter(final.model.scene, final)
         if repeats is not None:
-            return Noise(repeats, float(count), "repeats")
+            return NoiseFloor(repeats, float(count), "repeats")
     stated, scale, dof = stated_noise(final, group), final.weights.scale[group], final.dof[group]
     if dof < OUTCOME.fewest_dof or chi2.sf(dof * (scale / STATED_FACTOR) ** 2, dof) < P_VALUE:
-        return Noise(stated, STATED_WORTH, "stated")
-    return Noise(scale * stated, dof, "fit")
+        return NoiseFloor(stated, STATED_WORTH, "stated")
+    return NoiseFloor(scale * stated, dof, "fit")
 
 
 def magnitude(
-    estimate: Estimate, final: Estimate, held: HeldOut, after: HeldOut | None = None, seed: int = 0
+    estimate: Estimate,
+    final: Estimate,
+    held: ValidationErrors,
+    after: ValidationErrors | None = None,
+    seed: int = 0,
 ) -> Magnitude:
     """How big the gap is between a calibrated model and the machine.
 
@@ -74,9 +78,9 @@ def magnitude(
         Of the baseline, whose gap it is.
     final : Estimate
         Of the fullest model, for the noise; the baseline itself where nothing was added.
-    held : HeldOut
+    held : ValidationErrors
         Of the baseline.
-    after : HeldOut, optional
+    after : ValidationErrors, optional
         Of the fullest model: a validation contact is a gross outlier only if it is so for both.
     seed : int
         Of the bootstrap and of the simulated sessions.
@@ -112,7 +116,12 @@ def magnitude(
 
 
 def _contacts(
-    held: HeldOut, mine: np.ndarray, what: str, factor: float, noise: Noise, rng: np.random.Generator
+    held: ValidationErrors,
+    mine: np.ndarray,
+    what: str,
+    factor: float,
+    noise: NoiseFloor,
+    rng: np.random.Generator,
 ) -> Measured:
     """Validation residuals and simulated ones: parameters of the posterior, estimated noise."""
     by, residual = held.by_parameters[mine], held.residual[mine]
@@ -125,7 +134,7 @@ def _contacts(
     return _measured(what, contacts, residual, np.sqrt(np.mean(simulated**2, axis=1)))
 
 
-def _spheres(held: HeldOut, factor: float, noise: Noise, rng: np.random.Generator) -> Measured:
+def _spheres(held: ValidationErrors, factor: float, noise: NoiseFloor, rng: np.random.Generator) -> Measured:
     d = held.distances
     scale = noise.draws(rng)[:, None] / noise.sd * (factor if held.main == "contact" else 1.0)
     simulated = rng.standard_normal((RESAMPLES, d.by_parameters.shape[1])) @ d.by_parameters.T

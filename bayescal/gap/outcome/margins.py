@@ -14,7 +14,7 @@ from bayescal.gap.result import Margin
 from bayescal.gap.settings import OUTCOME
 from bayescal.model.length_blocks import length_blocks
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import VALIDATED, HeldOut, root
+from bayescal.predict.crossvalidation import VALIDATED, ValidationErrors, root
 
 AXES = "xyz"
 Bin = tuple[str, np.ndarray]  # a label and a mask (R,) of residuals
@@ -36,14 +36,14 @@ class Residuals:
 
 
 def margins(
-    estimate: Estimate, held: HeldOut, noise: float | None = None, noise_dof: float | None = None
+    estimate: Estimate, held: ValidationErrors, noise: float | None = None, noise_dof: float | None = None
 ) -> dict[str, tuple[Margin, ...]]:
     """Residuals of calibration and validation contacts, grouped by what they may depend on.
 
     Parameters
     ----------
     estimate : Estimate
-    held : HeldOut
+    held : ValidationErrors
         Of the same model.
     noise : float, optional
         Noise of one contact, m, where it is known better than by the fit; `noise_dof` is what it stands on.
@@ -59,7 +59,7 @@ def margins(
     found: list[tuple[str, str, Margin]] = []
     for margin, bins in _bins(scene, r).items():
         for family, (label, mask) in bins:
-            tested = judge(r, label, mask)
+            tested = margin_of(r, label, mask)
             if tested is not None:
                 found.append((margin, family, tested))
     corrected = holm(np.array([m.p_value for _, _, m in found]))
@@ -92,7 +92,7 @@ def holm(p: np.ndarray) -> np.ndarray:
 
 
 def residuals(
-    estimate: Estimate, held: HeldOut, noise: float | None = None, noise_dof: float | None = None
+    estimate: Estimate, held: ValidationErrors, noise: float | None = None, noise_dof: float | None = None
 ) -> Residuals:
     """All lengths of calibration rows, and of validation rows where there are any; as for `margins`."""
     model, blocks = estimate.model, length_blocks(estimate.model)
@@ -143,7 +143,7 @@ def _directions(scene: Scene, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return out, signed
 
 
-def judge(r: Residuals, label: str, mask: np.ndarray) -> Margin | None:
+def margin_of(r: Residuals, label: str, mask: np.ndarray) -> Margin | None:
     """One bin, or None where it is too small; its p-value, uncorrected, is twice the smaller of two."""
     # slips lie anywhere; where rejected contacts gather, they are what is looked for
     if np.sum(r.suspect[mask]) < max(OUTCOME.gathered * np.sum(mask), 3):

@@ -10,14 +10,14 @@ from bayescal.dataset import Dataset
 from bayescal.effects import Driver
 from bayescal.estimate import Estimate
 from bayescal.gap.outcome.magnitude import stated_noise
-from bayescal.gap.search.unknown import Found, Pool
+from bayescal.gap.search.unknown import CellFit, Pool
 from bayescal.gap.settings import OUTCOME
-from bayescal.predict.crossvalidation import LEFT_OUT, HeldOut, kept
+from bayescal.predict.crossvalidation import LEFT_OUT, ValidationErrors, kept
 
 DIRECTED = ("backlash", "latency", "unknown")
 
 
-def play_or_late(alone: tuple[Found, ...], pool: Pool, credible: tuple[str, ...]) -> tuple[str, ...]:
+def play_or_late(alone: tuple[CellFit, ...], pool: Pool, credible: tuple[str, ...]) -> tuple[str, ...]:
     """Backlash or readings that were not settled: which of the two the data favour.
 
     Backlash follows the sign of the speed of a joint. The error of a reading that was not settled, or of a
@@ -62,13 +62,15 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def _noise(fitted: Estimate, held: HeldOut) -> np.ndarray:
+def _noise(fitted: Estimate, held: ValidationErrors) -> np.ndarray:
     """Noise (R,) of validation residuals, m, without the uncertainty of the parameters."""
     usual = {g: stated_noise(fitted, g) * s for g, s in fitted.weights.scale.items()}
     return np.array([usual.get(g, sd) for g, sd in zip(held.group, held.noise, strict=True)])
 
 
-def warnings(before: Estimate, after: Estimate, first: HeldOut, last: HeldOut) -> tuple[str, ...]:
+def warnings(
+    before: Estimate, after: Estimate, first: ValidationErrors, last: ValidationErrors
+) -> tuple[str, ...]:
     """What limits the results."""
     out = []
     model, fair = after.model, kept(first, last)

@@ -10,7 +10,7 @@ from scipy.stats import f as f_distribution
 from bayescal.gap.result import Shrinkage
 from bayescal.gap.settings import OUTCOME
 from bayescal.predict.bootstrap import RESAMPLES, independent_distances, resampled, resampled_distances
-from bayescal.predict.crossvalidation import HeldOut, kept
+from bayescal.predict.crossvalidation import ValidationErrors, kept
 from bayescal.predict.distances import CentreDistances
 from bayescal.predict.intervals import bootstrap_interval95, interval95
 
@@ -18,13 +18,17 @@ NAN = float("nan")
 
 
 def shrinkage(
-    before: HeldOut, after: HeldOut, noise: float, seed: int = 0, noise_dof: float = float("inf")
+    before: ValidationErrors,
+    after: ValidationErrors,
+    noise: float,
+    seed: int = 0,
+    noise_dof: float = float("inf"),
 ) -> tuple[Shrinkage, ...]:
     """Compare two models on the same validation rows.
 
     Parameters
     ----------
-    before, after : HeldOut
+    before, after : ValidationErrors
         Of the baseline and of the refitted model.
     noise : float
         Noise of one contact, m (of one coordinate where all rows are points).

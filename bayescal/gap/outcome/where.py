@@ -13,7 +13,7 @@ from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import State, fit_state, without_nuisance
 from bayescal.gap.result import Curve, Place
 from bayescal.gap.search.beam import Hypothesis
-from bayescal.gap.search.unknown import Found, Pool, found, with_set
+from bayescal.gap.search.unknown import CellFit, Pool, cell_fits, with_set
 from bayescal.gap.settings import OUTCOME
 
 
@@ -46,7 +46,7 @@ def places(
     seen = {(p.site, p.driver) for p in out}
     most = max(OUTCOME.places, len(out) + OUTCOME.places_left)  # what was named never hides what is left
     while len(out) < most:
-        ranked = sorted(found(state, pool), key=lambda f: -f.gain)
+        ranked = sorted(cell_fits(state, pool), key=lambda f: -f.gain)
         ranked = [f for f in ranked if (pool.cells[f.cell].site, pool.cells[f.cell].driver) not in seen]
         if not ranked:
             break
@@ -111,7 +111,7 @@ def _place(
 
 
 def _of_cell(
-    state: State, pool: Pool, f: Found, c: Circumstances, excess: float, size: int, tests: int
+    state: State, pool: Pool, f: CellFit, c: Circumstances, excess: float, size: int, tests: int
 ) -> tuple[Place, State]:
     cell = pool.cells[f.cell]
     start = state.weight if not state.gross else None

@@ -6,10 +6,10 @@ import numpy as np
 
 from bayescal.gap.outcome.levels import difference, log_predictive
 from bayescal.gap.settings import GATE
-from bayescal.predict.crossvalidation import LEFT_OUT, HeldOut, kept
+from bayescal.predict.crossvalidation import LEFT_OUT, ValidationErrors, kept
 
 
-def worse(before: HeldOut, after: HeldOut) -> str:
+def worse(before: ValidationErrors, after: ValidationErrors) -> str:
     """How a refit increased the validation errors, as text; "" where it did not."""
     if before.how != LEFT_OUT:
         gain, se = difference(log_predictive(after)[0] - log_predictive(before)[0], log_predictive(before)[1])

@@ -53,7 +53,7 @@ class Pool:
 
 
 @dataclass(frozen=True)
-class Found:
+class CellFit:
     """One cell against a hypothesis: nats averaged over its sets and scales, its best set and scale."""
 
     cell: int
@@ -63,9 +63,9 @@ class Found:
     rival: bool = True  # of the named effects: not what has a name, nor the very place of one
 
 
-def found(state: State, pool: Pool) -> list[Found]:
+def cell_fits(state: State, pool: Pool) -> list[CellFit]:
     """What every cell would add to a state; where that is much, by a fit of the leading cells' best sets."""
-    out = reckoned(state, pool)
+    out = approximate_fits(state, pool)
     fitted: set[int] = set()
     while out:
         top = max(out, key=lambda f: f.gain)
@@ -76,14 +76,14 @@ def found(state: State, pool: Pool) -> list[Found]:
     return out
 
 
-def refitted(state: State, pool: Pool, f: Found, start: np.ndarray | None = None) -> Found:
+def refitted(state: State, pool: Pool, f: CellFit, start: np.ndarray | None = None) -> CellFit:
     """A cell with the nats that fits of its best set, scale by scale, bring over a state."""
     nats = np.array([with_set(state, pool, f.best, s, start).log_evidence for s in SCALES]) + SCALE_PRIOR
     gain = float(log_sum(nats)) - state.log_evidence - np.log(np.sum(pool.owner == f.cell))
     return replace(f, gain=float(gain), scale=float(SCALES[int(np.argmax(nats))]))
 
 
-def reckoned(state: State, pool: Pool) -> list[Found]:
+def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
     """What every cell would add to a state, without a fit of it."""
     bayes = weigh_sets(state, pool.bank) + SCALE_PRIOR
     out = []
@@ -92,7 +92,7 @@ def reckoned(state: State, pool: Pool) -> list[Found]:
         table = bayes[own]
         j, k = np.unravel_index(int(np.argmax(table)), table.shape)
         gain = float(log_sum(table) - np.log(len(own)))
-        out.append(Found(i, gain, int(own[j]), float(SCALES[k])))
+        out.append(CellFit(i, gain, int(own[j]), float(SCALES[k])))
     return out
 
 
@@ -108,17 +108,17 @@ def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray 
     )
 
 
-def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[Found]]:
+def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[CellFit]]:
     """Log evidence of an unmodelled effect over a hypothesis, averaged over cells, and each cell's own.
 
     Where the hypothesis leaves contacts out, the leading cells are tried on all of them: a defect at one
     place looks like a handful of outliers.
     """
     state = hypothesis.state
-    cells = found(state, pool)
+    cells = cell_fits(state, pool)
     if state.gross:
         whole = fit_state(state.problem, state.columns, state.scales, robust=False)
-        for rank in sorted(reckoned(whole, pool), key=lambda f: -f.gain)[: UNKNOWN.tried]:
+        for rank in sorted(approximate_fits(whole, pool), key=lambda f: -f.gain)[: UNKNOWN.tried]:
             anew = refitted(state, pool, rank)
             if anew.gain > cells[rank.cell].gain:
                 cells[rank.cell] = anew

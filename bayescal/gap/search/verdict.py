@@ -12,7 +12,7 @@ from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.outcome.where import unabsorbed, visible
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.cells import Cell
-from bayescal.gap.search.unknown import Found, Pool, unknown, with_set
+from bayescal.gap.search.unknown import CellFit, Pool, unknown, with_set
 from bayescal.gap.settings import SEARCH, VERDICT
 
 
@@ -21,7 +21,7 @@ class Weighed:
     """A hypothesis, perhaps with an unmodelled effect, and its probability."""
 
     hypothesis: Hypothesis
-    cell: Found | None  # of an unmodelled effect, the best; None without
+    cell: CellFit | None  # of an unmodelled effect, the best; None without
     log_evidence: float  # over nothing
     score: float
     probability: float = 0.0
@@ -41,7 +41,7 @@ class Decision:
     weighed: tuple[Weighed, ...]  # the weightiest first
     probability: Mapping[str, float]
     credible: tuple[str, ...]
-    alone: tuple[Found, ...]  # every cell beside nothing
+    alone: tuple[CellFit, ...]  # every cell beside nothing
     footnotes: tuple[str, ...]
 
     @property
@@ -59,7 +59,7 @@ def decide(search: Search, pool: Pool) -> Decision:
     """Weigh every hypothesis that was searched, with and without an unmodelled effect, and decide."""
     weighed, alone = weigh(search, pool)
     probability = probabilities(weighed, list(search.candidates.variants))
-    kind, names = judge(weighed, probability)
+    kind, names = verdict_of(weighed, probability)
     best = weighed[0]
     if best.cell is not None and names:
         names = tuple(n for n in names if _survives(search, best, pool, n))
@@ -70,13 +70,13 @@ def decide(search: Search, pool: Pool) -> Decision:
     return Decision(kind, chosen, weighed, probability, credible_set(weighed), tuple(alone), footnotes)
 
 
-def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[Found]]:
+def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[CellFit]]:
     """All hypotheses with their probabilities, the weightiest first; and every cell beside nothing."""
     ranked = sorted(search.hypotheses.values(), key=lambda h: -h.score)
     null = search.hypotheses[frozenset()]
     leaders = list({id(h): h for h in (null, *ranked[: VERDICT.leaders])}.values())
     out = [Weighed(h, None, h.log_evidence - null.log_evidence, h.score) for h in ranked]
-    alone: list[Found] = []
+    alone: list[CellFit] = []
     for h in leaders:
         gain, cells = unknown(h, pool)
         alone = cells if h is null else alone
@@ -146,7 +146,7 @@ def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
     return tuple(out)
 
 
-def judge(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
     """Kind of verdict and the effects that it would commit to."""
     best = weighed[0]
     if probability["null"] >= VERDICT.null_enough:

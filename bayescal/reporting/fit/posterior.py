@@ -32,8 +32,8 @@ def variable(name: str) -> str:
 
 def fit_draws(fit: Fit) -> Record:
     """The record of a fit: parameters in the files' units, one variable each; rows by `contact`."""
-    rung, draws = fit.final, fit.draws
-    model, scene = rung.estimate.model, rung.estimate.model.scene
+    level, draws = fit.final, fit.draws
+    model, scene = level.estimate.model, level.estimate.model.scene
     m, ids = scene.dataset.measurements, np.array(scene.dataset.measurements.ids)
     names = [variable(name) for name in model.names]
     predictive, observed, coords = _predictions(fit)
@@ -44,7 +44,7 @@ def fit_draws(fit: Fit) -> Record:
     constant: Labelled = {
         "reading_deg": (("row", "joint"), np.degrees(m.readings[rows])),
         "target": (("row",), np.array([t.name for t in scene.dataset.targets])[m.target[rows]]),
-        "rejected": (("row",), np.isin(rows, rung.estimate.rejected).astype(np.int8)),
+        "rejected": (("row",), np.isin(rows, level.estimate.rejected).astype(np.int8)),
     }
     coords |= {
         "contact": ids[judged.rows],  # those that count
@@ -64,7 +64,7 @@ def fit_draws(fit: Fit) -> Record:
     attrs = {
         "dataset": fit.dataset.name,
         "dataset_sha256": fit.dataset.sha256,
-        "model": ",".join(rung.effects),
+        "model": ",".join(level.effects),
         "seed": str(fit.seed),
         "inference_library": "emcee" if draws.acceptance else "gaussian approximation",
         "creation_library": f"bayescal {__version__}",

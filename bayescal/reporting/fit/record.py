@@ -21,17 +21,17 @@ LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "emcee", "arviz")
 
 def fit_record(fit: Fit) -> dict[str, Any]:
     """The contents of fit.json."""
-    rung = fit.final
+    level = fit.final
     return {
         **origin(SCHEMA, fit.dataset, fit.seed, LIBRARIES),
         "verdict": verdict_record(fit.acceptance, fit.dataset),
         "acceptance": None if fit.tolerance is None else tolerance_record(fit.tolerance),
-        "model": list(rung.effects),
+        "model": list(level.effects),
         "prior_width": fit.prior_width,
         "parameters": _parameters(fit),
-        "noise": _noise(rung),
-        "residuals": _residuals(rung),
-        "rejected": [fit.dataset.measurements.ids[row] for row in rung.estimate.rejected],
+        "noise": _noise(level),
+        "residuals": _residuals(level),
+        "rejected": [fit.dataset.measurements.ids[row] for row in level.estimate.rejected],
         "identifiability": {
             "singular_values": _numbers(fit.identifiability.singular_values),
             "weak_directions": [
@@ -53,8 +53,8 @@ def fit_record(fit: Fit) -> dict[str, Any]:
             "missing": fit.directions.missing.tolist(),
         },
         "sampler": _sampler(fit),
-        "validation": validation_record(fit.ladder[0].validation, rung.validation),
-        "ladder": [_rung(r) for r in fit.ladder],
+        "validation": validation_record(fit.levels[0].validation, level.validation),
+        "ladder": [_level(r) for r in fit.levels],
         "findings": [{"code": f.code, "severity": f.severity, "text": f.text} for f in fit.findings],
         "warnings": list(fit.warnings),
     }
@@ -99,8 +99,8 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _noise(rung: ModelLevel) -> dict[str, Any]:
-    left, found = rung.unexplained, rung.estimate
+def _noise(level: ModelLevel) -> dict[str, Any]:
+    left, found = level.unexplained, level.estimate
     return {
         "group": left.group,
         "stated_um": UM * left.stated,
@@ -113,8 +113,8 @@ def _noise(rung: ModelLevel) -> dict[str, Any]:
     }
 
 
-def _residuals(rung: ModelLevel) -> list[dict[str, Any]]:
-    found = rung.estimate
+def _residuals(level: ModelLevel) -> list[dict[str, Any]]:
+    found = level.estimate
     scene, out = found.model.scene, []
     for k, target in enumerate(scene.dataset.targets):
         for role in ("calibrate", "validate"):
@@ -241,8 +241,8 @@ def validation_record(nominal: Validation, calibrated: Validation) -> dict[str, 
         "points": _points(nominal.points, calibrated.points),
         "orientations": _turns(calibrated.turns),
         "worst_distance_um": {
-            "nominal": _or_none(UM * nominal.worst_distance),
-            "calibrated": _or_none(UM * calibrated.worst_distance),
+            "nominal": _or_none(UM * nominal.maximum_distance_error),
+            "calibrated": _or_none(UM * calibrated.maximum_distance_error),
         },
     }
 
@@ -296,18 +296,18 @@ def _turns(checks: tuple[TurnCheck, ...]) -> dict[str, Any]:
     }
 
 
-def _rung(rung: ModelLevel) -> dict[str, Any]:
-    v = rung.validation
+def _level(level: ModelLevel) -> dict[str, Any]:
+    v = level.validation
     planes = [p.residuals for p in v.planes]
     distances = np.array([d.error for d in v.distances])
     predicted = np.array([d.predicted for d in v.distances])
     return {
-        "model": list(rung.effects),
-        "noise_estimated_um": UM * rung.unexplained.fitted,
-        "unexplained_um": UM * rung.unexplained.excess,
+        "model": list(level.effects),
+        "noise_estimated_um": UM * level.unexplained.fitted,
+        "unexplained_um": UM * level.unexplained.excess,
         "heldout_planes_rms_um": UM * _rms(np.concatenate(planes)) if planes else None,
         "distance_rms_um": UM * _rms(distances) if len(distances) else None,
-        "worst_distance_um": _or_none(UM * v.worst_distance),
+        "worst_distance_um": _or_none(UM * v.maximum_distance_error),
         "predicted_distance_interval95_um": ends(predicted.ravel(), UM) if len(distances) else None,
         "points_mean_um": UM
         * float(np.mean(np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])))

@@ -34,9 +34,9 @@ def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
     parts: list[RenderableType] = [title, facts([*_verdict(fit.acceptance), *_predicted(fit)])]
     parts.append(facts([*_tolerance(fit.tolerance), *_next(fit), *_findings(fit)]))
     if v.planes or v.distances or v.points or v.turns:
-        parts += ["", level_table(fit.ladder)]
+        parts += ["", level_table(fit.levels)]
     if v.distances:
-        parts += ["", distance_table(v, fit.ladder[0].validation, verbose)]
+        parts += ["", distance_table(v, fit.levels[0].validation, verbose)]
     if fit.tolerance is not None and fit.tolerance.distances and verbose:
         parts += ["", tolerance_table(fit.tolerance)]
     if fit.final.estimate.model.parameters:
@@ -86,7 +86,7 @@ def _measured(v: Validation, lead: DistanceErrors) -> list[str]:
         within = sum(bool(inside95(d.error, d.predicted)) for d in v.distances)
         rms = float(np.sqrt(np.mean([d.error**2 for d in v.distances])))
         out.append(
-            f"maximum distance error {um(v.worst_distance)} µm, RMS {um(rms)}; "
+            f"maximum distance error {um(v.maximum_distance_error)} µm, RMS {um(rms)}; "
             f"{within} of {len(v.distances)} within 95 %"
         )
     elif lead.measured is not None:

@@ -45,7 +45,7 @@ def level_table(levels: Sequence[ModelLevel]) -> FigureTable:
         if v.distances:
             low, high = interval95(np.concatenate([d.predicted for d in v.distances]))
             cells.append(um(np.sqrt(np.mean([d.error**2 for d in v.distances]))))
-            cells += [um(v.worst_distance), f"{UM * low:+.0f} .. {UM * high:+.0f}"]
+            cells += [um(v.maximum_distance_error), f"{UM * low:+.0f} .. {UM * high:+.0f}"]
         if v.points:
             length = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])
             cells += [um(np.mean(length)), um(np.max(length))]

@@ -69,11 +69,11 @@ def draw_levels(gap: Gap) -> Figure:
     """Validation errors of the model levels, from the nominal model to the named effects."""
     out = figure(12, 5.0, ["Validation error of the model levels"])
     axes = out.subplots()
-    at = np.arange(len(gap.ladder))
+    at = np.arange(len(gap.levels))
     series = (
-        (VALIDATION_CONTACTS, "o", [s.heldout_rms for s in gap.ladder]),
-        ("sphere distances", "s", [s.distance_rms for s in gap.ladder]),
-        (VALIDATION_POINTS, "D", [s.point_rms for s in gap.ladder]),
+        (VALIDATION_CONTACTS, "o", [s.validation_rms for s in gap.levels]),
+        ("sphere distances", "s", [s.distance_rms for s in gap.levels]),
+        (VALIDATION_POINTS, "D", [s.point_rms for s in gap.levels]),
     )
     drawn = [(w, m, UM * np.array(v)) for w, m, v in series if np.any(np.isfinite(v))]
     points_only = len(drawn) > 1 and np.allclose(drawn[0][2], drawn[-1][2], equal_nan=True)
@@ -110,8 +110,8 @@ def draw_levels(gap: Gap) -> Figure:
 
 def _level(gap: Gap, k: int) -> str:
     """A model level by what it adds to the one before."""
-    step = gap.ladder[k]
-    before = gap.ladder[k - 1].model if k else ()
+    step = gap.levels[k]
+    before = gap.levels[k - 1].model if k else ()
     if len(before) > 1 and step.model[: len(before)] == before and step.model != before:
         return "+ " + "\n+ ".join(step.model[len(before) :])
     return model_label(step.model).replace(" + ", "\n+ ")

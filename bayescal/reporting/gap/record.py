@@ -60,13 +60,13 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "ladder": [
             {
                 "model": list(step.model),
-                "heldout_rms_um": UM * step.heldout_rms,
+                "heldout_rms_um": UM * step.validation_rms,
                 "distance_rms_um": UM * step.distance_rms,
                 "point_rms_um": UM * step.point_rms,
                 "delta_elpd": step.delta_elpd,
                 "delta_elpd_se": step.delta_elpd_se,
             }
-            for step in gap.ladder
+            for step in gap.levels
         ],
         "next": [_advice(a) for a in gap.advice],
         "blind_spots": [_blind(b) for b in gap.blind_spots],
@@ -99,8 +99,8 @@ def _um(interval: tuple[float, float]) -> list[float]:
 
 def _magnitude(m: Magnitude) -> dict[str, Any]:
     return {
-        "heldout": m.heldout,
-        "heldout_rms_um": UM * m.heldout_rms,
+        "heldout": m.validation,
+        "heldout_rms_um": UM * m.validation_rms,
         "noise_um": UM * m.noise,
         "noise_interval95_um": _um(m.noise_interval95),
         "noise_from": m.noise_from,

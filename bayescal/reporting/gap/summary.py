@@ -51,7 +51,7 @@ def gap_summary(gap: Gap) -> RenderableType:
     parts += [facts(_which(gap)), ""]
     if gap.shrinkage and not nothing:
         parts += [_shrinkage(gap), facts(_not_claimed(gap.shrinkage))]
-    if gap.ladder:
+    if gap.levels:
         parts += [_levels(gap), ""]
     parts.append(facts(_next(gap)))
     if gap.blind_spots:
@@ -64,7 +64,7 @@ def _size(gap: Gap) -> Facts:
     m = gap.magnitude
     low, high = m.noise_interval95
     each = "contact" if any(x.what == VALIDATION_CONTACTS for x in m.measured) else "coordinate"
-    yield "validation", f"{um(m.heldout_rms)} µm RMS per {each} ({m.heldout})", ""
+    yield "validation", f"{um(m.validation_rms)} µm RMS per {each} ({m.validation})", ""
     yield "noise", f"{um(m.noise)} µm per {each}, {um(low)} to {um(high)} (95 %, from {_noise_from(gap)})", ""
     low, high = m.excess_interval95
     if gap.verdict.kind == "null":
@@ -178,13 +178,13 @@ def _not_claimed(shrinkage: tuple[Shrinkage, ...]) -> Facts:
 
 
 def _levels(gap: Gap) -> Table:
-    distances = any(np.isfinite(s.distance_rms) for s in gap.ladder)
-    points = any(np.isfinite(s.point_rms) for s in gap.ladder)
+    distances = any(np.isfinite(s.distance_rms) for s in gap.levels)
+    points = any(np.isfinite(s.point_rms) for s in gap.levels)
     headings = ["validation"] + ["distances"] * distances + ["points"] * points
     table = plain_table("model: RMS (µm), gain (nats)", *headings, "log density")
     before: tuple[str, ...] = ()
-    for k, step in enumerate(gap.ladder):
-        cells = [um(step.heldout_rms)]
+    for k, step in enumerate(gap.levels):
+        cells = [um(step.validation_rms)]
         cells += [um(step.distance_rms)] if distances else []
         cells += [um(step.point_rms)] if points else []
         gain = (

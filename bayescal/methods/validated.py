@@ -32,7 +32,7 @@ def located(model: Model, values: np.ndarray) -> np.ndarray:
     return z
 
 
-def judged(solution: Solution) -> Validation:
+def validated(solution: Solution) -> Validation:
     """Errors of a method on validation rows; predicted uncertainties in it are void."""
     model = with_parameters(solution.model.scene, solution.model.effects, solution.model.parameters)
     z = located(model, solution.values)
