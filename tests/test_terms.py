@@ -21,7 +21,7 @@ TERMS = {
     r"to go on|goes on|go on": "Documentation; continues",
     r"nobody|thereof|wherein|whence|lest": "a plain sentence",
     r"had from": "obtained from",
-    r"mates?": "confusable effects",
+    r"(?<!LR )mates?": "confusable effects",
     r"whole or not at all": "atomically",
     r"how sure|how surely": "uncertainty, probability",
     r"something else|something unknown|something more": "unmodelled effect outside the vocabulary",
