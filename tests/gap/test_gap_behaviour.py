@@ -94,7 +94,7 @@ def test_a_rare_direction_is_no_outlier(cube):
     decision, search = bench.decided(p)
     null = search.hypotheses[frozenset()].state
     lost = p.rows[p.contact[null.weight[: p.count] == 0]]
-    assert len(np.intersect1d(lost, rare)) >= 4  # without the effect these contacts do not count
+    assert len(np.intersect1d(lost, rare)) >= 3  # without the effect some of these do not count
     assert names(decision) == ["backlash"]
     kept = p.rows[p.contact[decision.hypothesis.state.weight[: p.count] > 0]]
     assert len(np.intersect1d(kept, rare)) >= 9
