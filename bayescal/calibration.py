@@ -1,4 +1,4 @@
-"""The calibration, end to end: models side by side, the posterior of the last, what it predicts."""
+"""A complete calibration: the model levels, the posterior of the last one, and its predictions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NOMINAL = ("nominal",)
 
 @dataclass(frozen=True)
 class ModelLevel:
-    """One model level: its estimate and what it predicts of the validation rows."""
+    """One model level: its estimate and its prediction of the validation rows."""
 
     effects: tuple[str, ...]
     estimate: Estimate
@@ -42,7 +42,7 @@ class ModelLevel:
 
 @dataclass(frozen=True)
 class Fit:
-    """A calibration and all that is to be said of it."""
+    """A calibration with all its results."""
 
     dataset: Dataset
     seed: int
@@ -55,16 +55,16 @@ class Fit:
     directions: Directions
     acceptance: Acceptance
     findings: tuple[Finding, ...]
-    tolerance: Tolerance | None = None  # decisions, where a tolerance was given
+    tolerance: Tolerance | None = None  # conformance decisions, where a tolerance was given
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The findings in words."""
+        """The findings as text."""
         return tuple(f.text for f in self.findings)
 
     @property
     def final(self) -> ModelLevel:
-        """The model level that was asked for."""
+        """The requested model level."""
         return self.levels[-1]
 
 
@@ -87,24 +87,24 @@ def fit(
     effects : tuple of str
         The model: names of `effects.MODELS`.
     samples : int
-        Effective draws wanted of every parameter; 0 stops at the Gaussian approximation.
+        Requested effective draws of every parameter; 0: Gaussian approximation only.
     seed : int
-        One seed, one result.
+        The same seed gives the same result.
     robust : bool
-        Leave outliers out.
+        Exclude outliers.
     prior_width : float
         Factor on the prior standard deviations of the arm.
     latent_joints : bool
         Keep the joint readings as variables of the graph.
     progress : callable
-        Told the stage and the fraction of it that is done.
+        Called with the stage and its completed fraction.
     tolerance : float, optional
-        m, of the error of a distance: decided on by ISO 14253-1 (`assess.conformance`).
+        m, of the error of a distance; conformance is decided by ISO 14253-1 (`assess.conformance`).
 
     Raises
     ------
     BayescalError
-        Where the session cannot be fitted, with the reason.
+        If the session cannot be fitted, with the reason.
     """
     check_asked(effects, prior_width)
     if tolerance is not None:
@@ -158,12 +158,12 @@ def fit(
 
 
 def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """Model levels: nominal, the joints alone where all of the geometry follows, then effect by effect."""
+    """Model levels: nominal, joint offsets where the whole geometry follows, then effect by effect."""
     joints = [(JOINT.name,)] if effects[:1] == (GEOMETRY.name,) else []
     return [(), *joints, *(effects[:k] for k in range(1, len(effects) + 1))]
 
 
 def _spread(draws: Draws) -> tuple[np.ndarray, np.ndarray]:
-    """At most `VALIDATION_DRAWS` draws, evenly out of all."""
+    """At most `VALIDATION_DRAWS` draws, evenly spaced among all."""
     pick = np.linspace(0, len(draws.flat) - 1, min(VALIDATION_DRAWS, len(draws.flat))).astype(int)
     return draws.flat[pick], draws.kappa[pick]

@@ -1,8 +1,8 @@
 """Convergence of chains as ArviZ computes it: rank-normalised split R-hat, bulk and tail ESS.
 
 Vehtari, Gelman, Simpson, Carpenter, Buerkner (2021), Rank-normalization, folding, and localization: an
-improved R-hat, Bayesian Analysis 16, 667. ArviZ itself would take seconds to import and works on one
-component at a time; tests compare the two.
+improved R-hat, Bayesian Analysis 16, 667. ArviZ itself takes seconds to import and works on one component at
+a time; tests compare the results.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TAILS = (0.05, 0.95)
 
 @dataclass(frozen=True)
 class Convergence:
-    """Of every component: effective draws in the bulk and in the tails, and R-hat, each (D,)."""
+    """Effective draws in the bulk and in the tails, and R-hat, of every component, (D,)."""
 
     ess_bulk: np.ndarray
     ess_tail: np.ndarray
@@ -27,12 +27,12 @@ class Convergence:
 
     @property
     def ess(self) -> np.ndarray:
-        """The smaller of the two, (D,)."""
+        """The smaller of the two effective sample sizes, (D,)."""
         return np.minimum(self.ess_bulk, self.ess_tail)
 
 
 def convergence(chains: np.ndarray) -> Convergence:
-    """Judge chains.
+    """Effective sample sizes and R-hat of chains.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def _time(rho: np.ndarray) -> float:
     """Autocorrelation time from autocorrelations (N,): pairs of lags while positive, made monotone."""
     n = len(rho)
     pairs = rho[: 2 * (n // 2)].reshape(-1, 2).sum(axis=1)
-    most = max((n - 3) // 2, 0)  # as many as ArviZ looks at
+    most = max((n - 3) // 2, 0)  # as in ArviZ
     ends = np.flatnonzero(pairs[: most + 1] <= 0)
     end = int(ends[0]) if len(ends) else most
     return float(-1.0 + 2.0 * np.sum(np.minimum.accumulate(pairs[:end])) + max(rho[2 * end], 0.0))

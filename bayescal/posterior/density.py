@@ -26,7 +26,7 @@ class Density:
         self.estimate, self.model = estimate, model
         kept = [b.rows[estimate.weights.row[b.name] > 0] for b in model.blocks]
         self.blocks = [model.part(b, rows) for b, rows in zip(model.blocks, kept, strict=True)]
-        # the ball centres of all contacts in one pass; orientations take passes of their own
+        # ball centres of all contacts are computed together, orientations separately
         touching = [b.rows for b in self.blocks if not isinstance(b, Turned)]
         self._motion = model.motion(np.concatenate(touching))
         ends = np.cumsum([len(rows) for rows in kept])
@@ -50,7 +50,7 @@ class Density:
     def whitened(self, z: np.ndarray) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
         """Residuals of every block at z (W, D), in standard uncertainties at kappa 1, and all target states.
 
-        Of a block (W, rows of its kind, contacts that count).
+        Shape for a block: (W, rows of its kind, contacts that were not rejected).
         """
         slices = self.model.slices
         values = self.model.deviations(z[:, slices[ARM]])
@@ -90,10 +90,10 @@ class Density:
 
 @dataclass(frozen=True)
 class Linearised:
-    """The density with the model linearised at the estimate: drawn from and evaluated exactly.
+    """The density with the model linearised at the estimate; draws and evaluation are exact.
 
-    The noise scale comes from its closed-form marginal on a grid, the parameters from their normal
-    given the scale, which one generalised eigendecomposition makes diagonal for every scale.
+    The noise scale is drawn from its closed-form marginal on a grid, the parameters from their normal
+    distribution given the scale. A generalised eigendecomposition makes it diagonal for every scale.
     """
 
     centre: np.ndarray  # (D,) the estimate
@@ -101,7 +101,7 @@ class Linearised:
     inverse: np.ndarray  # (D, D) its inverse
     eigenvalues: np.ndarray  # (D,) information of the contacts at kappa 1, relative to the rest
     pull: np.ndarray  # (D,) gradient of the contacts' half chi-squared, in the basis
-    push: np.ndarray  # (D,) gradient of the prior's and the certificates'
+    push: np.ndarray  # (D,) gradient of half chi-squared of prior and certificates, in the basis
     edges: np.ndarray  # (BINS + 1,) of log kappa
     log_mass: np.ndarray  # (BINS,) log density in each bin
 
@@ -109,7 +109,7 @@ class Linearised:
     def of(cls, density: Density) -> Linearised:
         """Linearise a density at its estimate."""
         estimate = density.estimate
-        # at kappa 1, and with the row weights that the density has
+        # at kappa 1, with the row weights of the density
         unit = linearise(density.model, estimate.z, replace(estimate.weights, scale=density.ratio))
         contacts = sum(s.stop - s.start for s in unit.of_block.values())
         jc, jt = unit.jacobian[:contacts], unit.jacobian[contacts:]
@@ -143,7 +143,7 @@ class Linearised:
     def draw(
         self, count: int, rng: np.random.Generator | np.random.RandomState, spread: float = 1.0
     ) -> np.ndarray:
-        """Independent points (count, D + 1); `spread` widens the parameters' normal."""
+        """Independent points (count, D + 1); `spread` is a factor on the standard deviation of parameters."""
         width = self.edges[1] - self.edges[0]
         cumulative = np.cumsum(np.exp(self.log_mass) * width)
         bins = np.searchsorted(cumulative, rng.uniform(size=count) * cumulative[-1])

@@ -1,7 +1,7 @@
-"""The ArviZ record of a calibration: the one module that knows ArviZ, 0.x and 1.x alike.
+"""The ArviZ record of a calibration. Only this module uses ArviZ, of version 0.x or 1.x.
 
-A record is written as netCDF without ArviZ, xarray or pandas, whose imports take longer than a fit; what
-ArviZ reads of it is what it would have written.
+A record is written as netCDF without ArviZ, xarray or pandas, because their import takes longer than a fit.
+ArviZ reads the same content from it as from a file that ArviZ wrote.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray]]
-"""Name -> (dimensions behind chain and draw, values)."""
+"""Name -> (dimensions after chain and draw, values)."""
 
 SAMPLED = (
     "posterior",
@@ -25,7 +25,7 @@ SAMPLED = (
     "prior",
     "prior_predictive",
 )
-"""Groups whose values begin with chain and draw."""
+"""Groups whose values have chain and draw as first dimensions."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class Record:
     units : mapping
         Unit of each variable.
     attrs : mapping
-        Attributes of the whole.
+        Attributes of the record.
     labels : mapping
-        Further labels of a dimension: name to the dimension and its labels.
+        Additional labels of a dimension: name to the dimension and its labels.
     """
 
     groups: Mapping[str, Variables]
@@ -114,7 +114,7 @@ def save(record: Record, path: Path) -> None:
 
 
 def _variable(group: Any, name: str, dims: tuple[str, ...], values: np.ndarray) -> Any:
-    """A new variable of a group; text as strings of any length."""
+    """Create a variable of a group; text is stored as strings of variable length."""
     if values.dtype.kind in "US":
         import h5py
 

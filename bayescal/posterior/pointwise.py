@@ -1,4 +1,4 @@
-"""What a posterior says of each fitted row: its log likelihood, and residuals that it would have given."""
+"""Log likelihood and replicated residuals of each fitted row under the posterior."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from bayescal.estimate import STATED_WORTH, Estimate
 from bayescal.posterior.density import Density
 
 PRIOR = 0x9A10
-"""Word of the seed of prior draws."""
+"""Second word of the seed of prior draws."""
 CHUNK = 64
-"""Draws at a time, as many as the sampler judges."""
+"""Number of draws per call of the density, as in the sampler."""
 
 
 @dataclass(frozen=True)
 class Pointwise:
-    """The rows that count, and what draws say of them.
+    """The fitted rows without outliers, with their log likelihood and replicated residuals.
 
-    `log_likelihood` (S, C) is of a row's residuals in um and urad. `replicated` (S, C), m, is the residual at
-    the estimate of data drawn anew, `observed` (C,), m, that of the data: with its sign where a row has one
-    residual, its length where it has several; of a full pose that of its point.
+    `log_likelihood` (S, C) is a density of the residuals of a row in µm and µrad. `replicated` (S, C), m, is
+    the residual of simulated data at the estimate, `observed` (C,), m, that of the measured data. The
+    residual is signed where a row has a single one, and a vector length where it has several; of a full
+    pose it is that of the point.
     """
 
     rows: np.ndarray  # (C,) rows of the session
@@ -31,12 +32,12 @@ class Pointwise:
 
 
 def pointwise(estimate: Estimate, z: np.ndarray, kappa: np.ndarray, rng: np.random.Generator) -> Pointwise:
-    """Judge the fitted rows by draws.
+    """Log likelihoods and replicated residuals of the fitted rows.
 
     Parameters
     ----------
     estimate : Estimate
-        Rows that it left out as outliers do not appear.
+        Rows that were excluded as outliers are omitted.
     z : np.ndarray, shape (S, D)
         Draws of the whitened parameters.
     kappa : np.ndarray, shape (S,)
@@ -70,15 +71,15 @@ def pointwise(estimate: Estimate, z: np.ndarray, kappa: np.ndarray, rng: np.rand
 
 
 def _size(residuals: np.ndarray) -> np.ndarray:
-    """Of residuals (..., rows of the kind, C): the only one, or the length of several, (..., C)."""
+    """The single residual of each row, or the length of several, (..., C), of (..., rows of the kind, C)."""
     return residuals[..., 0, :] if residuals.shape[-2] == 1 else np.linalg.norm(residuals, axis=-2)
 
 
 def prior_draws(size: int, chains: int, draws: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Draws of the prior: z (chains, draws, size), and logs of the noise scale (chains, draws).
 
-    Of the parameters alone: what certificates state between targets is data. The noise scale's prior is
-    that of a stated noise worth `STATED_WORTH` contacts.
+    Only the parameters have a prior; certificates between targets are data. The prior of the noise scale
+    gives the stated noise the weight of `STATED_WORTH` contacts.
     """
     rng = np.random.default_rng([seed, PRIOR])
     z = rng.standard_normal((chains, draws, size))

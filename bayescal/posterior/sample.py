@@ -1,8 +1,8 @@
-"""Four independent ensembles of emcee, run until every parameter has the draws that were asked for.
+"""Four independent ensembles of emcee, run until every parameter has the requested effective draws.
 
-Steps are independent proposals from the linearised posterior or differential evolution (ter Braak
-2006): the first make it fast, the second keep it right where the model bends. Where few of the first are
-accepted in the burn-in, half of the steps are of either kind.
+Steps are independent proposals from the linearised posterior, which converge fast, or differential evolution
+(ter Braak 2006), which stays efficient where the model is not linear. If few of the independent proposals
+are accepted in the burn-in, half of the steps are of either kind.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from bayescal.posterior.density import Density, Linearised
 
 ENSEMBLES = 4
 LEAST_SHARE, LARGEST_SHARE = 0.5, 0.9
-"""Share of the independent proposals in all steps: what was accepted of them in the burn-in, within these."""
-BURN = 15  # steps thrown away, of overdispersed starts; more where the ensembles still drift then
-YIELD = 0.75  # effective draws of a draw, as long as nothing is known of it
-MARGIN = 1.03  # beyond what should be enough, so that it is enough the next time
-GROWTH = 1.5  # at most so many times the steps that were taken, before convergence is looked at again
-TAUS = 10  # autocorrelation times that an ensemble runs at least: up to there they are measured well
+"""Limits of the share of independent proposals; within them it is their acceptance rate in the burn-in."""
+BURN = 15  # discarded steps from overdispersed starts; more while the ensembles still drift
+YIELD = 0.75  # assumed effective draws per draw, before it is measured
+MARGIN = 1.03  # factor on the predicted number of steps
+GROWTH = 1.5  # largest increase of the number of steps between two tests of convergence
+TAUS = 10  # smallest length of a run in autocorrelation times, for a reliable estimate of them
 MAX_STEPS = 10_000
 LARGEST_RHAT = 1.01
 
 
 @dataclass(frozen=True)
 class Draws:
-    """Draws of the posterior, four chains, and how they were come by.
+    """Draws of the posterior in four chains, with their convergence.
 
-    A chain is an ensemble, its walkers laid end to end, so that what a walker remembers shows in the
-    chain's autocorrelation. Convergence is that of these draws, as ArviZ finds it of them.
+    A chain is an ensemble, its walkers concatenated, so that the autocorrelation of a walker is that of the
+    chain. Convergence is computed from these draws, as ArviZ does.
     """
 
     z: np.ndarray  # (chains, draws, D)
@@ -44,24 +44,24 @@ class Draws:
     log_density: np.ndarray  # (chains, draws)
     names: tuple[str, ...]  # of the D components and the noise scale
     ess_bulk: np.ndarray  # (D + 1,) effective draws in the bulk
-    ess_tail: np.ndarray  # (D + 1,) and in the tails, of the 5 % and the 95 % quantile
+    ess_tail: np.ndarray  # (D + 1,) effective draws in the tails, of the 5 % and the 95 % quantile
     rhat: np.ndarray  # (D + 1,) rank-normalised split R-hat, nan where not sampled
     acceptance: dict[str, float]  # by move
     moves: str
     steps: int  # of each ensemble after burn-in
     walkers: int
     converged: bool
-    complaint: str  # why not, in words
+    complaint: str  # reason, where not converged
 
     @property
     def ess(self) -> np.ndarray:
-        """Effective draws, the fewer of bulk and tails, (D + 1,)."""
+        """Effective draws, the smaller of bulk and tails, (D + 1,)."""
         return np.minimum(self.ess_bulk, self.ess_tail)
 
     @property
     def flat(self) -> np.ndarray:
         """All draws of z, (chains * draws, D)."""
-        chains, draws, size = self.z.shape  # -1 does not do: where all is known there are no components
+        chains, draws, size = self.z.shape  # not -1: there may be no components at all
         return self.z.reshape(chains * draws, size)
 
     @property
@@ -71,7 +71,7 @@ class Draws:
 
 
 class _Counted:
-    """A move that keeps count of what was accepted."""
+    """A move that counts its accepted proposals."""
 
     proposed = 0
     accepted = 0
@@ -88,7 +88,7 @@ class _Counted:
 
 
 class Independence(_Counted, emcee.moves.MHMove):
-    """Proposals drawn from the linearised posterior, whatever the present point."""
+    """Proposals drawn from the linearised posterior, independent of the current point."""
 
     def __init__(self, linearised: Linearised) -> None:
         def propose(x: np.ndarray, rng: np.random.RandomState) -> tuple[np.ndarray, np.ndarray]:
@@ -129,18 +129,18 @@ def sample(
     ----------
     estimate : Estimate
     effective : int
-        Wanted effective sample size of every component, of the draws that are kept.
+        Requested effective sample size of every component.
     seed : int
-        One seed, one result.
+        The same seed gives the same result.
     progress : callable
-        Told the fraction done.
+        Called with the completed fraction.
     max_steps : int
         Steps of each ensemble after which the run is declared not converged.
 
     Returns
     -------
     Draws
-        `converged` False, with the reason, where the run fell short.
+        `converged` is False, with the reason, where the run did not converge.
     """
     if effective < 1:
         raise BayescalError(
@@ -179,7 +179,7 @@ def sample(
             break
         if drift > LARGEST_RHAT:
             first = steps // 2
-        thin = max(int(tau / 2.0), 1)  # what lies closer together is nearly the same draw
+        thin = max(int(tau / 2.0), 1)  # closer draws are nearly identical
         growth = min(MARGIN / enough if enough < 1.0 else GROWTH, GROWTH)
         more = max(int(np.ceil((steps - first) * (growth - 1.0))), first - steps // 2, 1)
     lp = np.stack([s.get_log_prob(discard=first, thin=thin) for s in samplers])
@@ -201,10 +201,10 @@ def sample(
 def _ensemble(
     density: Density, walkers: int, moves: tuple[Independence, Evolution], share: float, state: emcee.State
 ) -> emcee.EnsembleSampler:
-    """A sampler that takes `share` of its steps by the first of two moves, from the generator of a state."""
+    """A sampler that uses the first of two moves in `share` of its steps, with a given random state."""
     weighed = list(zip(moves, (share, 1.0 - share), strict=True))
     sampler = emcee.EnsembleSampler(walkers, density.size, density, moves=weighed, vectorize=True)
-    # the ensemble draws its own proposals from the sampler's generator: seed that one too
+    # the ensemble uses the generator of the sampler for its proposals: set its state too
     sampler._random.set_state(state.random_state)
     return sampler
 

@@ -1,4 +1,4 @@
-"""Validation: what the calibrated arm measures elsewhere, against what it predicted and what is certified."""
+"""Validation: measured errors of the calibrated arm against predicted uncertainty and certified values."""
 
 from __future__ import annotations
 

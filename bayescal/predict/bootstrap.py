@@ -1,6 +1,6 @@
-"""The bootstrap of validation errors: rows that belong together are resampled together.
+"""Bootstrap of validation errors: rows of the same stop or repeat are resampled together.
 
-Distances that share spheres have no such blocks: theirs is parametric, by the errors of the centres.
+Distances that share spheres have no such blocks. Their bootstrap is parametric, by errors of the centres.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from bayescal.predict.distances import CentreDistances
 
 RESAMPLES = 2000
 BLOCKS = 40
-"""Blocks into which rows without a stop or repeat are cut, in order of time."""
+"""Number of blocks, in order of time, for rows that belong to no stop and no group of repeats."""
 SMALLEST, CORRELATED = 1e-3, 0.999
-"""Least excess of a mean square over its floor that is simulated, and largest correlation of two models."""
+"""Smallest simulated excess of a mean square, relative to the mean square that is expected for a correct
+model, and largest correlation of the errors of two models."""
 
 
 def blocks(scene: Scene, rows: np.ndarray) -> np.ndarray:
@@ -40,13 +41,13 @@ def resampled(block: np.ndarray, values: np.ndarray, rng: np.random.Generator) -
 def resampled_distances(
     before: CentreDistances, after: CentreDistances, rng: np.random.Generator
 ) -> np.ndarray:
-    """Mean squared errors (RESAMPLES, 2), m2, of the same distances by two models, as they could have been.
+    """Bootstrap draws of the mean squared error (RESAMPLES, 2), m2, of the same distances by two models.
 
-    What a model leaves out moves every centre by an error of its own, as large in all three coordinates;
-    the errors by the two models are correlated as the distances say. Sessions of such centres, with the
-    noise and the parameters that the second model expects, scatter about their expectation by a factor;
-    each draw is the measured mean square over such a factor, widened where the distances are few. So
-    distances that share a centre, and one noise in both models, count as what they are.
+    Model error is simulated as an independent error of every centre, with the same variance in all three
+    coordinates. Its variance and its correlation between the two models are estimated from the distances.
+    Noise and parameter errors are simulated as the second model expects them. Each draw is the measured mean
+    square divided by the ratio of a simulated mean square to its expectation; the ratio is widened for few
+    distances. This respects that distances share centres and that both models see the same noise.
     """
     floor = float(np.mean(after.predicted_sd() ** 2))
     pair = np.stack([before.error, after.error])
@@ -62,12 +63,12 @@ def resampled_distances(
     noise += after.u * rng.standard_normal(noise.shape)
     simulated = np.mean((errors + noise[:, None]) ** 2, axis=2)
     number = independent_distances(before)
-    # the covariance that is simulated was estimated from as many
+    # the simulated covariance was itself estimated from this number of distances
     wider = np.sqrt(number / (number - 1.0)) if number > 1.0 else 1.0
     return np.mean(pair**2, axis=1) * ((own + floor) / simulated) ** wider
 
 
 def independent_distances(d: CentreDistances) -> float:
-    """How many independent distances D distances with common spheres are worth (Satterthwaite)."""
+    """Effective number of independent distances among D distances that share spheres (Satterthwaite)."""
     joint = d.by_centres @ d.by_centres.T
     return float(np.trace(joint) ** 2 / np.sum(joint**2))

@@ -1,8 +1,9 @@
-"""What one estimate leaves on rows that did not fit, and what it expected to leave, propagated linearly.
+"""Validation errors of one estimate and their predicted uncertainty, propagated linearly.
 
-Contacts of fitted targets are judged against the fit; where the session keeps none back, each fitted contact
-is left out in turn, in closed form. What no fit knows (a sphere, an instrument) is first found from its rows.
-Lengths alone are judged: an orientation that a row reads beside its point helps to fit, and is not held out.
+Contacts of fitted targets are compared with the fit. Where the session has too few validation rows, each
+fitted contact is left out in turn, in closed form (leave-one-out cross-validation). A target that was not
+fitted (a sphere, an instrument) is first located from its own rows. Only lengths are validated: an
+orientation that a row measures together with its point is used in the fit and is never left out.
 """
 
 from __future__ import annotations
@@ -23,23 +24,23 @@ from bayescal.predict.rows import RowPrediction, prepared
 VALIDATED, LEFT_OUT = "validation rows", "leave-one-out cross-validation"
 """How validation errors were obtained."""
 FEWEST = 8
-"""Validate rows of fitted targets below which the fitted rows are left out one by one instead."""
+"""Number of validation rows of fitted targets below which leave-one-out cross-validation is used instead."""
 GROSS = 5.0
-"""Predicted standard deviations beyond which a row is gross, unless a tenth of all rows strays as far."""
+"""Predicted standard deviations beyond which a row is gross, unless a tenth of all rows is as far off."""
 
 
 @dataclass(frozen=True)
 class ValidationErrors:
-    """R residuals of held-out contacts, three for a point, in the order of their rows, and the distances."""
+    """R residuals of validation contacts, three for a point, in the order of rows, and the distances."""
 
     how: str  # VALIDATED or LEFT_OUT
-    main: str  # whose noise the gap is set against: "contact" where a fit judges contacts, else "point"
+    main: str  # noise group that the gap is compared with: "contact" where contacts are fitted, else "point"
     residual: np.ndarray  # (R,) m
-    noise: np.ndarray  # (R,) m, of one residual by the fit's own scale
-    by_parameters: np.ndarray  # (R, F) m, of posterior standard normals; 0 where in `noise` already
+    noise: np.ndarray  # (R,) m, of one residual, by the noise scale of the fit
+    by_parameters: np.ndarray  # (R, F) m, by posterior standard normals; 0 where `noise` includes them
     rows: np.ndarray  # (R,) of the session
     kind: np.ndarray  # (R,) "planes" or "points"
-    group: np.ndarray  # (R,) whose noise: "contact" or "point"
+    group: np.ndarray  # (R,) noise group: "contact" or "point"
     target: np.ndarray  # (R,) names
     block: np.ndarray  # (R,) labels for the bootstrap
     distances: CentreDistances
@@ -53,8 +54,9 @@ class ValidationErrors:
     def gross(self) -> np.ndarray:
         """Which residuals (R,) belong to contacts that no calibration explains.
 
-        More than `GROSS` predicted standard deviations off. Where a tenth of all rows are, or a quarter of a
-        target's, they are no slips but the gap itself, and the limit follows them.
+        Their residual is more than `GROSS` predicted standard deviations. Where a tenth of all rows, or a
+        quarter of the rows of a target, is beyond this limit, they are not slips but model error: the limit
+        is raised accordingly.
         """
         size = np.abs(self.residual) / self.sd
         limit = np.ones(len(size))
@@ -67,13 +69,13 @@ class ValidationErrors:
 
 
 def kept(*held: ValidationErrors) -> np.ndarray:
-    """Which residuals (R,) of the same session count: all but those gross under every one of the models."""
+    """Which residuals (R,) of one session are used: all except those that are gross under every model."""
     return ~np.logical_and.reduce([h.gross for h in held])
 
 
 @dataclass(frozen=True)
 class _Part:
-    """Some residuals of one target, component after component; fields as of `ValidationErrors`."""
+    """Residuals of one target, component by component; fields as in `ValidationErrors`."""
 
     target: str
     group: str
@@ -85,12 +87,12 @@ class _Part:
 
 
 def validation_errors(estimate: Estimate) -> ValidationErrors:
-    """Residuals, predictions and distances of the rows that an estimate did not see.
+    """Residuals, predictions and distances of rows that an estimate did not use.
 
     Raises
     ------
     BayescalError
-        Where the rows of a target do not say where it is.
+        If a target cannot be located from its rows.
     """
     scene = estimate.model.scene
     known, factor = prepared(estimate), root(estimate.covariance)
@@ -122,7 +124,7 @@ def validation_errors(estimate: Estimate) -> ValidationErrors:
 
 
 def root(covariance: np.ndarray) -> np.ndarray:
-    """Factor L (D, D) with L L' = covariance, however near singular."""
+    """Factor L (D, D) with L L' = covariance, also of a nearly singular covariance."""
     values, vectors = np.linalg.eigh(covariance)
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
@@ -136,7 +138,7 @@ def _predicted(r: RowPrediction, factor: np.ndarray) -> _Part:
     scatter = r.by_target @ r.target.scatter
     if not r.own:
         return _part(r.block, r.residual, r.noise, np.column_stack([spread, scatter]))
-    # (1 - G) noise and the prior, of G = by_target gain: together noise^2 - scatter^2
+    # with G = by_target gain, (1 - G) noise and the prior add up to noise^2 - scatter^2
     less = np.maximum(r.noise**2 - np.sum(scatter**2, axis=1), 1e-3 * r.noise**2)
     return _part(r.block, r.residual, np.sqrt(less), spread)
 
@@ -148,11 +150,11 @@ def _part(block: Block, residual: np.ndarray, noise: np.ndarray, by: np.ndarray)
 
 
 def left_out(estimate: Estimate) -> list[_Part]:
-    """Every fitted contact by the fit to all the others: (1 - H)^-1 r, with H a contact's leverage.
+    """Leave-one-out residuals of all fitted contacts: (1 - H)^-1 r, with H the leverage of a contact.
 
-    Exact where the model is linear. A rejected contact was not fitted; its residual stays as it is. `noise`
-    holds what the other contacts leave uncertain too, which hardly runs together from contact to contact.
-    The orientation that a row reads beside its point stays in the fit.
+    Exact for a linear model. A rejected contact was not fitted; its residual is unchanged. `noise` includes
+    the uncertainty of the fit to the other contacts, which is nearly uncorrelated between contacts. An
+    orientation that a row measures together with its point stays in the fit.
     """
     model = estimate.model
     full = {name: np.ones_like(row) for name, row in estimate.weights.row.items()}

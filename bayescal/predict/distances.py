@@ -1,4 +1,4 @@
-"""Certified distances between targets that were located: their errors, and what is predicted of those."""
+"""Errors of certified distances between located targets, and their predicted uncertainty."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from factors.sphere import Sphere
 
 @dataclass(frozen=True)
 class CentreDistances:
-    """D distances between located centres, m; the factors' squares are covariances."""
+    """D distances between located centres, m; `by_...` are factors of covariances."""
 
     names: tuple[tuple[str, str], ...]
     error: np.ndarray  # (D,) measured by the arm minus certified
-    by_parameters: np.ndarray  # (D, F) of standard normals: the arm's posterior, the targets' priors
-    by_noise: np.ndarray  # (D, M) of standard normals: noise of the rows that located the targets
+    by_parameters: np.ndarray  # (D, F) by standard normals: posterior of the arm, priors of the targets
+    by_noise: np.ndarray  # (D, M) by standard normals: noise of the rows that located the targets
     u: np.ndarray  # (D,) of the certificates
     along: np.ndarray  # (D, 3) unit vectors in F0, from the second centre to the first
 
     @property
     def by_centres(self) -> np.ndarray:
-        """Slopes (D, 3 N) of the distances by errors of the N centres, one coordinate after another."""
+        """Slopes (D, 3 N) of the distances by errors of the N centres, three coordinates for each centre."""
         ends = [name for pair in self.names for name in pair]
         centres = list(dict.fromkeys(ends))
         out = np.zeros((len(self.names), len(centres), 3))
@@ -37,7 +37,7 @@ class CentreDistances:
         return out.reshape(len(self.names), 3 * len(centres))
 
     def predicted_sd(self, noise: float = 1.0) -> np.ndarray:
-        """Predicted standard deviations (D,), m, with the fit's noise times a factor."""
+        """Predicted standard deviations (D,), m, with the noise of the fit multiplied by a factor."""
         square = np.sum(self.by_parameters**2, axis=1) + noise**2 * np.sum(self.by_noise**2, axis=1)
         return np.sqrt(square + self.u**2)
 
@@ -45,7 +45,7 @@ class CentreDistances:
 def certified_pairs(
     scene: Scene, located: Mapping[str, LocatedTarget]
 ) -> Iterator[tuple[Certificate, LocatedTarget, LocatedTarget]]:
-    """Certificates of a distance between two located spheres or sockets, with the two."""
+    """Certificates of a distance between two located spheres or sockets, with both targets."""
     centres = {k: t for k, t in located.items() if isinstance(t.block.kind, Sphere | FixedPoint)}
     for c in scene.dataset.certificates:
         if c.kind == "distance" and all(name in centres for name in c.targets):
@@ -54,7 +54,7 @@ def certified_pairs(
 
 
 def centre_distances(scene: Scene, located: Mapping[str, LocatedTarget], arm: np.ndarray) -> CentreDistances:
-    """Errors of certified distances; arm (P, F) is the arm's part of a factor of the posterior."""
+    """Errors of certified distances; `arm` (P, F): rows of the arm in a factor of the covariance."""
     pairs = list(certified_pairs(scene, located))
     used = list({id(t): t for _, *ends in pairs for t in ends}.values())
     rows = np.cumsum([0, *(len(t.noise) for t in used)])

@@ -1,8 +1,8 @@
-"""What distance error to expect between two points of the workspace that was probed, and on what it rests.
+"""Predicted distance error between two points of the probed workspace, and the origin of its variance.
 
-Small residuals on planes do not prove an arm: a plane says nothing of distances along it. So the error
-that leads a report is one of distances, by the posterior. Where certified spheres or an instrument were
-kept back, it stands beside what they measured.
+Small residuals on planes do not validate an arm: a plane gives no information on distances along it.
+The main figure of a report is therefore the distance error that the posterior predicts. Where validation
+rows measure certified spheres or were read by an instrument, the measured error is reported with it.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from bayescal.predict.validation import Validation
 from factors.instrument import Instrument
 
 POINTS = 40
-"""Points of a workspace between which distances are predicted, evenly out of all rows."""
+"""Number of points of the workspace between which distances are predicted, evenly spaced among all rows."""
 DRAWS = 400
-"""Posterior draws that predict them."""
+"""Number of posterior draws for this prediction."""
 SHORTEST = 0.2
-"""Of the longest distance: shorter ones say little of the arm."""
+"""Shortest distance, relative to the longest: shorter distances give little information on the arm."""
 
 
 @dataclass(frozen=True)
 class DistanceErrors:
-    """Errors of some distances, as predicted and, where anything tells, as measured; m."""
+    """Predicted errors of distances and, where available, measured ones; m."""
 
-    over: str  # what they are between
+    over: str  # type of the end points
     count: int
     shortest: float
     longest: float
@@ -45,7 +45,7 @@ class DistanceErrors:
 
     @property
     def rms(self) -> float:
-        """Root mean square error to expect, m."""
+        """Predicted root mean square error, m."""
         return float(np.sqrt(np.mean(self.draws**2)))
 
     @property
@@ -55,22 +55,20 @@ class DistanceErrors:
         return float(low), float(high)
 
     def within(self, tolerance: float) -> float:
-        """Probability that the error of a distance is within a tolerance, m; 1 of no distance."""
+        """Probability that the error of a distance is within a tolerance, m; 1 without any distance."""
         return float(np.mean(np.abs(self.errors) <= tolerance)) if self.errors.size else 1.0
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """Predicted distance errors, and what the prediction rests on.
+    """Predicted distance errors, and the shares of their variance.
 
-    Of the variance predicted over the workspace, `prior_share` is what the tolerances of the drawing allow
-    and no row narrowed down, `unexplained_share` what neither noise nor parameters explain; the rest is the
-    noise of the rows. `prior_rms` (m) is the root of the first part.
+    Of the variance predicted over the workspace, `prior_share` is from the prior (manufacturing tolerances
+    that the data did not reduce), `unexplained_share` from errors that neither noise nor parameters explain.
+    The rest is from measurement noise. `prior_rms` (m) is the square root of the first part.
     """
 
-    checked: tuple[
-        DistanceErrors, ...
-    ]  # held out, measured too: between certified centres, instrument readings
+    checked: tuple[DistanceErrors, ...]  # also measured, by validation rows: certified centres, instrument
     workspace: DistanceErrors
     prior_rms: float
     prior_share: float
@@ -78,7 +76,7 @@ class Forecast:
 
     @property
     def lead(self) -> DistanceErrors:
-        """The distances that a summary leads with: measured ones before those of the model alone."""
+        """The distances that a summary reports first: measured ones where available."""
         return (*self.checked, self.workspace)[0]
 
 
@@ -93,9 +91,9 @@ def forecast(fitted: Estimate, z: np.ndarray, checked: Validation, excess: float
     checked : Validation
         Of the same draws.
     excess : float
-        Standard deviation of what neither noise nor parameters explain, m a coordinate.
+        Standard deviation of the unexplained error, m per coordinate.
     seed : int
-        Of the draws of that.
+        Seed of the draws of the unexplained error.
     """
     held = (_certified(checked), _read(fitted, checked))
     workspace, prior, posterior = _workspace(fitted, z, excess, np.random.default_rng(seed))
@@ -118,7 +116,7 @@ def _certified(checked: Validation) -> DistanceErrors | None:
 
 
 def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
-    """Between held-out readings of an instrument, target after target."""
+    """Distances between readings of an instrument in validation rows, within each target."""
     scene = fitted.model.scene
     index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
     xyz, parts = scene.dataset.measurements.xyz, []
@@ -145,7 +143,7 @@ def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
 def _workspace(
     fitted: Estimate, z: np.ndarray, excess: float, rng: np.random.Generator
 ) -> tuple[DistanceErrors, float, float]:
-    """Between places of one tool at the session's rows; the mean variance by the priors, and in all, m^2."""
+    """Distances between positions of the same tool; mean variance from the priors, and in total, m^2."""
     model, scene = fitted.model, fitted.model.scene
     tool = scene.dataset.measurements.tool
     rows = scene.rows("calibrate", "validate")
@@ -170,7 +168,7 @@ def _workspace(
     along = (at[:, first] - at[:, second]) / true
     by_point = np.stack([motion.columns(values, at, axis) for axis in _axes(len(rows))])  # (3, P, N)
     by = np.einsum("ak,apk->kp", along, by_point[..., first] - by_point[..., second]) * model.sd
-    # C = C J'J C + C C where the prior of z is standard normal: noise of the rows, and what the priors allow
+    # C = C J'J C + C C because the prior of z is standard normal: part of the noise, part of the priors
     spread = by @ fitted.covariance[arm]
     own = [k for k, p in enumerate(model.parameters) if p.effect != FORM]
     prior = np.mean(np.sum(spread[:, own] ** 2, axis=1))
@@ -186,7 +184,7 @@ def _evenly(count: int, most: int) -> np.ndarray:
 
 
 def _pairs(at: np.ndarray) -> np.ndarray:
-    """Pairs (K, 2) of points (3, N) that lie far enough apart."""
+    """Pairs (K, 2) of points (3, N) with a distance that is long enough."""
     pairs = np.stack(np.triu_indices(at.shape[1], 1), axis=1)
     lengths = _lengths(at, pairs)
     return pairs[lengths > SHORTEST * np.max(lengths, initial=0.0)]

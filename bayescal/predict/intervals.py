@@ -1,4 +1,4 @@
-"""The intervals of all predictions: of draws, and of a figure with its bootstrap draws or standard error."""
+"""95 % intervals: of draws, and of a value with its bootstrap draws."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def inside95(measured: np.ndarray | float, predicted: np.ndarray) -> np.ndarray:
 
 
 def bootstrap_interval95(value: float, draws: np.ndarray, blocks: int) -> tuple[float, float]:
-    """95 % interval of a value by its bootstrap draws, as much wider as few blocks ask for (Student t)."""
+    """95 % interval of a value from its bootstrap draws, widened for few blocks (Student t)."""
     if blocks < 2 or not len(draws):
         return float("nan"), float("nan")
     wider = np.sqrt(blocks / (blocks - 1)) * student.ppf(TAILS[1], blocks - 1) / norm.ppf(TAILS[1])

@@ -1,4 +1,7 @@
-"""Locating a target, and a tool used with no other, from its own rows: damped, from several starts."""
+"""Locate a target from its own rows, with its tool where no other target was measured with that tool.
+
+The search is damped and uses several starting points.
+"""
 
 from __future__ import annotations
 
@@ -14,29 +17,29 @@ from factors.kind import Kind
 
 ITERATIONS = 100
 RESTS = 1e-4
-"""Posterior standard deviations of a Newton step below which a search ends."""
+"""Length of a Newton step, in posterior standard deviations, below which a search ends."""
 DAMPING, EASED, RAISED = 1e-4, 0.1, 10.0
-"""Damping at the start, relative to the Hessian's diagonal, and its factors after a good and a bad step."""
+"""Initial damping, relative to the Hessian's diagonal; its factors after an accepted and a rejected step."""
 RIVAL = 4.6
-"""Log posterior, nats (odds of 100 to 1), by which one place must beat another to be the one."""
+"""Difference in log posterior, nats (odds of 100 to 1), from which on the better solution is accepted."""
 APART = 5.0
-"""Posterior standard deviations from which on two solutions are two places."""
+"""Distance of two solutions, in posterior standard deviations, from which on they are different positions."""
 SUSPICIOUS = 2.0
-"""Noise standard deviations of a least-squares residual from which on slipped contacts are looked for."""
+"""Least-squares residual over the noise, from which on slipped contacts are searched for."""
 
 
 @dataclass(frozen=True)
 class States:
-    """S solutions: states of a target, shifts of its tool's centre, and how good they are."""
+    """S solutions: states of a target, shifts of the centre of its tool, and their cost."""
 
     x: np.ndarray  # (S, size) m and rad
     tool: np.ndarray  # (S, 3) m; zeros where it is known
-    cost: np.ndarray  # (S,) minus log posterior, nats, up to a constant
-    left: np.ndarray  # (S,) posterior standard deviations that a Newton step would still move it
+    cost: np.ndarray  # (S,) negative log posterior, nats, up to a constant
+    left: np.ndarray  # (S,) length of the remaining Newton step, posterior standard deviations
     information: np.ndarray  # (S, m, m) of the unknowns over their prior standard deviations
 
     def only(self, k: int) -> States:
-        """The solution of one number."""
+        """The solution with this index."""
         one = slice(k, k + 1)
         return States(self.x[one], self.tool[one], self.cost[one], self.left[one], self.information[one])
 
@@ -61,13 +64,13 @@ def search(
     inverse_sigma : np.ndarray, shape (rows, C)
         1 / standard uncertainty of the residuals, 1/m; 0 leaves a row out.
     noise : np.ndarray, shape (S, rows, C), optional
-        Simulated measurement error, m, taken off the residuals.
+        Simulated measurement error, m, subtracted from the residuals.
     tool_slopes : np.ndarray, shape (S, 3, 3, C) or (1, 3, 3, C), optional
-        Change of p (axis 2) by the tool's three shifts (axis 1), where the tool too is unknown.
+        Change of p (axis 2) by the three shifts of the tool (axis 1), where the tool is also unknown.
     tool_sd : float
         Prior standard deviation of those shifts, m.
     start : np.ndarray, shape (S, size) or (size,), optional
-        States of the target to start from; the stated one where not given.
+        Initial states of the target; the stated state if not given.
     """
     free = kind.sd > 0
     count, size = len(p), int(free.sum())
@@ -130,7 +133,7 @@ def locate(
     tool_slopes: np.ndarray | None = None,
     tool_sd: float = 0.0,
 ) -> tuple[States, np.ndarray]:
-    """The most probable place of a target by its rows, and which of them helped, (C,) of 0 and 1.
+    """The most probable position of a target by its rows, and the rows that were used, (C,) of 0 and 1.
 
     Parameters
     ----------
@@ -149,7 +152,7 @@ def locate(
     Raises
     ------
     BayescalError
-        Where the search does not converge, or another place explains the rows as well.
+        If the search does not converge, or another position explains the rows equally well.
     """
     begin = starts(kind, p)
     every = np.broadcast_to(p, (len(begin), *p.shape))
@@ -169,18 +172,18 @@ def locate(
 
 
 def _check(name: str, found: States, chosen: States, kind: Kind) -> None:
-    """Refuse what did not converge, and what may as well lie elsewhere."""
+    """Raise an error where the search did not converge, or another position is nearly as probable."""
     if not chosen.left[0] < LARGEST_STEP:
         raise BayescalError(
             f"target {name} cannot be located from its rows: the search from {len(found.x)} starts stopped "
             f"{chosen.left[0]:.2g} standard deviations short of an optimum",
             "dataset.yaml",
-            "state its place and u_mm more closely, or measure it from more directions",
+            "state its position and u_mm more accurately, or measure it from more directions",
         )
     free = kind.sd > 0
     scale = kind.sd[free]
     away = (found.x - chosen.x)[:, free] / scale
-    # of the target alone: its tool's shift takes part through the information that is left without it
+    # of the target alone: the shift of the tool is marginalised
     size = len(scale)
     h = chosen.information[0]
     h = h[:size, :size] - h[:size, size:] @ np.linalg.solve(h[size:, size:], h[size:, :size])
@@ -194,7 +197,7 @@ def _check(name: str, found: States, chosen: States, kind: Kind) -> None:
             f"target {name} cannot be located from its rows: two places {apart:.3g} mm apart explain them "
             "equally well",
             "dataset.yaml",
-            "state its place and u_mm more closely, or measure it from more directions",
+            "state its position and u_mm more accurately, or measure it from more directions",
         )
 
 
@@ -214,10 +217,10 @@ def robust_rows(
     tool_sd: float = 0.0,
     start: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Which rows help to locate a target, (C,) of 0 and 1: no outliers of a Student t fit.
+    """Rows that are used to locate a target, (C,) of 0 and 1: those that are no outliers of a Student t fit.
 
-    p of shape (3, C), sigma (rows, C), tool_slopes (1, 3, 3, C) and start as for `search`. More than the
-    stated scatter is allowed for by the median.
+    p of shape (3, C), sigma (rows, C), tool_slopes (1, 3, 3, C) and start as for `search`. A scatter above
+    the stated one is estimated by the median.
     """
     weight = np.ones(p.shape[-1])
     unknowns = int(np.sum(kind.sd > 0)) + (0 if tool_slopes is None else 3)

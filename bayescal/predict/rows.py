@@ -1,4 +1,4 @@
-"""What an estimate predicts of rows that it did not fit: their residuals, and what those follow."""
+"""Residuals of rows that were not fitted, and their slopes by the unknowns."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from factors.sphere import Sphere
 
 @dataclass(frozen=True)
 class RowPrediction:
-    """R residuals of rows of one target, and their slopes: all that a prediction of them is made of.
+    """R residuals of rows of one target, and the slopes from which they are predicted.
 
-    Residual after residual of the block, as `Block.linearise` gives them; m, or rad of orientations.
+    In the order of `Block.linearise`; m, or rad for orientations.
     """
 
     block: Block
@@ -31,7 +31,7 @@ class RowPrediction:
 
     @property
     def own(self) -> bool:
-        """Whether these rows located the target: then they bend it towards themselves."""
+        """Whether these rows located the target, so that its position depends on their noise."""
         t = self.target
         return t is not None and (self.block.name, *self.block.rows) == (t.block.name, *t.block.rows)
 
@@ -42,7 +42,7 @@ class RowPrediction:
 
 
 def predicted_rows(estimate: Estimate, block: Block, target: LocatedTarget | None = None) -> RowPrediction:
-    """Any rows of a target that was fitted or `target`, located: its contacts, points or orientations."""
+    """Rows (contacts, points or orientations) of a fitted target, or of the located `target`."""
     model = estimate.model
     arm = model.slices[ARM]
     if target is None:
@@ -62,26 +62,26 @@ def predicted_rows(estimate: Estimate, block: Block, target: LocatedTarget | Non
 
 @dataclass(frozen=True)
 class Prepared:
-    """Everything that the validation rows of a session are predicted from."""
+    """Linearised validation rows and located targets of a session."""
 
-    rows: tuple[RowPrediction, ...]  # of contacts and points: not of spheres that were located
-    located: Mapping[str, LocatedTarget]  # by name; spheres with their diameter as certified
-    loose: Mapping[str, LocatedTarget]  # spheres with a diameter that only their rows tell
+    rows: tuple[RowPrediction, ...]  # of contacts and points, without spheres that were located
+    located: Mapping[str, LocatedTarget]  # by name; spheres with their certified diameter
+    loose: Mapping[str, LocatedTarget]  # spheres with their diameter as an unknown
 
 
 def prepared(estimate: Estimate, loose: bool = False) -> Prepared:
-    """Locate what the fit does not know, and linearise all validation rows.
+    """Locate targets that were not fitted, and linearise all validation rows.
 
     Parameters
     ----------
     estimate : Estimate
     loose : bool
-        Locate spheres with an unknown diameter too.
+        Also locate spheres with their diameter as an unknown.
 
     Raises
     ------
     BayescalError
-        Where the rows of a target do not say where it is.
+        If a target cannot be located from its rows.
     """
     scene, model = estimate.model.scene, estimate.model
     certified = certified_diameters(scene)

@@ -1,4 +1,4 @@
-"""Where the search for a target starts: its stated place, and closed-form solutions from its own rows."""
+"""Starting points of the search for a target: its stated position and closed-form solutions from its rows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from factors.turns import rotation_vector
 
 
 def starts(kind: Kind, p: np.ndarray) -> np.ndarray:
-    """States (K, size) from which to search, the stated place first; p (3, C) are the ball centres, m."""
+    """Initial states (K, size) of the search, the stated one first; p (3, C) are the ball centres, m."""
     out = [np.zeros(len(kind.sd))]
     for of, states in STARTS.items():
         if isinstance(kind, of):
@@ -24,11 +24,11 @@ def starts(kind: Kind, p: np.ndarray) -> np.ndarray:
 
 
 def centres(p: np.ndarray, length: np.ndarray) -> list[np.ndarray]:
-    """Points (d,) about as far as length (C,) from points p (d, C): by least squares, and two mirror images.
+    """Points (d,) at distances near length (C,) from points p (d, C): by least squares, and two mirrored.
 
     |p|^2 - L^2 = 2 p.c + const is linear in c (I. D. Coope, Circle fitting by linear and nonlinear least
     squares, J. Optim. Theory Appl. 76, 1993). Where the points nearly share a plane (a line, of d = 2),
-    their centre may lie on either side of it: the images start there, as far off as the lengths say.
+    their centre may lie on either side of it: the two images start at the distance that the lengths give.
     """
     middle = p.mean(axis=1)
     q = p - middle[:, None]

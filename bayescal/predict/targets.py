@@ -1,8 +1,8 @@
-"""Targets that no fit knows, located from their own rows, and how uncertain that leaves them.
+"""Targets that were not fitted, located from their own rows, with their uncertainty.
 
-All is linear at the estimate: a located target follows the posterior of the arm, the noise of its rows and
-its prior by constant slopes, which serve draws (`validation`) and covariances (`crossvalidation`) alike.
-What an effect does to a contact itself (lobing, the size of the ball) is taken off.
+All is linear at the estimate: a located target depends on the posterior of the arm, the noise of its rows
+and its prior by constant slopes. Draws (`validation`) and covariances (`crossvalidation`) both use them.
+Effects that act on a contact itself (lobing, the radius of the ball) are corrected.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from factors.sphere import Sphere
 class LocatedTarget:
     """A target located from R residuals of its own rows.
 
-    Its m unknowns are its own part of z and, where unknown, the three shifts of the tool's centre, all over
-    their prior standard deviations; P are the arm's parameters.
+    Its m unknowns are its own part of z and, where unknown, the three shifts of the centre of the tool, all
+    normalised by the prior standard deviation; P is the number of parameters of the arm.
     """
 
-    block: Block  # of the rows that located it, as they touch there
+    block: Block  # of the rows that located it
     z: np.ndarray  # (size,)
     tool: np.ndarray  # (3,) m, shift of the tool's centre
     tool_sd: float  # m, its prior; 0 where the tool is known
     noise: np.ndarray  # (R,) m, of the residuals
     gain: np.ndarray  # (m, R) 1/m, by an error of each residual
     by_arm: np.ndarray  # (m, P) by the arm's z
-    by_prior: np.ndarray  # (m, m) by standard normals: what the rows leave to the prior
+    by_prior: np.ndarray  # (m, m) by standard normals: uncertainty that remains from the prior
     by_shift: np.ndarray  # (m, 3) 1/m, by one shift of all ball centres in F0
 
     @property
@@ -55,7 +55,7 @@ class LocatedTarget:
 
     @property
     def centre(self) -> np.ndarray:
-        """Where its centre is, (3,), m; of a kind that has one."""
+        """Position of its centre, (3,), m; for kinds that have a centre."""
         return self.block.kind.centre + self.state[:3]  # type: ignore[attr-defined]
 
     @property
@@ -69,7 +69,7 @@ class LocatedTarget:
 def located_target(
     estimate: Estimate, target: int, rows: np.ndarray, u_diameter: float | None = None
 ) -> LocatedTarget:
-    """Locate a target, and a tool that no fitted row used, from some rows.
+    """Locate a target, and its tool where no fitted row used that tool.
 
     Parameters
     ----------
@@ -78,12 +78,12 @@ def located_target(
         Its number in the dataset.
     rows : np.ndarray, shape (C,)
     u_diameter : float, optional
-        Standard uncertainty of a sphere's nominal diameter, m; None leaves it loose.
+        Standard uncertainty of the nominal diameter of a sphere, m; None: the prior of the dataset.
 
     Raises
     ------
     BayescalError
-        Where the rows do not say where it is.
+        If the target cannot be located from these rows.
     """
     model = estimate.model
     block = model.block(target, rows)
@@ -113,13 +113,13 @@ def slopes_of(
     Returns
     -------
     residual : np.ndarray, shape (R,)
-        m, or rad of orientations.
+        m, or rad for orientations.
     by_arm : np.ndarray, shape (R, P)
-        By the arm's z.
+        By the z of the arm.
     by_target : np.ndarray, shape (R, m)
-        By the target's unknowns, those of its tool among them.
+        By the unknowns of the target, including those of its tool.
     by_point : np.ndarray, shape (R, 3)
-        By one shift of all ball centres in F0, m; zeros of orientations.
+        By a common shift of all ball centres in F0, m; zeros for orientations.
     """
     model = estimate.model
     values = model.deviations(estimate.z[model.slices[ARM]])
@@ -138,7 +138,7 @@ def slopes_of(
 
 
 def noise_of(estimate: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
-    """Noise (R,) of a block that is not fitted, by its group's scale; as stated where that has none."""
+    """Noise (R,) of a block that is not fitted, by the scale of its noise group; stated noise without one."""
     sub = replace(estimate.model, blocks=(block,), constraints=())
     z = np.concatenate([estimate.z[estimate.model.slices[ARM]], z])
     scale = {block.group: estimate.weights.scale.get(block.group, 1.0)}
@@ -146,7 +146,7 @@ def noise_of(estimate: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
 
 
 def unknown_tool(scene: Scene, rows: np.ndarray) -> float:
-    """Prior sd of the centre of the tool that these rows use, m; 0 where it is fitted, known or mixed."""
+    """Prior standard deviation of the centre of the tool, m; 0 where it is fitted, known or not unique."""
     used = np.unique(scene.dataset.measurements.tool[rows])
     if len(used) != 1 or used[0] in scene.dataset.measurements.tool[scene.rows("calibrate")]:
         return 0.0
@@ -160,5 +160,5 @@ def carrying(block: Block, shift: np.ndarray) -> Block:
 
 
 def by_tool(block: Block, values: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Change (3, 3, C) of the ball centres (axis 1) by the tool's three shifts (axis 0)."""
+    """Change (3, 3, C) of the ball centres (axis 1) by the three shifts of the tool (axis 0)."""
     return np.stack([carrying(block, axis).motion.points(values) - p for axis in np.eye(3)])

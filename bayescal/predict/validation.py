@@ -1,8 +1,8 @@
 """Validation rows: planes by their contacts, spheres by distance and diameter, points by their reading.
 
-Nothing here is fitted to the arm. What no fit knows (a sphere, an instrument's frame, a socket) is located
-from its own rows. The posterior draws go through the slopes of `rows` and `targets`, with the noise that
-the rows had: the spread over draws is the predicted error.
+No parameter of the arm is fitted here. A target that was not fitted (a sphere, the frame of an instrument,
+a socket) is located from its own rows. Posterior draws are propagated by the slopes of `rows` and `targets`,
+with simulated noise of the rows: the spread over draws is the predicted uncertainty.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class PlaneCheck:
 
     target: str
     residuals: np.ndarray  # (C,) at the estimate
-    predicted: np.ndarray  # (S, C) draws of the residual: arm, target and noise
+    predicted: np.ndarray  # (S, C) draws of the residual, from arm, target and noise
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class PointCheck:
 
 @dataclass(frozen=True)
 class TurnCheck:
-    """Orientations of the tool in validation rows, as rotation vectors in its own frame, rad."""
+    """Orientation errors of the tool in validation rows, rotation vectors in the frame of the tool, rad."""
 
     target: str
     residuals: np.ndarray  # (3, C) at the estimate
@@ -71,7 +71,7 @@ class TurnCheck:
 
 @dataclass(frozen=True)
 class Validation:
-    """What one model says of all validation rows."""
+    """Errors and predictions of one model for all validation rows."""
 
     effects: tuple[str, ...]
     planes: tuple[PlaneCheck, ...]
@@ -82,18 +82,18 @@ class Validation:
 
     @property
     def maximum_distance_error(self) -> float:
-        """Largest absolute error of a distance, m; nan without any."""
+        """Largest absolute error of a distance, m; nan without distances."""
         return max((abs(d.error) for d in self.distances), default=float("nan"))
 
 
 @dataclass(frozen=True)
 class _Draws:
-    """S draws of all that an estimate does not know, of each target's rows once."""
+    """S draws of all unknowns of an estimate; the unknowns of each target are drawn only once."""
 
     estimate: Estimate
-    away: np.ndarray  # (S, D) posterior draws, off the estimate
+    away: np.ndarray  # (S, D) posterior draws minus the estimate
     kappa: np.ndarray  # (S,)
-    excess: float  # m, error of a ball centre that neither noise nor parameters explain
+    excess: float  # m, unexplained error of a ball centre
     rng: np.random.Generator
     of_target: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
@@ -102,7 +102,7 @@ class _Draws:
         return self.rng.standard_normal((len(self.kappa), *shape))
 
     def scale(self, group: str) -> np.ndarray:
-        """Noise (S, 1) over that of the estimate; a group that was not fitted is as noisy as stated."""
+        """Noise (S, 1) over that of the estimate; the stated noise for a group that was not fitted."""
         scales, model = self.estimate.weights.scale, self.estimate.model
         if group not in scales:
             return np.ones((len(self.kappa), 1))
@@ -110,7 +110,7 @@ class _Draws:
         return self.kappa[:, None] / scales[main]
 
     def located(self, t: LocatedTarget) -> tuple[np.ndarray, np.ndarray]:
-        """Unknowns of a target off where it was located (S, m), and the noise of its rows (S, R), m."""
+        """Deviations of the unknowns of a target (S, m), and noise of its rows (S, R), m."""
         if id(t) not in self.of_target:
             arm = self.estimate.model.slices[ARM]
             noise = self.noise(t.block.group, t.noise)
@@ -128,7 +128,7 @@ class _Draws:
         return self.scale(group) * sd * self.normal(len(sd))
 
     def residuals(self, r: RowPrediction) -> np.ndarray:
-        """Residuals (S, rows, C) that new rows would show at the estimate, were the draw the truth."""
+        """Residuals (S, rows, C) at the estimate of rows simulated with the parameters of each draw."""
         out = -self.away @ r.by_z.T
         if r.target is None:
             out += self.noise(r.block.group, r.noise)
@@ -161,16 +161,15 @@ def validate(
     kappa : np.ndarray, shape (S,)
         Their noise scales.
     excess : float
-        Standard deviation of what neither explains (`unexplained`), m a coordinate. It is one shift for
-        contacts that lie together on a sphere or in a socket, and another for every point of an
-        instrument's volume.
+        Standard deviation of the unexplained error (`unexplained`), m per coordinate. Contacts of the same
+        sphere or socket share it; every point read by an instrument has an independent one.
     seed : int
         Of the simulated noise.
 
     Raises
     ------
     BayescalError
-        Where the rows of a target do not say where it is.
+        If a target cannot be located from its rows.
     """
     d = _Draws(estimate, z - estimate.z, kappa, excess, np.random.default_rng(seed))
     known = prepared(estimate, loose=True)
@@ -187,7 +186,7 @@ def validate(
 
 
 def _turns(estimate: Estimate, known: Prepared) -> list[RowPrediction]:
-    """The orientations that validation rows read beside their points."""
+    """Orientations that validation rows measure together with their points."""
     model, out = estimate.model, []
     index = {t.name: k for k, t in enumerate(model.scene.dataset.targets)}
     for r in known.rows:
@@ -199,7 +198,7 @@ def _turns(estimate: Estimate, known: Prepared) -> list[RowPrediction]:
 
 
 def _known_turns(model: Model, rows: np.ndarray) -> np.ndarray:
-    """Those of rows that read an orientation of a tool whose own on the flange is fitted, or stated."""
+    """Rows with an orientation of a tool whose orientation on the flange is fitted, or stated."""
     scene, m = model.scene, model.scene.dataset.measurements
     posed = rows[scene.posed[rows]]
     fitted = scene.rows("calibrate")

@@ -41,7 +41,7 @@ def read_dataset(folder: str | PathLike[str], allow_xacro: bool = False) -> Data
     Raises
     ------
     BayescalError
-        With the file, the line and the remedy, where the folder is not by the contract.
+        With the file, the line and the remedy, if the folder does not follow the contract.
 
     Examples
     --------
@@ -82,7 +82,7 @@ def fit(
     samples : int
         Effective posterior draws of every parameter; 0: Gaussian approximation.
     seed : int
-        One seed, one result.
+        The same seed gives the same result.
     robust : bool
         Exclude outliers.
     prior_width : float
@@ -94,7 +94,7 @@ def fit(
     tolerance_mm : float, optional
         mm; decide whether distance errors are within it (ISO 14253-1).
     progress : callable
-        Called with the stage and the fraction that is done.
+        Called with the stage and its completed fraction.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def fit(
     Raises
     ------
     BayescalError
-        Where the session cannot be fitted, with the reason.
+        If the session cannot be fitted, with the reason.
 
     Examples
     --------
@@ -156,7 +156,7 @@ def diagnose(
     Raises
     ------
     BayescalError
-        Where the session cannot be fitted, or the model has no such part, with the reason.
+        If the session cannot be fitted, or the model has no such part, with the reason.
 
     Examples
     --------
@@ -182,9 +182,9 @@ def simulate(
     robot : str
         A built-in name (`bayescal.robots.names`), or the path of a robot file.
     effects : sequence of str, or str
-        What the true arm has.
+        Effects of the true arm.
     seed : int
-        One seed, one session.
+        The same seed gives the same session.
     **options
         Any other field of `bayescal.simulation.Options`: `contacts` to calibrate with, `later` to validate,
         `spheres`, `noise` (m), `joint_noise` (rad), `payload` (kg), ...
@@ -192,12 +192,12 @@ def simulate(
     Returns
     -------
     SimulatedSession
-        Its `dataset` is what a measurement would leave behind, `truth` what is true of it.
+        Its `dataset` is the simulated measurement, `truth` the ground truth.
 
     Raises
     ------
     BayescalError
-        For options that cannot be, or targets out of reach.
+        For invalid options, or targets out of reach.
 
     Examples
     --------
@@ -221,7 +221,7 @@ def simulate(
 def compare(
     dataset: Source, model: Sequence[str] | str = MODEL, seed: int = 0, *, progress: Progress = silent
 ) -> ComparisonResult:
-    """Calibrate a session by every method of the survey, and compare them on the same validation rows.
+    """Calibrate a session by every method, and compare the results on the same validation rows.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def compare(
     Raises
     ------
     BayescalError
-        Where the session allows no model at all.
+        If the session cannot be fitted by any method.
 
     Examples
     --------
@@ -251,13 +251,13 @@ def compare(
 
 
 def _names(effects: Sequence[str] | str) -> tuple[str, ...]:
-    """Names of effects, of a sequence or of a text with commas."""
+    """Names of effects, from a sequence or from a text with commas."""
     each = effects.split(",") if isinstance(effects, str) else effects
     return tuple(name.strip() for name in each if name.strip())
 
 
 def _session(source: Source | Sequence[Source], remounted: bool = False, own_noise: bool = True) -> Dataset:
-    """One session, or several sessions of one arm joined."""
+    """A single session, or several sessions of the same arm joined."""
     from bayescal.dataset import Dataset
     from bayescal.dataset.join import joined
 

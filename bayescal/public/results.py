@@ -1,4 +1,4 @@
-"""Results of the public functions: the frozen result of a calculation together with its report."""
+"""Results of the public functions: the frozen result of a calculation with its report."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from bayescal.simulation import Simulation
 
 WIDTH = 100
-"""Characters of a line of a printed summary."""
+"""Width of a printed summary, characters."""
 
 
 def as_text(renderable: RenderableType) -> str:
-    """What a terminal of `WIDTH` columns would show, without colours."""
+    """Text as on a terminal of `WIDTH` columns, without colours."""
     from rich.console import Console
 
     out = StringIO()
@@ -41,9 +41,9 @@ class FitResult(FitTables):
     Attributes
     ----------
     data : Fit
-        All of it, in SI.
+        The complete result, in SI.
     agreement : Agreement or None
-        Of several sessions: what each says alone.
+        Comparison of separate fits, where several sessions were fitted.
     """
 
     data: Fit
@@ -89,7 +89,7 @@ class FitResult(FitTables):
 
 @dataclass(frozen=True, repr=False)
 class GapResult(GapTables):
-    """A diagnosis; `print` shows its summary. `data` is all of it, in SI."""
+    """A diagnosis; `print` shows its summary. `data` is the complete result, in SI."""
 
     data: Gap
 
@@ -121,7 +121,7 @@ class GapResult(GapTables):
 
 @dataclass(frozen=True, repr=False)
 class ComparisonResult:
-    """All methods on one session; `print` shows the table. `data` is all of it, in SI."""
+    """All methods on one session; `print` shows the table. `data` is the complete result, in SI."""
 
     data: Comparison
 
@@ -158,13 +158,13 @@ class ComparisonResult:
 
 @dataclass(frozen=True, repr=False)
 class SimulatedSession:
-    """A simulated session. `data` is all of it, in SI; `truth` the content of truth.json."""
+    """A simulated session. `data` is the complete result, in SI; `truth` is the content of truth.json."""
 
     data: Simulation
 
     @property
     def dataset(self) -> Dataset:
-        """The session as a measurement would leave it behind."""
+        """The simulated measurement."""
         return self.data.dataset
 
     @property

@@ -1,4 +1,4 @@
-"""Results read back from run folders."""
+"""Results read from run folders."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def load(run: str | PathLike[str]) -> SavedFit | SavedGap:
     Raises
     ------
     BayescalError
-        Where the folder holds no such result, or one of another version.
+        If the folder contains no such result, or a result of another version.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Tables of a result, made of its record: those of a new result and of a saved one are the same."""
+"""Tables of a result, made from its record; the same for a new result and a saved one."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ if TYPE_CHECKING:
 
 Json = Mapping[str, Any]
 LEVELS = {"determined": "yes", "partly": "weakly", "prior_only": "no"}
-"""Lists of fit.json -> what the column `identifiable` says."""
+"""Lists of fit.json -> value of the column `identifiable`."""
 
 
 class FitTables:
-    """Tables of a calibration; lengths and angles in the units that they name.
+    """Tables of a calibration; lengths and angles in the units that the columns state.
 
     `record` is the content of fit.json.
     """
@@ -63,7 +63,7 @@ class FitTables:
 
     @property
     def distances(self) -> DataFrame:
-        """Certified distances, measured and predicted: `certified_mm`, errors and intervals in um."""
+        """Certified distances, measured and predicted: `certified_mm`, errors and intervals in µm."""
         from pandas import DataFrame
 
         rows = [
@@ -84,7 +84,7 @@ class FitTables:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to know before a figure is relied on."""
+        """Limitations of the results."""
         return tuple(self.record["warnings"])
 
     def _repr_html_(self) -> str:
@@ -106,7 +106,7 @@ class GapTables:
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Names that the verdict commits to."""
+        """Names of the effects in the verdict."""
         return tuple(self.record["effects"])
 
     @property
@@ -126,7 +126,7 @@ class GapTables:
 
     @property
     def shrinkage(self) -> DataFrame:
-        """Validation errors before and after the effects that were named are in the model, in um."""
+        """Validation errors without and with the named effects in the model, in µm."""
         from pandas import DataFrame
 
         rows = {what: row for what, row in self.record["shrinkage"].items() if row}
@@ -134,7 +134,7 @@ class GapTables:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to know before the verdict is relied on."""
+        """Limitations of the verdict."""
         return tuple(self.record["warnings"])
 
     def _repr_html_(self) -> str:
