@@ -1,14 +1,15 @@
-"""Run folders that appear complete or not at all, and replace nothing but what bayescal wrote itself.
+"""Run folders: they are written atomically and replace only results that bayescal wrote itself.
 
-Every folder holds a list of the files that were written into it, with their SHA-256 (`LIST`). A folder is
-replaced only where it holds these files and no other, unchanged. The new files are written to a staging
-folder beside it and synchronised with the disk; then the two folders are exchanged in one system call, and
-the old one is removed. So there is the earlier result or the new one under the folder's name, whenever the
-process ends.
+Every folder contains a list of the files that were written into it, with their SHA-256 (`LIST`). A folder is
+replaced only if it contains exactly these files, unchanged. The new files are written to a staging folder
+beside it and synchronised with the disk. Then the two folders are exchanged in one system call, and the old
+one is removed. The folder's name therefore always refers to the complete earlier result or to the complete
+new one, even if the process is killed.
 
-Where the file system cannot exchange (NFS, Windows), the earlier folder is moved aside for one system call. A
-process that ends just there leaves it under a hidden name; the next command for that folder moves it back.
-Names of staging folders hold the host and the number of their process: what a dead process left is removed.
+Some file systems cannot exchange folders (NFS, Windows). There the earlier folder is renamed, then the new
+one. A process that is killed between the two calls leaves the earlier folder under a hidden name; the next
+command for that folder restores it. The name of a staging folder contains the host and the process number,
+so that folders left by a killed process can be removed.
 """
 
 from __future__ import annotations
@@ -33,31 +34,31 @@ LIST = ".bayescal-files.json"
 SCHEMA = "bayescal-files/1"
 STAGE, ASIDE = "part", "old"
 TOKEN = secrets.token_hex(4)
-"""Of this process: another one of the same number, as in a container, had another."""
+"""Random token of this process: process numbers are reused, for example in a container."""
 SHOWN = 3
-"""How many foreign files a refusal names."""
+"""Maximum number of files that an error message names."""
 OTHER_OUT = "give another --out"
 
 
 def check_free(folder: Path, marker: str) -> None:
-    """Refuse a folder that holds anything but an earlier result of ours, unchanged.
+    """Refuse a folder that contains anything except an unchanged earlier result of the same command.
 
-    What killed processes left beside it is put in order first.
+    First, folders that killed processes left beside it are restored or removed.
 
     Parameters
     ----------
     folder : Path
-        Where a result is to go.
+        Output folder of a command.
     marker : str
-        The file by which an earlier result of the same command is known.
+        The file that identifies an earlier result of the same command.
 
     Raises
     ------
     BayescalError
-        Naming the files that would be lost.
+        With the names of files that would be lost.
     """
     if folder.exists() and not folder.is_dir():
-        raise BayescalError("a file of that name is there already", str(folder), OTHER_OUT)
+        raise BayescalError("a file with this name exists", str(folder), OTHER_OUT)
     _recover(folder.resolve())
     try:
         if not folder.is_dir() or not any(folder.iterdir()):
@@ -65,25 +66,26 @@ def check_free(folder: Path, marker: str) -> None:
     except OSError as error:
         raise BayescalError(error.strerror or "cannot be read", str(folder), OTHER_OUT) from None
     written = _written(folder)
-    if marker not in written:
-        what = f"the folder holds something else, not the {marker} of an earlier run"
-        raise BayescalError(what, str(folder), f"{OTHER_OUT}, or remove the folder")
-    if foreign := _foreign(folder, written):
-        told = ", ".join(foreign[:SHOWN]) + (", ..." if len(foreign) > SHOWN else "")
-        what = f"the folder holds something else than an unchanged earlier result: {told}"
+    if foreign := _foreign(folder, written) if written else _top_level(folder):
+        names = [f"{name} (changed)" if name in written else name for name in foreign[:SHOWN]]
+        names += ["..."] if len(foreign) > SHOWN else []
+        what = f"the folder contains files that bayescal did not write: {', '.join(names)}"
         raise BayescalError(what, str(folder), f"{OTHER_OUT}, or move these files")
+    if marker not in written:
+        what = f"the folder contains the result of another command, without {marker}"
+        raise BayescalError(what, str(folder), f"{OTHER_OUT}, or remove the folder")
 
 
 @contextmanager
 def whole(folder: Path, marker: str) -> Iterator[Path]:
-    """A new folder to write into, which takes the place of `folder` once all is written.
+    """Yield a new folder to write into; it replaces `folder` when all files are written.
 
-    An earlier result, known by `marker`, is replaced; whatever fails, it stays as it was.
+    An earlier result, identified by `marker`, is replaced. If anything fails, it is not changed.
 
     Raises
     ------
     BayescalError
-        As `check_free`; or where the folder cannot be written.
+        As `check_free`, or if the folder cannot be written.
     """
     folder = folder.resolve()
     check_free(folder, marker)
@@ -92,38 +94,37 @@ def whole(folder: Path, marker: str) -> Iterator[Path]:
         stage.mkdir(parents=True)
         yield stage
         _seal(stage)
-        check_free(folder, marker)  # a long run: someone may have put a file there meanwhile
+        check_free(folder, marker)  # files may have been added during a long run
         _put(stage, folder)
     except OSError as error:
-        told = error.strerror or "cannot be written"
-        raise BayescalError(told, str(folder), OTHER_OUT) from None
+        raise BayescalError(error.strerror or "cannot be written", str(folder), OTHER_OUT) from None
     finally:
         _discard(stage)
 
 
 def _beside(folder: Path, kind: str) -> Path:
-    """A new hidden name beside a folder that tells which process uses it."""
+    """A new hidden name beside a folder; it contains the host and the process that uses it."""
     own = f".{folder.name}.{socket.gethostname()}.{os.getpid()}.{TOKEN}.{kind}"
     return folder.parent / own
 
 
 def _written(folder: Path) -> dict[str, str]:
-    """SHA-256 by name of the files that we wrote into a folder; none where it has no list of them."""
+    """SHA-256 by name of the files that bayescal wrote into a folder; empty if it has no valid list."""
     try:
-        found = json.loads((folder / LIST).read_bytes())
-        return dict(found["files"]) if found["schema"] == SCHEMA else {}
+        content = json.loads((folder / LIST).read_bytes())
+        return dict(content["files"]) if content["schema"] == SCHEMA else {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 
 
 def _files(folder: Path) -> list[Path]:
-    """All below a folder but folders that hold something, and the list."""
+    """All files and empty folders below a folder, except the list."""
     every = (p for p in folder.rglob("*") if p.is_symlink() or not p.is_dir() or not any(p.iterdir()))
     return sorted(p for p in every if p != folder / LIST)
 
 
 def _foreign(folder: Path, written: dict[str, str]) -> list[str]:
-    """Names of the files below a folder that are not as we wrote them."""
+    """Names of the files below a folder that bayescal did not write or that have changed."""
     return [
         name
         for path in _files(folder)
@@ -133,8 +134,14 @@ def _foreign(folder: Path, written: dict[str, str]) -> list[str]:
     ]
 
 
+def _top_level(folder: Path) -> list[str]:
+    """Names directly in a folder: it may be large, for example a home folder."""
+    names = sorted(p.name for p in folder.iterdir())
+    return [name for name in names if name != LIST] or names
+
+
 def _sha256(path: Path) -> str:
-    """SHA-256 of a file; "" where it cannot be read."""
+    """SHA-256 of a file; "" if it cannot be read."""
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -143,7 +150,7 @@ def _sha256(path: Path) -> str:
 
 
 def _seal(stage: Path) -> None:
-    """Write the list of a staging folder's files, and have all on the disk."""
+    """Write the list of a staging folder's files, and synchronise all of them with the disk."""
     files = {p.relative_to(stage).as_posix(): _sha256(p) for p in _files(stage)}
     text = json.dumps({"schema": SCHEMA, "files": files}, indent=1) + "\n"
     (stage / LIST).write_text(text, encoding="utf-8")
@@ -152,7 +159,7 @@ def _seal(stage: Path) -> None:
 
 
 def _synchronise(path: Path) -> None:
-    """Have a file, or the names in a folder, on the disk."""
+    """Synchronise a file, or the names in a folder, with the disk."""
     if os.name == "nt" and path.is_dir():
         return
     handle = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
@@ -163,7 +170,7 @@ def _synchronise(path: Path) -> None:
 
 
 def _put(stage: Path, folder: Path) -> None:
-    """Put a finished folder in the place of another one, of an empty one or of none."""
+    """Move a complete folder to its final name; replace an earlier or empty folder of that name."""
     if folder.exists():
         shutil.copymode(folder, stage)
     if not folder.exists() or not any(folder.iterdir()):
@@ -183,7 +190,7 @@ def _put(stage: Path, folder: Path) -> None:
 
 
 def _exchanged(one: Path, other: Path) -> bool:
-    """Exchange two folders in one system call; false where the OS or the file system cannot."""
+    """Exchange two folders in one system call; false if the OS or the file system does not support it."""
     if os.name != "posix":
         return False
     libc = ctypes.CDLL(None, use_errno=True)
@@ -201,14 +208,14 @@ def _exchanged(one: Path, other: Path) -> bool:
 
 
 def _recover(folder: Path) -> None:
-    """Move back what a dead process had moved aside, and remove what else it left."""
+    """Restore an earlier folder that a killed process had moved aside, and remove its staging folders."""
     own = rf"\.{re.escape(folder.name)}\.{re.escape(socket.gethostname())}"
     name = re.compile(rf"{own}\.(\d+)\.([0-9a-f]+)\.({STAGE}|{ASIDE})")
     for path in _hidden(folder):
-        found = name.fullmatch(path.name)
-        if not found or _runs(int(found[1]), found[2]):
+        match = name.fullmatch(path.name)
+        if not match or _runs(int(match[1]), match[2]):
             continue
-        if found[3] == ASIDE and not (folder.is_dir() and any(folder.iterdir())):
+        if match[3] == ASIDE and not (folder.is_dir() and any(folder.iterdir())):
             with suppress(OSError):
                 os.rename(path, folder)
                 continue
@@ -227,7 +234,7 @@ def _runs(process: int, token: str) -> bool:
     if process == os.getpid():
         return token == TOKEN
     if os.name == "nt":
-        return True  # there, asking would end it; what is left is the user's to remove
+        return True  # os.kill would terminate the process on Windows; the user removes the folder
     try:
         os.kill(process, 0)
     except ProcessLookupError:
@@ -238,7 +245,7 @@ def _runs(process: int, token: str) -> bool:
 
 
 def _discard(folder: Path) -> None:
-    """Remove a staging folder or an earlier result; not where a file came into it that is not ours."""
+    """Remove a staging folder or an earlier result, unless it contains files of the user."""
     written = _written(folder)
     if not written or not _foreign(folder, written):
         shutil.rmtree(folder, ignore_errors=True)

@@ -63,7 +63,7 @@ def test_what_is_not_ours_is_kept(tmp_path, change):
     FOREIGN[change](out)
     before = held(out)
     for attempt in (lambda: check_free(out, FIT), lambda: run(out, "second")):
-        with pytest.raises(BayescalError, match="the folder holds something else") as caught:
+        with pytest.raises(BayescalError, match="contains files that bayescal did not write: ") as caught:
             attempt()
         assert "--out" in caught.value.remedy
     assert held(out) == before
@@ -73,9 +73,25 @@ def test_a_dataset_with_a_result_of_that_name_is_kept(tmp_path):
     """`fit` into the dataset's own folder, or where a fit.json is by chance."""
     for name in (FIT, "dataset.yaml", "measurements.csv"):
         (tmp_path / name).write_text("mine")
-    with pytest.raises(BayescalError, match="something else"):
+    with pytest.raises(BayescalError, match=r"did not write: dataset\.yaml"):
         run(tmp_path, "second")
     assert len(held(tmp_path)) == 3
+
+
+def test_a_refusal_names_the_files(tmp_path):
+    out = tmp_path / "out"
+    run(out, "first")
+    with pytest.raises(BayescalError, match="the result of another command, without gap"):
+        check_free(out, "gap.json")
+    (out / FIT).write_text("changed")
+    for name in "abcd":
+        (out / name).touch()
+    with pytest.raises(BayescalError, match=r"did not write: a, b, c, \.\.\."):
+        check_free(out, FIT)
+    for name in "abcd":
+        (out / name).unlink()
+    with pytest.raises(BayescalError, match=r"did not write: fit\.json \(changed\)"):
+        check_free(out, FIT)
 
 
 def test_a_file_that_comes_while_it_runs_is_kept(tmp_path):

@@ -48,7 +48,6 @@ NOT_YET: tuple[str, ...] = (
     "bayescal/effects",
     "bayescal/estimate",
     "bayescal/files.py",
-    "bayescal/folders.py",
     "bayescal/gap",
     "bayescal/importing",
     "bayescal/model",

@@ -12,6 +12,7 @@ from bayescal.arm.rows import split
 from bayescal.arm.transforms import AXES, rigid
 from bayescal.effects.encoder_scale import ENCODER_SCALE
 from bayescal.effects.geometry import PARALLEL
+from bayescal.effects.joint import JOINT
 from bayescal.effects.joints import READING, SIDES, side_of
 from bayescal.estimate import Estimate
 from bayescal.model import ARM
@@ -33,7 +34,7 @@ def calibrated_robot(fitted: Estimate, name: str = "") -> Robot:
     asked = [side for side in SIDES if f"{ENCODER_SCALE.name}@{side}" in model.effects]
     side = asked[0] if asked else side_of(robot)
     for value, p in zip(values, model.parameters, strict=True):
-        if p.name.startswith(ENCODER_SCALE.name):
+        if p.effect in (ENCODER_SCALE.name, JOINT.name) and p.unit == "1":  # not a joint's zero
             joint = p.site.number - 1
             if side == READING:  # every link that the reading moves turns so
                 coupling[:, joint] *= 1.0 + value

@@ -164,7 +164,7 @@ def test_a_defect_is_an_answer_too(made, monkeypatch):
         (("run", "{none}"), "no blind worlds here"),
         (("score", "{none}"), "no blind worlds here"),
         (("score", "{made}"), "its answers are not sealed"),
-        (("score", "{made}", "--out", "{made}"), "holds something else"),
+        (("score", "{made}", "--out", "{made}"), "bayescal did not write: "),
         (("make", "--out", "{made}", "--worlds", "3"), "was started with 2 sessions"),
         (("run", "{made}", "--dask", "tcp://127.0.0.1:9"), "no Dask scheduler there"),
     ],

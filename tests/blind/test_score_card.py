@@ -63,7 +63,7 @@ def test_page_holds_figures_misses_and_where_they_are_from():
     assert "(pictures/blind-lambda.png)" in text
     assert "| noise only: an effect was named | 1 of 2, 50 % (9 to 91) | at most 2 % | no |" in text
     assert "- 009: step at joint 4, joint angle (lambda 200): named, lobing" in text
-    assert "009 (20.0 to 30.0 um)" in text
+    assert "009 (20.0 to 30.0 µm)" in text
     assert "date of freezing the thresholds not recorded" in tables(figures(many(*SOME)), {})
 
 
@@ -92,7 +92,7 @@ def test_an_earlier_score_is_replaced_and_another_folder_left_alone(tmp_path):
         assert write_score(rs, found, ABOUT, tmp_path / "score", pictures=False) == (SCORE, MISSES)
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "mine.txt").write_text("mine")
-    with pytest.raises(BayescalError, match="something else"):
+    with pytest.raises(BayescalError, match=r"did not write: mine\.txt"):
         write_score(rs, found, ABOUT, tmp_path / "thesis", pictures=False)
     with pytest.raises(ValueError, match="JSON"):
         write_score(rs, found | {"worlds": float("nan")}, ABOUT, tmp_path / "bad", pictures=False)

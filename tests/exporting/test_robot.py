@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayescal import effects
 from bayescal.arm.chain import chain_of, link_angles, points
+from bayescal.effects import Effect, Parameter, Site, Term
 from bayescal.estimate import estimate
 from bayescal.exporting import calibrated_robot
 from bayescal.model import ARM, build
@@ -70,3 +72,19 @@ def test_scales_go_along(cube, effect, coupling):
         np.testing.assert_allclose(points(chain_of(robot), q, scene.tools), expected, atol=1e-12)
         assert np.max(np.abs(expected - scene.points)) > 1e-6
         assert robot.coupling == coupling
+
+
+def test_a_registered_effect_of_a_similar_name_is_no_scale(cube):
+    """Its parameter displaces the base; the ratios of the encoders stay nominal."""
+    shift = Parameter("encoder-scale-drift x", "m", (Term(0, "tx"),), 1e-3, site=Site("joint", 1))
+    effects.register(Effect("encoder-scale-drift", "the base shifts", lambda c: [shift]))
+    try:
+        scene = Scene(cube(seed=1, count=60).dataset)
+        model = build(scene, ("encoder-scale-drift",))
+        z = np.zeros(model.size)
+        z[0] = 2.0
+        robot = calibrated_robot(replace(estimate(build(scene, ())), model=model, z=z))
+    finally:
+        effects.unregister("encoder-scale-drift")
+    np.testing.assert_array_equal(robot.link_from_reading, scene.dataset.robot.link_from_reading)
+    np.testing.assert_allclose(robot.base[:3, 3], scene.dataset.robot.base[:3, 3] + [2e-3, 0, 0], atol=1e-12)

@@ -307,7 +307,7 @@ def test_an_upright_joint_that_is_found_to_lean(few):
         ("velocity", ["--model", "geometry,compliance,backlash"], "no j1_degps"),
         ("contacts", [], "no row has the role calibrate"),
         ("masses", [], "compliance cannot be judged"),
-        ("nothing", ["--out", "HERE"], "the folder holds something else"),
+        ("nothing", ["--out", "HERE"], "the folder contains the result of another command"),
     ],
 )
 def test_refusals_are_one_line_and_leave_nothing(

@@ -66,7 +66,7 @@ def test_command_line(tmp_path, holds):
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
     if holds == "something":
         assert done.returncode == 1
-        assert "the folder holds something else" in done.stderr
+        assert "the folder contains files that bayescal did not write: mine.txt" in done.stderr
         assert [p.name for p in out.iterdir()] == ["mine.txt"]
         return
     assert done.returncode == 0, done.stderr

@@ -265,7 +265,7 @@ def test_without_pictures_and_into_an_earlier_result(session, tmp_path):
 
 def test_foreign_folder_is_left_alone(session, tmp_path):
     (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(BayescalError, match="something else"):
+    with pytest.raises(BayescalError, match=r"did not write: thesis\.txt"):
         write_gap(diagnosis(session), tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
 
@@ -324,5 +324,5 @@ def test_command_leaves_a_foreign_folder_alone(tmp_path):
     command = [sys.executable, "-m", "bayescal.cli", "gap", str(CUBE), "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
     assert done.returncode == 1
-    assert "the folder holds something else" in done.stderr
+    assert "the folder contains files that bayescal did not write: thesis.txt" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
