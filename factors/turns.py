@@ -16,10 +16,8 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 
 def turned(v: np.ndarray) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), rad (Rodrigues)."""
-    angle = np.linalg.norm(v, axis=-1)[..., None, None]
-    k = cross_matrix(v)
-    return np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (k @ k)
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), rad."""
+    return Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix().reshape(*v.shape, 3)
 
 
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:

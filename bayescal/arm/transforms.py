@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 AXES = ("rz", "tz", "rx", "tx", "ry", "ty")
 """The six components of a frame's displacement, in the order in which they are multiplied."""
@@ -46,13 +49,46 @@ def rigid(rotation_: np.ndarray | None = None, translation: np.ndarray | None = 
 def rpy_matrix(rpy: np.ndarray) -> np.ndarray:
     """Fixed-axis roll, pitch, yaw (..., 3), rad, to Rz(yaw) Ry(pitch) Rx(roll), (..., 3, 3)."""
     rpy = np.asarray(rpy, float)
-    return rotation(2, rpy[..., 2]) @ rotation(1, rpy[..., 1]) @ rotation(0, rpy[..., 0])
+    return Rotation.from_euler("xyz", rpy.reshape(-1, 3)).as_matrix().reshape(*rpy.shape, 3)
 
 
 def rpy_of(matrix: np.ndarray) -> np.ndarray:
-    """Roll, pitch, yaw (3,), rad, of a rotation matrix (3, 3): the inverse of `rpy_matrix`."""
+    """Roll, pitch, yaw (3,), rad, of a rotation matrix (3, 3): the inverse of `rpy_matrix`.
+
+    Exact to rounding at every pitch. SciPy's `as_euler` drops the yaw within 1e-7 rad of gimbal lock, which
+    turns a robot.yaml written from a frame there by up to 2e-7 rad.
+    """
     m = np.asarray(matrix)
     pitch = np.arctan2(-m[2, 0], np.hypot(m[0, 0], m[1, 0]))
     if np.hypot(m[0, 0], m[1, 0]) < 1e-12:  # gimbal lock: the yaw goes into the roll
         return np.array([np.arctan2(-m[1, 2], m[1, 1]), pitch, 0.0])
     return np.array([np.arctan2(m[2, 1], m[2, 2]), pitch, np.arctan2(m[1, 0], m[0, 0])])
+
+
+def alignment(to: np.ndarray, of: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
+    """Find the rotation that best turns vectors into others: least ``sum w |to - R of|^2`` (Kabsch 1976).
+
+    Parameters
+    ----------
+    to, of : np.ndarray, shape (N, 3)
+        In the same order; any unit.
+    weight : np.ndarray, shape (N,), optional
+        Positive weights.
+
+    Returns
+    -------
+    np.ndarray, shape (3, 3)
+        Where the vectors do not determine it (one point, points of a line), one of the best.
+    """
+    if len(of) == 1 and not (np.any(to) and np.any(of)):
+        return np.eye(3)  # the deviation of a single point from its own mean
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Optimal rotation is not uniquely", UserWarning)
+        return Rotation.align_vectors(to, of, weight)[0].as_matrix()
+
+
+def rigid_alignment(to: np.ndarray, of: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
+    """Find the transform T (4, 4) with least ``sum w |to - T of|^2``; points (N, 3), m, weights (N,)."""
+    a, b = np.average(to, axis=0, weights=weight), np.average(of, axis=0, weights=weight)
+    turn = alignment(to - a, of - b, weight)
+    return rigid(turn, a - turn @ b)

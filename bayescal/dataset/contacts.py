@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.arm.transforms import rpy_matrix
+from bayescal.arm.transforms import rigid_alignment, rpy_matrix
 from bayescal.dataset.target_kinds import KINDS, Seen, angle_sd, place_sd
 from bayescal.dataset.types import Target
 
@@ -81,11 +81,8 @@ def scatter(p: np.ndarray, seen: np.ndarray, near: float, passes: int = 30) -> n
     away = np.zeros(len(p))
     for _ in range(passes):
         weight = _cauchy(away, float(np.median(away)))
-        weight /= weight.sum()
-        a, b = weight @ p, weight @ seen
-        left, _sizes, right = np.linalg.svd((p - a).T @ ((seen - b) * weight[:, None]))
-        flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-        away = np.linalg.norm((p - a) - (seen - b) @ (left @ flip @ right).T, axis=1)
+        placed = rigid_alignment(p, seen, weight)
+        away = np.linalg.norm(p - seen @ placed[:3, :3].T - placed[:3, 3], axis=1)
         if away.max() <= near:
             break
     return away

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.robot import Robot
-from bayescal.arm.transforms import rigid
+from bayescal.arm.transforms import rigid_alignment
 
 PASSES = 20
 """Turns of frames and tool points; what is left then is far below an arm's errors."""
@@ -23,15 +23,6 @@ GENTLE = 1e-6
 def flanges(robot: Robot, readings: np.ndarray) -> np.ndarray:
     """Nominal poses of the flange in F0, (N, 4, 4), of readings (N, n), rad."""
     return frames(chain_of(robot), link_angles(robot, readings))[:, -1]
-
-
-def placed(p: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """The frame T (4, 4) with ``T seen = p`` in least squares (Kabsch); p, seen (N, 3) m, weights (N,)."""
-    weight = weight / weight.sum()
-    a, b = weight @ p, weight @ seen
-    left, _, right = np.linalg.svd((p - a).T @ ((seen - b) * weight[:, None]))
-    turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
-    return rigid(turn, a - turn @ b)
 
 
 @dataclass(frozen=True)
@@ -72,7 +63,7 @@ def fit(rows: Sightings, centres: np.ndarray, known: np.ndarray) -> tuple[np.nda
     for _ in range(PASSES):
         p = origin + np.einsum("nij,nj->ni", turn, centres[rows.tool])
         for s, at in enumerate(stations):
-            frame_of[s] = placed(p[at], rows.seen[at], weight[at])
+            frame_of[s] = rigid_alignment(p[at], rows.seen[at], weight[at])
         own = frame_of[rows.station]
         goal = np.einsum("nij,nj->ni", own[:, :3, :3], rows.seen) + own[:, :3, 3]
         for t in np.flatnonzero(~known):

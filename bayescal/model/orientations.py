@@ -6,6 +6,7 @@ Pure functions of a session; `Scene` asks them where it is `oriented`.
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Dataset
@@ -53,5 +54,4 @@ def tool_frames(dataset: Dataset, flange: np.ndarray) -> np.ndarray:
 
 def mean_rotation(matrices: np.ndarray) -> np.ndarray:
     """The rotation (3, 3) nearest to the mean of rotations (C, 3, 3)."""
-    u, _, vt = np.linalg.svd(matrices.mean(axis=0))
-    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    return Rotation.from_matrix(matrices).mean().as_matrix()

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from bayescal.arm.transforms import rigid_alignment
 from factors.cylinder import Cylinder
 from factors.distance import Distance
 from factors.instrument import Instrument
@@ -64,11 +65,8 @@ def _instrument(kind: Instrument, p: np.ndarray) -> Sequence[np.ndarray]:
     """The frame that best turns the readings into the points (Arun et al., PAMI 9, 1987)."""
     if p.shape[1] < 3:
         return []
-    read, seen = kind.xyz.mean(axis=0), p.mean(axis=1)
-    u, _, vt = np.linalg.svd((p - seen[:, None]) @ (kind.xyz - read))
-    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-    apart = turn @ kind.frame[:3, :3].T
-    origin = seen - turn @ read
+    placed = rigid_alignment(p.T, kind.xyz)
+    apart, origin = placed[:3, :3] @ kind.frame[:3, :3].T, placed[:3, 3]
     return [np.append(rotation_vector(apart), origin - kind.pivot - apart @ (kind.frame[:3, 3] - kind.pivot))]
 
 

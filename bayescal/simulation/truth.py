@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from bayescal.arm.transforms import rpy_matrix
+from bayescal.arm.transforms import alignment, rpy_matrix
 from bayescal.dataset import Certificate, Target
 from bayescal.model import Model
 from bayescal.simulation.artefacts import Scenery, sphere_names
@@ -59,18 +59,12 @@ def true_targets(options: Options, scenery: Scenery) -> tuple[Target, ...]:
     drawing = drawing - drawing.mean(axis=0, keepdims=True) if spheres else drawing
     for centres in scenery.spheres:
         middle = centres.mean(axis=0)
-        turn = rpy_matrix(rng.normal(0, ANGLE_SD, 3)) @ _turn(drawing, centres - middle)
+        turn = rpy_matrix(rng.normal(0, ANGLE_SD, 3)) @ alignment(centres - middle, drawing)
         shift = rng.normal(0, PLACE_SD, 3)
         for k in range(spheres):
             centre = middle + shift + turn @ (drawing[k] + made[k])
             out.append(Target(next(names), "sphere", {"centre": centre, "diameter": float(diameters[k])}))
     return tuple(out)
-
-
-def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) that best brings points a (K, 3) to b (K, 3)."""
-    left, _, right = np.linalg.svd(b.T @ a)
-    return left @ np.diag([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)]) @ right
 
 
 def distance_certificates(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.transforms import rpy_matrix
@@ -42,5 +43,5 @@ def check(dataset: Dataset, table: Table) -> None:
 
 def _from_row_to_row(turns: np.ndarray) -> np.ndarray:
     """Angles (C - 1,), rad, between successive rotations (C, 3, 3)."""
-    cosine = 0.5 * (np.einsum("kij,kij->k", turns[1:], turns[:-1]) - 1.0)
-    return np.arccos(np.clip(cosine, -1.0, 1.0))
+    rotations = Rotation.from_matrix(turns)
+    return np.asarray((rotations[1:] * rotations[:-1].inv()).magnitude())
