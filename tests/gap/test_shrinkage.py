@@ -135,6 +135,12 @@ def test_a_slip_does_not_count():
     assert spoilt.after == pytest.approx(clean.after, rel=0.1)
 
 
+def test_a_contact_is_gross_from_five_predicted_standard_deviations_on():
+    residual = NOISE * np.random.default_rng(3).standard_normal(60).clip(-2.5, 2.5)
+    residual[[7, 8]] = 4.8 * NOISE, -8.0 * NOISE
+    assert np.flatnonzero(held(residual).gross).tolist() == [8]
+
+
 def test_one_seed_one_result():
     rng = np.random.default_rng(4)
     noise = NOISE * rng.standard_normal(60)
