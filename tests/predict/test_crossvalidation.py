@@ -14,6 +14,7 @@ from bayescal.posterior import gaussian
 from bayescal.predict import validate
 from bayescal.predict.bootstrap import blocks
 from bayescal.predict.crossvalidation import LEFT_OUT, VALIDATED, kept, validation_errors
+from bayescal.predict.rows import predicted_rows
 
 FULL = ("geometry", "compliance")
 BALLS = {"ball.A@1": (0.45, -0.2, 0.2), "ball.B@1": (0.35, 0.2, 0.25)}
@@ -156,6 +157,20 @@ def test_leaving_out_is_refitting_without(maker, request):
         mine = h.rows == row
         scale = h.noise[mine]
         assert np.max(np.abs(h.residual[mine] - expected) / scale) < 0.05
+
+
+def test_a_rejected_contact_is_as_uncertain_as_a_new_one(cube):
+    """It had no part in the fit: its noise, and the parameters' uncertainty where it is."""
+    found = estimate(build(Scene(cube(seed=1, count=60).dataset), ("geometry",)), robust=False)
+    block = found.model.blocks[0]
+    weight = np.where(np.arange(len(block.rows)) == 2, 0.0, found.weights.row[block.name])
+    weights = replace(found.weights, row={**found.weights.row, block.name: weight})
+    z, covariance, _ = solve(found.model, weights, found.z)
+    again = replace(found, weights=weights, z=z, covariance=covariance())
+    new = predicted_rows(again, block)
+    spread = np.einsum("rd,de,re->r", new.by_z, again.covariance, new.by_z)[2]
+    h = validation_errors(again)
+    assert h.sd[h.rows == block.rows[2]][0] == pytest.approx(np.sqrt(new.noise[2] ** 2 + spread), rel=1e-6)
 
 
 def test_a_slip_is_gross_but_a_common_error_is_none(fitted):

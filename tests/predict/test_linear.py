@@ -82,3 +82,38 @@ def test_unexplained_error_of_an_instrument_is_another_at_every_point(cube, trac
     assert np.sqrt(np.mean(np.var(wide.predicted, axis=0))) / noise == pytest.approx(
         np.hypot(1.0, 50e-6 / d.noise.point), rel=0.05
     )
+
+
+def certified_within(fitted, kind, u):
+    """The same fit, with certificates of one kind that are uncertain by u, m."""
+    data = fitted.model.scene.dataset
+    stated = tuple(replace(c, u_distance=u) if c.kind == kind else c for c in data.certificates)
+    scene = Scene(replace(data, certificates=stated))
+    return replace(fitted, model=replace(fitted.model, scene=scene))
+
+
+@pytest.mark.parametrize("kind", ["distance", "diameter"])
+def test_the_uncertainty_of_a_certificate_is_part_of_its_predicted_error(fitted, kind):
+    draws, u = gaussian(fitted, 0, 4000), 50e-6
+    checks = [
+        getattr(validate(found, draws.flat, draws.kappa), f"{kind}s")
+        for found in (certified_within(fitted, kind, 0.0), certified_within(fitted, kind, u))
+    ]
+    for sharp, loose in zip(*checks, strict=True):
+        grown = np.var(loose.predicted) - np.var(sharp.predicted)
+        assert np.sqrt(grown) == pytest.approx(u, rel=0.08)
+    if kind == "distance":
+        sd = [validation_errors(certified_within(fitted, kind, x)).distances.predicted_sd() for x in (0.0, u)]
+        np.testing.assert_allclose(sd[1] ** 2 - sd[0] ** 2, u**2)
+
+
+def test_a_slipped_row_has_no_part_in_where_its_sphere_is(fitted):
+    """Nor in its uncertainty: its residual moves nothing, the others do."""
+    data = fitted.model.scene.dataset
+    name = data.targets[-1].name
+    rows = np.flatnonzero(data.measurements.target == len(data.targets) - 1)
+    readings = data.measurements.readings.copy()
+    readings[rows[3], 1] += 3e-3
+    scene = Scene(replace(data, measurements=replace(data.measurements, readings=readings)))
+    t = prepared(replace(fitted, model=replace(fitted.model, scene=scene))).located[name]
+    assert np.flatnonzero(~t.gain.any(axis=0)).tolist() == [3]
