@@ -4,39 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up_errors import NOISE, held
 
 from bayescal.gap.outcome.shrinkage import expects, of_blocks, of_distances, shrinkage
 from bayescal.predict.bootstrap import independent_distances, resampled
-from bayescal.predict.crossvalidation import VALIDATED, ValidationErrors
 from bayescal.predict.distances import CentreDistances
 from bayescal.predict.intervals import bootstrap_interval95
 
-NOISE = 5e-6
 INFINITE = float("inf")
-
-
-def held(residual, sd=NOISE, distances=None, distance_sd=NOISE, block=None):
-    """Contacts that leave these residuals, under a model that expects `sd`."""
-    count = len(residual)
-    distances = np.zeros(0) if distances is None else distances
-    names = tuple((f"a@{k // 3}", f"b@{k // 3}") for k in range(len(distances)))
-    return ValidationErrors(
-        VALIDATED,
-        "contact",
-        residual,
-        np.full(count, NOISE),
-        np.full((count, 1), np.sqrt(max(sd**2 - NOISE**2, 0.0))),
-        np.arange(count),
-        np.full(count, "planes"),
-        np.full(count, "contact"),
-        np.full(count, "cube.+x"),
-        np.arange(count) if block is None else block,
-        CentreDistances(
-            names, distances, np.zeros((len(names), 1)), np.full((len(names), 1), distance_sd),
-            np.zeros(len(names)),
-            np.tile([1.0, 0.0, 0.0], (len(names), 1)),
-        ),
-    )  # fmt: skip
 
 
 def test_a_gap_that_is_taken_away_and_half_of_one():
