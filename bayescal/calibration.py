@@ -22,9 +22,9 @@ from bayescal.estimate.latent import with_latent_readings
 from bayescal.estimate.unexplained import Unexplained, unexplained
 from bayescal.model import check_asked, with_parameters
 from bayescal.model.scene import Scene
-from bayescal.posterior import Draws, gaussian, sample
-from bayescal.posterior.streams import spawned
+from bayescal.posterior import Draws, gaussian
 from bayescal.predict import Forecast, Validation, forecast, validate
+from bayescal.streams import spawned
 
 VALIDATION_DRAWS = 2000
 NOMINAL = ("nominal",)
@@ -138,6 +138,8 @@ def fit(
         if last:
             progress("sample", 0.0)
             if samples:
+                from bayescal.posterior.sample import sample
+
                 draws = sample(found, samples, of_sampler, lambda fraction: progress("sample", fraction))
         z, kappa = _spread(draws)
         checked = validate(found, z, kappa, left.excess, of_noise)

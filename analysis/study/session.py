@@ -9,7 +9,7 @@ import numpy as np
 
 from bayescal.calibration import VALIDATION_DRAWS, Fit, fit
 from bayescal.errors import BayescalError
-from bayescal.posterior import sample
+from bayescal.posterior.sample import sample
 from bayescal.predict import Validation, validate
 from bayescal.simulation import Options, Simulation, simulate
 

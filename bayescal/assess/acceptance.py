@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2, norm, poisson
+from scipy.special import ndtr, ndtri
 
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
 from bayescal.assess.shared_causes import SharedCause
+from bayescal.distributions import chi2_isf, chi2_sf, poisson_sf
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.predict.validation import DistanceCheck, PlaneCheck, PointCheck, TurnCheck, Validation
 
@@ -152,8 +153,8 @@ def _validation(checked: Validation, rejected: float | None) -> Iterator[_Figure
                 f"mean distance error {1e6 * np.mean(error):+.1f} µm with a predicted standard deviation of "
                 f"{1e6 * sd:.1f} µm; {same} of {len(error)} errors have one sign"
             )
-            p = 2.0 * float(norm.sf(abs(value)))
-            yield _Figure("mean_distance_error", abs(value), p, lambda a: float(norm.isf(a / 2)), words)
+            p = 2.0 * float(ndtr(-abs(value)))
+            yield _Figure("mean_distance_error", abs(value), p, lambda a: float(-ndtri(a / 2)), words)
 
 
 def _chi_square(
@@ -172,8 +173,8 @@ def _chi_square(
         f"{of} of validation rows: RMS error {factor * np.sqrt(np.mean(r**2)):.1f} {unit} against "
         f"{factor * np.sqrt(np.mean(sd**2)):.1f} {unit} predicted"
     )
-    p = float(chi2.sf(dof * statistic / mean, dof))
-    limit = lambda a: float(np.sqrt(chi2.isf(a, dof) / dof))  # noqa: E731
+    p = float(chi2_sf(dof * statistic / mean, dof))
+    limit = lambda a: float(np.sqrt(chi2_isf(a, dof) / dof))  # noqa: E731
     return _Figure(name, float(np.sqrt(statistic / mean)), p, limit, words)
 
 
@@ -191,9 +192,9 @@ def _sets(checked: Validation, rejected: float | None) -> Iterator[tuple[str, np
         kept = [(p.residuals.reshape(-1, p.residuals.shape[-1]), p.predicted) for p in parts]
         r = np.concatenate([r for r, _ in kept], axis=1)  # (rows, C)
         predicted = np.concatenate([d.reshape(len(d), *one.shape) for one, d in kept], axis=2)
-        tail = chi2.sf(np.sum((r / np.std(predicted, axis=0)) ** 2, axis=0), len(r))
+        tail = chi2_sf(np.sum((r / np.std(predicted, axis=0)) ** 2, axis=0), len(r))
         out = tail < FALSE_REJECTIONS / len(tail)
-        if rejected is None or poisson.sf(np.sum(out) - 1, rejected * len(out) + 1.0) < MORE_OUTLIERS:
+        if rejected is None or poisson_sf(np.sum(out) - 1, rejected * len(out) + 1.0) < MORE_OUTLIERS:
             out = np.zeros_like(out)
         yield test, r[:, ~out].ravel(), predicted[:, :, ~out].reshape(len(predicted), -1)
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.stats import chi2
 
 from bayescal.dataset import Dataset
+from bayescal.distributions import chi2_sf
 from bayescal.effects import MODELS
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, calibrated
@@ -105,7 +105,7 @@ def pair(sessions: tuple[str, str], fits: tuple[Estimate, Estimate], names: tupl
     along = directions.T @ difference
     square = float(along @ np.linalg.solve(directions.T @ spread @ directions, along)) if len(along) else 0.0
     size = np.sqrt(np.maximum(np.diag(spread), np.finfo(float).eps))
-    p = float(chi2.sf(square, len(along))) if len(along) else 1.0
+    p = float(chi2_sf(square, len(along))) if len(along) else 1.0
     return Pair(sessions, difference / size, square, len(along), p)
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from bayescal.assess.acceptance import Acceptance
 from bayescal.errors import BayescalError
@@ -108,5 +108,5 @@ def decide(error: float, expanded: float, tolerance: float) -> str:
 
 def _decided(d: DistanceCheck, tolerance: float) -> Conformance:
     u = float(np.std(d.predicted))
-    p = float(norm.cdf((tolerance - d.error) / u) - norm.cdf((-tolerance - d.error) / u))
+    p = float(ndtr((tolerance - d.error) / u) - ndtr((-tolerance - d.error) / u))
     return Conformance(d.between, d.error, COVERAGE * u, p, decide(d.error, COVERAGE * u, tolerance))

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, hypergeom
 
 from bayescal.assess.groups import Group, groups_of
+from bayescal.distributions import chi2_sf
 from bayescal.estimate import Estimate, estimate
 from bayescal.model.block import ARM, Block
 
@@ -82,6 +82,8 @@ def shared(
     total, count = int(np.sum(rejected)), len(rows)
     if total < FEWEST or total == count or not groups:
         return ()
+    from scipy.stats import hypergeom  # a second to import, and seldom needed
+
     members = np.zeros((len(groups), count), np.float32)
     for k, group in enumerate(groups):
         members[k, group.rows] = 1.0
@@ -150,4 +152,4 @@ def _tail(found: Estimate, block: Block) -> np.ndarray:
     noise = found.weights.scale[block.group] * np.tile(block.sigma, block.kind.rows)
     variance = noise**2 + np.einsum("rd,de,re->r", slopes, found.covariance, slopes, optimize=True)
     square = (r**2 / variance).reshape(block.kind.rows, -1)
-    return np.asarray(chi2.sf(np.sum(square, axis=0), block.kind.rows))
+    return np.asarray(chi2_sf(np.sum(square, axis=0), block.kind.rows))

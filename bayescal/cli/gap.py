@@ -54,14 +54,9 @@ def gap(
 
     from rich.console import Console, Group
 
-    from bayescal.assess.agreement import agreement
-    from bayescal.estimate import calibrated
     from bayescal.gap.diagnose import diagnose
-    from bayescal.model.scene import Scene
-    from bayescal.reporting.fit.agreement import verdicts
     from bayescal.reporting.gap.files import write_gap
     from bayescal.reporting.gap.summary import gap_summary
-    from bayescal.reporting.shared.text import facts
 
     console = Console(highlight=False)
     with progress() as notify:
@@ -70,6 +65,12 @@ def gap(
         written = write_gap(result, folder, pictures)
     console.print(gap_summary(result))
     if session.sessions:
+        from bayescal.assess.agreement import agreement
+        from bayescal.estimate import calibrated
+        from bayescal.model.scene import Scene
+        from bayescal.reporting.fit.agreement import verdicts
+        from bayescal.reporting.shared.text import facts
+
         together = calibrated(Scene(session), effects, prior_width, robust)
         compared = agreement(together, effects, prior_width, robust)
         console.print(Group("", facts(verdicts(compared))))

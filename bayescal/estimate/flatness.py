@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
+from bayescal.distributions import f_sf
 from bayescal.effects import parameters_of
 from bayescal.effects.plane_form import shapes
 from bayescal.estimate import Estimate, estimate
@@ -49,7 +49,7 @@ def check_faces(fitted: Estimate) -> tuple[FaceCheck, ...]:
         ridge = information + 1e-6 * np.trace(information) / size * np.eye(size)
         amplitude = np.linalg.solve(ridge, score)
         statistic = float(score @ amplitude) / size
-        p = min(1.0, float(f_distribution.sf(statistic, size, max(dof, 1.0))) * len(faces))
+        p = min(1.0, float(f_sf(statistic, size, max(dof, 1.0))) * len(faces))
         smooth = columns @ amplitude / np.where(whiten > 0, whiten, 1.0)
         form = float(np.sqrt(np.mean(smooth[whiten > 0] ** 2)))
         out.append(FaceCheck(face.name, form, p, p < FAMILY_P and form > float(np.median(block.sigma))))

@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
+from bayescal.distributions import chi2_isf, chi2_sf, f_isf, f_sf
 from bayescal.estimate import Estimate
 from bayescal.model.scene import Scene
 
@@ -43,8 +42,8 @@ class Unexplained:
     def limit(self, chance: float) -> float:
         """Ratio of what the fit leaves to the noise that noise alone exceeds with a chance."""
         if self.repeats is None:
-            return STATED_FACTOR * float(np.sqrt(chi2.isf(chance, self.dof) / self.dof))
-        return float(np.sqrt(f_distribution.isf(chance, self.dof, self.repeats_dof)))
+            return STATED_FACTOR * float(np.sqrt(chi2_isf(chance, self.dof) / self.dof))
+        return float(np.sqrt(f_isf(chance, self.dof, self.repeats_dof)))
 
 
 def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
@@ -98,10 +97,10 @@ def unexplained(fitted: Estimate) -> Unexplained:
     dof = max(sum(fitted.dof[name] for name, kind in kind_of.items() if kind == group), 1.0)
     repeats, repeats_dof = repeat_scatter(scene, fitted)
     if repeats is None:
-        floor, p = stated, float(chi2.sf(dof * (scale / STATED_FACTOR) ** 2, dof))
+        floor, p = stated, float(chi2_sf(dof * (scale / STATED_FACTOR) ** 2, dof))
     else:
         floor = repeats
-        p = float(f_distribution.sf((scale * stated / repeats) ** 2, dof, repeats_dof))
+        p = float(f_sf((scale * stated / repeats) ** 2, dof, repeats_dof))
     square = (scale * stated) ** 2 - floor**2
     excess = float(np.sqrt(max(square, 0.0))) if p < P_VALUE else 0.0
     return Unexplained(group, stated, repeats, repeats_dof, scale * stated, excess, p, dof)

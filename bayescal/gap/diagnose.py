@@ -45,8 +45,8 @@ from bayescal.model import ORIENTATION, check_asked, with_parameters
 from bayescal.model.length_blocks import length_blocks, main_group
 from bayescal.model.parts import Part, parts_of
 from bayescal.model.scene import Scene
-from bayescal.posterior.streams import spawned
 from bayescal.predict.crossvalidation import ValidationErrors, validation_errors
+from bayescal.streams import spawned
 
 UNSEEN = "not detectable with these contacts at any plausible amplitude"
 Progress = Callable[[str, float], None]
@@ -226,7 +226,9 @@ def diagnose(
     size = magnitude(first.fitted, final, before, after, of_magnitude)
     chosen = last.decision.hypothesis
     changed = bool(members) or promoted
-    levels = _levels(scene, effects, prior_width, robust, parts, first.fitted, last, promoted)
+    levels = _levels(scene, effects, prior_width, robust, parts, found)
+    known = {id(first.fitted): before, id(final): after}
+    errors = [known.get(id(e)) or validation_errors(e) for _, e in levels]
     plain = without_nuisance(last.problem, last.fitted.model.size)
     named = tuple(m.effect for m in members)
     spots = blind_spots(last.fitted, last.candidates, plain, again(chosen.state, plain), named)
@@ -243,7 +245,7 @@ def diagnose(
         margins=margins(first.fitted, before, noise.sd, noise.dof),
         verdict=found.verdict,
         shrinkage=shrinkage(before, after, noise.sd, of_shrinkage, noise.dof) if changed else (),
-        levels=model_levels(levels),
+        levels=model_levels(levels, errors),
         advice=advise(last.fitted, last.candidates, pairs),
         blind_spots=unseen(spots),
         residuals=_residuals(first.fitted, final),
@@ -342,7 +344,7 @@ def _named(member, d: Decision, e: Examined) -> Named:
 
 def _levels(
     scene: Scene, effects: tuple[str, ...], width: float, robust: bool, without: Sequence[Part],
-    baseline: Estimate, last: Examined, promoted: bool,
+    found: Explained,
 ) -> list[tuple[tuple[str, ...], Estimate]]:  # fmt: skip
     """Nominal, each effect of the baseline, then each that was named, in the order in which they entered."""
     out: list[tuple[tuple[str, ...], Estimate]]
@@ -351,13 +353,18 @@ def _levels(
         out.append((("joint",), calibrated(scene, ("joint",), width, robust)))
     for k in range(1, len(effects)):
         out.append((effects[:k], calibrated(scene, effects[:k], width, robust, without)))
+    last, members = found.last, found.last.decision.members
     if effects:
-        out.append((effects, baseline))
-    if promoted:
+        out.append((effects, found.first.fitted))
+    if found.promoted:
         out.append(((*effects, COMPLIANCE), last.fitted))
-    for k in range(1, len(last.decision.members) + 1):
-        found = refit(last.fitted, last.candidates.pool, last.decision.members[:k], robust)
-        out.append((found.model.effects, found))
+    for k in range(1, len(members) + 1):
+        e = (
+            found.final
+            if k == len(members)
+            else refit(last.fitted, last.candidates.pool, members[:k], robust)
+        )
+        out.append((e.model.effects, e))
     return out
 
 

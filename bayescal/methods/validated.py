@@ -13,9 +13,9 @@ from bayescal.estimate.unexplained import unexplained
 from bayescal.methods.method import Solution
 from bayescal.model import ARM, Model, with_parameters
 from bayescal.posterior import gaussian
-from bayescal.posterior.streams import spawned
 from bayescal.predict import Validation, validate
 from bayescal.predict.locate import locate
+from bayescal.streams import spawned
 
 DRAWS = 2000
 

@@ -1,9 +1,12 @@
-"""The posterior: emcee on the whitened model, its convergence, and its ArviZ record."""
+"""The posterior: its density, draws of it, and its ArviZ record.
+
+`sample` (emcee) is imported where it is called: its import takes a second, and most commands draw nothing.
+"""
 
 from __future__ import annotations
 
 from bayescal.posterior.density import Density
+from bayescal.posterior.draws import Draws, gaussian
 from bayescal.posterior.pointwise import Pointwise, pointwise, prior_draws
-from bayescal.posterior.sample import Draws, gaussian, sample
 
-__all__ = ["Density", "Draws", "Pointwise", "gaussian", "pointwise", "prior_draws", "sample"]
+__all__ = ["Density", "Draws", "Pointwise", "gaussian", "pointwise", "prior_draws"]

@@ -8,7 +8,6 @@ are accepted in the burn-in, half of the steps are of either kind.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import emcee
@@ -18,8 +17,8 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
 from bayescal.posterior.convergence import Convergence, convergence, split_rhat
 from bayescal.posterior.density import Density, Linearised
+from bayescal.posterior.draws import CHAINS, Draws
 
-ENSEMBLES = 4
 LEAST_SHARE, LARGEST_SHARE = 0.5, 0.9
 """Limits of the share of independent proposals; within them it is their acceptance rate in the burn-in."""
 BURN = 15  # discarded steps from overdispersed starts; more while the ensembles still drift
@@ -29,45 +28,6 @@ GROWTH = 1.5  # largest increase of the number of steps between two tests of con
 TAUS = 10  # smallest length of a run in autocorrelation times, for a reliable estimate of them
 MAX_STEPS = 10_000
 LARGEST_RHAT = 1.01
-
-
-@dataclass(frozen=True)
-class Draws:
-    """Draws of the posterior in four chains, with their convergence.
-
-    A chain is an ensemble, its walkers concatenated, so that the autocorrelation of a walker is that of the
-    chain. Convergence is computed from these draws, as ArviZ does.
-    """
-
-    z: np.ndarray  # (chains, draws, D)
-    log_kappa: np.ndarray  # (chains, draws), noise scale over the stated noise
-    log_density: np.ndarray  # (chains, draws)
-    names: tuple[str, ...]  # of the D components and the noise scale
-    ess_bulk: np.ndarray  # (D + 1,) effective draws in the bulk
-    ess_tail: np.ndarray  # (D + 1,) effective draws in the tails, of the 5 % and the 95 % quantile
-    rhat: np.ndarray  # (D + 1,) rank-normalised split R-hat, nan where not sampled
-    acceptance: dict[str, float]  # by move
-    moves: str
-    steps: int  # of each ensemble after burn-in
-    walkers: int
-    converged: bool
-    complaint: str  # reason, where not converged
-
-    @property
-    def ess(self) -> np.ndarray:
-        """Effective draws, the smaller of bulk and tails, (D + 1,)."""
-        return np.minimum(self.ess_bulk, self.ess_tail)
-
-    @property
-    def flat(self) -> np.ndarray:
-        """All draws of z, (chains * draws, D)."""
-        chains, draws, size = self.z.shape  # not -1: there may be no components at all
-        return self.z.reshape(chains * draws, size)
-
-    @property
-    def kappa(self) -> np.ndarray:
-        """Noise scales of `flat`, (chains * draws,)."""
-        return np.exp(self.log_kappa.ravel())
 
 
 class _Counted:
@@ -100,20 +60,6 @@ class Independence(_Counted, emcee.moves.MHMove):
 
 class Evolution(_Counted, emcee.moves.DEMove):
     """Differential evolution among the walkers."""
-
-
-def gaussian(estimate: Estimate, seed: int, count: int = 4000) -> Draws:
-    """Draws of the linearised posterior: the Gaussian approximation, with the noise scale unknown."""
-    density = Density(estimate)
-    x = Linearised.of(density).draw(count, np.random.default_rng(seed))
-    x = x.reshape(ENSEMBLES, -1, density.size)
-    lp = np.stack([density(part) for part in x])
-    every = np.full(density.size, float(count))
-    return Draws(
-        x[..., :-1], x[..., -1], lp, (*estimate.model.names, "noise scale"),
-        every, every, np.full(density.size, np.nan), {},
-        "none: independent draws of the linearised posterior", count, 1, True, "",
-    )  # fmt: skip
 
 
 def sample(
@@ -149,9 +95,9 @@ def sample(
     density = Density(estimate)
     linearised = Linearised.of(density)
     walkers = 2 * (density.size + 1)
-    moves = [(Independence(linearised), Evolution()) for _ in range(ENSEMBLES)]
+    moves = [(Independence(linearised), Evolution()) for _ in range(CHAINS)]
     states = []
-    for pair, seeds in zip(moves, np.random.SeedSequence(seed).spawn(ENSEMBLES), strict=True):
+    for pair, seeds in zip(moves, np.random.SeedSequence(seed).spawn(CHAINS), strict=True):
         rng = np.random.RandomState(np.random.MT19937(seeds))
         start = emcee.State(linearised.draw(walkers, rng, spread=2.0), random_state=rng.get_state())
         states.append(_ensemble(density, walkers, pair, LEAST_SHARE, start).run_mcmc(start, BURN))
@@ -163,12 +109,12 @@ def sample(
         for move in pair:
             move.proposed = move.accepted = 0
     steps, first, thin = 0, 0, 1
-    more = max(int(np.ceil(effective / (YIELD * ENSEMBLES * walkers))), TAUS)
+    more = max(int(np.ceil(effective / (YIELD * CHAINS * walkers))), TAUS)
     while True:
         more = min(more, max_steps - steps)
         for k, sampler in enumerate(samplers):
             states[k] = sampler.run_mcmc(states[k], more)
-            progress((steps + (k + 1) / ENSEMBLES * more) / (steps + more))
+            progress((steps + (k + 1) / CHAINS * more) / (steps + more))
         steps += more
         chains = np.stack([s.get_chain(discard=first, thin=thin) for s in samplers])  # (M, T, W, D + 1)
         ends = _walkers_end_to_end(chains)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from bayescal.estimate import Estimate, linearise
 from bayescal.model import ARM, Block
@@ -63,7 +63,7 @@ class ValidationErrors:
         for label, share in ((self.kind, 0.9), (self.target, 0.75)):
             for own in np.unique(label):
                 mine = label == own
-                usual = np.quantile(size[mine], share) / norm.ppf(0.5 + 0.5 * share)
+                usual = np.quantile(size[mine], share) / ndtri(0.5 + 0.5 * share)
                 limit[mine] = np.maximum(limit[mine], usual)
         return np.isin(self.rows, self.rows[size > GROSS * limit])
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtri
+
+from bayescal.distributions import t_ppf
 
 TAILS = (0.025, 0.975)
 """Probabilities below the ends of a 95 % interval."""
@@ -26,6 +27,6 @@ def bootstrap_interval95(value: float, draws: np.ndarray, blocks: int) -> tuple[
     """95 % interval of a value from its bootstrap draws, widened for few blocks (Student t)."""
     if blocks < 2 or not len(draws):
         return float("nan"), float("nan")
-    wider = np.sqrt(blocks / (blocks - 1)) * student.ppf(TAILS[1], blocks - 1) / norm.ppf(TAILS[1])
+    wider = np.sqrt(blocks / (blocks - 1)) * t_ppf(TAILS[1], blocks - 1) / ndtri(TAILS[1])
     low, high = value + wider * (np.quantile(draws, TAILS) - value)
     return float(low), float(high)

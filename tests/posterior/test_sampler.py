@@ -1,7 +1,6 @@
 """The sampler against what it must agree with: itself run plainly, its own linearisation, a known normal."""
 
 from dataclasses import replace
-from importlib import import_module
 
 import emcee
 import numpy as np
@@ -12,12 +11,11 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
 from bayescal.model import build
 from bayescal.model.scene import Scene
-from bayescal.posterior import Density, gaussian, sample
+from bayescal.posterior import Density, gaussian
+from bayescal.posterior import sample as sampling
 from bayescal.posterior.convergence import convergence
 from bayescal.posterior.density import Linearised
-from bayescal.posterior.sample import Evolution, Independence
-
-sampling = import_module("bayescal.posterior.sample")  # the package has a function of that name
+from bayescal.posterior.sample import Evolution, Independence, sample
 
 
 @pytest.fixture(scope="module")

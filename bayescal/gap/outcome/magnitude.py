@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from bayescal.distributions import chi2_isf, chi2_sf
 from bayescal.estimate import STATED_WORTH, Estimate
 from bayescal.estimate.unexplained import P_VALUE, STATED_FACTOR, repeat_scatter
 from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Magnitude, Measured
@@ -27,7 +27,7 @@ class NoiseFloor:
     @property
     def interval95(self) -> tuple[float, float]:
         """By chi-squared, m."""
-        low, high = self.sd * np.sqrt(self.dof / chi2.ppf([0.975, 0.025], self.dof))
+        low, high = self.sd * np.sqrt(self.dof / chi2_isf([0.025, 0.975], self.dof))
         return float(low), float(high)
 
     def draws(self, rng: np.random.Generator) -> np.ndarray:
@@ -58,7 +58,7 @@ def noise_floor(final: Estimate, group: str) -> NoiseFloor:
         if repeats is not None:
             return NoiseFloor(repeats, float(count), "repeats")
     stated, scale, dof = stated_noise(final, group), final.weights.scale[group], final.dof[group]
-    if dof < OUTCOME.fewest_dof or chi2.sf(dof * (scale / STATED_FACTOR) ** 2, dof) < P_VALUE:
+    if dof < OUTCOME.fewest_dof or chi2_sf(dof * (scale / STATED_FACTOR) ** 2, dof) < P_VALUE:
         return NoiseFloor(stated, STATED_WORTH, "stated")
     return NoiseFloor(scale * stated, dof, "fit")
 

@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as f_distribution
-from scipy.stats import t as student
 
+from bayescal.distributions import f_sf, t_sf
 from bayescal.estimate import Estimate, linearise
 from bayescal.gap.result import Margin
 from bayescal.gap.settings import OUTCOME
@@ -159,9 +158,9 @@ def margin_of(r: Residuals, label: str, mask: np.ndarray) -> Margin | None:
     square += float(np.sum((taken.T @ taken) ** 2)) + float(np.sum((added.T @ added) ** 2))
     p = [1.0]
     if trace > OUTCOME.absorbed * len(e):  # a sum of squares of this mean and variance is nearly chi-squared
-        p.append(float(f_distribution.sf(np.sum(e**2) / trace, max(trace**2 / square, 1.0), r.dof)))
+        p.append(float(f_sf(np.sum(e**2) / trace, max(trace**2 / square, 1.0), r.dof)))
     if variance > OUTCOME.absorbed * len(e):
-        p.append(2 * float(student.sf(abs(np.sum(e)) / np.sqrt(variance), r.dof)))
+        p.append(2 * float(t_sf(abs(np.sum(e)) / np.sqrt(variance), r.dof)))
     rms, mean = float(np.sqrt(np.mean(r.residual[mask] ** 2))), float(np.mean(r.residual[mask]))
     return Margin(label, contacts, rms, mean, min(2 * min(p), 1.0))
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
+from bayescal.distributions import f_isf
 from bayescal.gap.result import Shrinkage
 from bayescal.gap.settings import OUTCOME
 from bayescal.predict.bootstrap import RESAMPLES, independent_distances, resampled, resampled_distances
@@ -150,7 +150,7 @@ def _compared(
     old, new, floor = means
     removed, ends = NAN, (NAN, NAN)
     # where these rows could show no excess at all, the ratio would be one of two noises
-    if old > floor * f_distribution.isf(OUTCOME.no_excess, number, min(noise_dof, OUTCOME.many)):
+    if old > floor * f_isf(OUTCOME.no_excess, number, min(noise_dof, OUTCOME.many)):
         removed = min((old - new) / (old - floor), 1.0)
         excess = draws[:, 0] - draws[:, 2]
         some = excess > 0

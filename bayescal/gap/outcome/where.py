@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
+from bayescal.distributions import f_sf
 from bayescal.effects import Circumstances, Driver, Parameter, Site
 from bayescal.effects.location import ARM
 from bayescal.gap.linear.evidence import project
@@ -74,7 +74,7 @@ def f_test(state: State, columns: np.ndarray) -> float:
     count = state.problem.count
     chi2 = float(np.sum(state.weight[:count] * state.residual[:count] ** 2)) / state.kappa**2
     dof = max(state.dof - size, 1.0)
-    return float(f_distribution.sf(gain / size / (max(chi2 - gain, 1e-9) / dof), size, dof))
+    return float(f_sf(gain / size / (max(chi2 - gain, 1e-9) / dof), size, dof))
 
 
 def visible(state: State, contribution: np.ndarray) -> np.ndarray:

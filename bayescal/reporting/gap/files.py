@@ -34,8 +34,9 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
         (stage / GAP).write_text(record, encoding="utf-8")
         if pictures:
             from bayescal.reporting.gap.pictures import PICTURES
+            from bayescal.reporting.gap.style import save_figure
 
             for name, draw in PICTURES.items():
-                draw(gap).savefig(stage / name)
+                save_figure(draw(gap), stage / name)
                 names.append(name)
     return tuple(names)

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.figure import Figure
 
 INK = "#22313f"
@@ -33,6 +35,19 @@ def figure(width: float, height: float, title: Sequence[str]) -> Figure:
     lines = [part for line in title for part in textwrap.wrap(line, round(TITLE * width))]
     out.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold")
     return out
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG.
+
+    `savefig` draws a figure that has a layout engine twice, the first time for the layout alone. To place
+    the axes before gives the same pixels in less time.
+    """
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+    figure.savefig(path)
 
 
 def tidy(axes: Any) -> None:

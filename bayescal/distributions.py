@@ -1,0 +1,49 @@
+"""Tails of the usual distributions, by `scipy.special`: `scipy.stats` takes a second to import.
+
+Each takes arrays. Without degrees of freedom there is no distribution: NaN, as `scipy.stats` has it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+Values = Any
+"""A number or an array of numbers; all arguments broadcast."""
+
+
+def chi2_sf(x: Values, dof: Values) -> Any:
+    """Probability that chi-square exceeds x."""
+    return np.where(np.asarray(dof) > 0, special.chdtrc(dof, np.maximum(x, 0.0)), np.nan)
+
+
+def chi2_isf(p: Values, dof: Values) -> Any:
+    """Value that chi-square exceeds with probability p."""
+    return special.chdtri(dof, p)
+
+
+def f_sf(x: Values, dof: Values, dof_below: Values) -> Any:
+    """Probability that F exceeds x; `dof_below` is of the denominator."""
+    return special.fdtrc(dof, dof_below, np.maximum(x, 0.0))
+
+
+def f_isf(p: Values, dof: Values, dof_below: Values) -> Any:
+    """Value that F exceeds with probability p."""
+    return special.fdtri(dof, dof_below, 1.0 - np.asarray(p))
+
+
+def t_sf(x: Values, dof: Values) -> Any:
+    """Probability that Student's t exceeds x."""
+    return special.stdtr(dof, -np.asarray(x))
+
+
+def t_ppf(p: Values, dof: Values) -> Any:
+    """Value below which Student's t lies with probability p."""
+    return special.stdtrit(dof, p)
+
+
+def poisson_sf(k: Values, mean: Values) -> Any:
+    """Probability of more than k events."""
+    return np.where(np.asarray(k) < 0, 1.0, special.pdtrc(np.floor(np.maximum(k, 0)), mean))

@@ -1,0 +1,65 @@
+"""Draws of the posterior, and those of its Gaussian approximation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.estimate import Estimate
+from bayescal.posterior.density import Density, Linearised
+
+CHAINS = 4
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Draws of the posterior in four chains, with their convergence.
+
+    A chain is an ensemble, its walkers concatenated, so that the autocorrelation of a walker is that of the
+    chain. Convergence is computed from these draws, as ArviZ does.
+    """
+
+    z: np.ndarray  # (chains, draws, D)
+    log_kappa: np.ndarray  # (chains, draws), noise scale over the stated noise
+    log_density: np.ndarray  # (chains, draws)
+    names: tuple[str, ...]  # of the D components and the noise scale
+    ess_bulk: np.ndarray  # (D + 1,) effective draws in the bulk
+    ess_tail: np.ndarray  # (D + 1,) effective draws in the tails, of the 5 % and the 95 % quantile
+    rhat: np.ndarray  # (D + 1,) rank-normalised split R-hat, nan where not sampled
+    acceptance: dict[str, float]  # by move
+    moves: str
+    steps: int  # of each ensemble after burn-in
+    walkers: int
+    converged: bool
+    complaint: str  # reason, where not converged
+
+    @property
+    def ess(self) -> np.ndarray:
+        """Effective draws, the smaller of bulk and tails, (D + 1,)."""
+        return np.minimum(self.ess_bulk, self.ess_tail)
+
+    @property
+    def flat(self) -> np.ndarray:
+        """All draws of z, (chains * draws, D)."""
+        chains, draws, size = self.z.shape  # not -1: there may be no components at all
+        return self.z.reshape(chains * draws, size)
+
+    @property
+    def kappa(self) -> np.ndarray:
+        """Noise scales of `flat`, (chains * draws,)."""
+        return np.exp(self.log_kappa.ravel())
+
+
+def gaussian(estimate: Estimate, seed: int, count: int = 4000) -> Draws:
+    """Draws of the linearised posterior: the Gaussian approximation, with the noise scale unknown."""
+    density = Density(estimate)
+    x = Linearised.of(density).draw(count, np.random.default_rng(seed))
+    x = x.reshape(CHAINS, -1, density.size)
+    lp = np.stack([density(part) for part in x])
+    every = np.full(density.size, float(count))
+    return Draws(
+        x[..., :-1], x[..., -1], lp, (*estimate.model.names, "noise scale"),
+        every, every, np.full(density.size, np.nan), {},
+        "none: independent draws of the linearised posterior", count, 1, True, "",
+    )  # fmt: skip

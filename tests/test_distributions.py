@@ -1,0 +1,36 @@
+"""Tails against `scipy.stats`, at the edges too."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayescal import distributions as d
+
+RNG = np.random.default_rng(0)
+DOF, BELOW = RNG.uniform(0.5, 400, (2, 300))
+X, P = RNG.uniform(0, 600, 300), RNG.uniform(1e-12, 1, 300)
+K = np.append(RNG.integers(0, 600, 299), -1).astype(float)
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs"),
+    [
+        (d.chi2_sf(X, DOF), stats.chi2.sf(X, DOF)),
+        (d.chi2_isf(P, DOF), stats.chi2.isf(P, DOF)),
+        (d.f_sf(X / 100, DOF, BELOW), stats.f.sf(X / 100, DOF, BELOW)),
+        (d.f_isf(P, DOF, BELOW), stats.f.isf(P, DOF, BELOW)),
+        (d.t_sf(X / 50 - 6, DOF), stats.t.sf(X / 50 - 6, DOF)),
+        (d.t_ppf(P, DOF), stats.t.ppf(P, DOF)),
+        (d.poisson_sf(K, DOF), stats.poisson.sf(K, DOF)),
+    ],
+)
+def test_tails(ours, theirs):
+    np.testing.assert_allclose(ours, theirs, rtol=1e-12)
+
+
+def test_edges():
+    """Rounding below zero exceeds nothing; no degrees of freedom, no probability."""
+    assert d.chi2_sf(-1e-20, 3) == d.f_sf(-1e-20, 3, 4) == 1.0
+    assert np.isnan(d.chi2_sf(1.0, 0))
+    assert np.isnan(d.f_sf(1.0, 0, 3))
+    assert np.isnan(d.t_ppf(0.975, 0))
