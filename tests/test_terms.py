@@ -59,7 +59,6 @@ NOT_YET: tuple[str, ...] = (
     "bayescal/simulation",
     "bayescal/world",
     "docs/blind.md",
-    "docs/importing.md",
     "docs/knock_out.md",
     "docs/methods.md",
     "docs/real_sessions.md",
