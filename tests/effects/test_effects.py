@@ -396,3 +396,19 @@ def test_stated_noise_of_a_row(cube, tracker):
     scene = Scene(replace(dataset, measurements=replace(dataset.measurements, u=u), noise=Noise(7e-6, 9e-6)))
     np.testing.assert_array_equal(scene.sigma(np.arange(8)), [2e-5] * 5 + [7e-6] * 3)
     assert Scene(tracker(seed=1).dataset).sigma(np.arange(2)).tolist() == [1e-5, 1e-5]
+
+
+@pytest.mark.parametrize("effect", ["compliance", "bending", "base-compliance"])
+def test_a_compliance_three_times_the_usual_is_no_surprise(effect, cube):
+    """Published arms spread by a factor of 3 about the usual: the prior takes less than a nat for it."""
+    scene = Scene(cube(seed=1).dataset)
+    model = build(scene, (effect,))
+    mine = [k for k, p in enumerate(model.parameters) if p.effect == effect and p.mean]
+    assert mine
+    for factor in (1 / 3, 3.0):
+        z = factor * np.array([model.parameters[k].mean for k in mine])
+        at_zero = model.deviations(np.zeros(len(model.parameters)))[mine]
+        slope = model.deviations(np.ones(len(model.parameters)))[mine] - at_zero
+        nats = 0.5 * ((z - at_zero) / slope) ** 2
+        assert np.all(nats < 1.0)
+        assert np.all(nats > 0.05)
