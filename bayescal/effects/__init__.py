@@ -1,4 +1,4 @@
-"""The vocabulary of errors: one effect a file, each a table of terms (site x driver) with prior scales."""
+"""The vocabulary of errors: one file per effect, each a table of terms (site x driver) with prior scales."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from bayescal.effects.vocabulary import (
 from bayescal.errors import BayescalError
 
 LEVELS = {JOINT.name: JOINT}
-"""Less than a cause: simpler models to set against the others, which no diagnosis names."""
+"""Model levels simpler than `geometry`, for comparison; a diagnosis does not name them."""
 
 EFFECTS = Vocabulary(
     (
@@ -76,7 +76,7 @@ EFFECTS = Vocabulary(
 """Causes of error that a model may have and a diagnosis may name. The tool belongs to every model."""
 
 MODELS: Mapping[str, Effect] = ChainMap(LEVELS, EFFECTS)  # type: ignore[arg-type]
-"""What `--model` may name."""
+"""All effects that `--model` accepts."""
 
 register = EFFECTS.register
 unregister = EFFECTS.unregister
@@ -116,7 +116,7 @@ def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple
     Raises
     ------
     BayescalError
-        For an unknown effect, or one for which the session lacks what it needs.
+        For an unknown effect, or if the session lacks data that the effect needs.
     """
     chosen: list[tuple[Effect, Setting]] = [*(named(name) for name in names), (TOOL, None)]
     out: list[Parameter] = []
@@ -131,7 +131,7 @@ def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple
 
 
 def confusable(one: str, other: str) -> bool:
-    """Whether the true form of one effect may look like that of another; it is enough that one says so."""
+    """Whether two effects may have a similar form; it is sufficient that either effect states it."""
     pairs = ((one, other), (other, one))
     return any(a in EFFECTS and b in EFFECTS[a].confusable_with for a, b in pairs)
 
@@ -142,7 +142,7 @@ def named(name: str) -> tuple[Effect, Setting]:
     Raises
     ------
     BayescalError
-        For an effect, a setting or a form that there is not.
+        For an effect, a setting or a form that does not exist.
     """
     plain, at, setting = name.partition("@")
     if plain not in MODELS:
@@ -162,13 +162,13 @@ def named(name: str) -> tuple[Effect, Setting]:
     except ValueError:
         value = float("nan")
     if not 0 < value < np.inf:
-        what = f"'{setting}' is no number above 0"
+        what = f"'{setting}' is not a number above 0"
         raise BayescalError(what, f"--model {name}", f"give the {effect.scan.what}")
     return effect, value
 
 
 def names() -> tuple[str, ...]:
-    """Names of all effects that a model may have, those that were registered too.
+    """Names of all effects that a model may have, including registered ones.
 
     Examples
     --------
@@ -180,7 +180,7 @@ def names() -> tuple[str, ...]:
 
 
 def describe(name: str) -> str:
-    """What an effect is, in a line.
+    """Describe an effect in one line.
 
     Raises
     ------

@@ -1,10 +1,11 @@
-"""Artefact: a paper that is wrong, of faces not as parallel, square or far apart as it says.
+"""Artefact: a certified value of parallelism, squareness or distance is in error.
 
-One parameter a stated value, true minus certified. Prior: ten times the stated uncertainty of an angle
-(assumed: a paper that is wrong, or the artefact of another number, is wrong by many times what it states),
-three times that of a length. It moves neither arm nor contact: only where contacts tell the same angle or
-distance on their own can it be seen. A wrong length alone is hardly told from an arm of another size: set
-free, it would cost every distance more than it mends.
+One parameter for each certified value, true minus certified. Prior: ten times the stated uncertainty for an
+angle (assumed: a wrong certificate, or the certificate of another artefact, is in error by many times its
+uncertainty), three times for a length. The error moves neither the arm nor a contact. It is identifiable
+only if the contacts determine the same angle or distance independently. An error of a length is nearly
+confusable with a scale error of the arm: a wider prior for it would increase the uncertainty of every
+distance by more than the correction is worth.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Backlash: play in a gear, so that the link trails its motor by half the play, whichever way it turns.
+"""Backlash: lost motion in a gear. The link lags its motor by the half-width in either direction of motion.
 
-Driver: the sign of the velocity of the motion that passes the gear (`joints.side_of`): of coupled axes that
-between the two links, unless the robot file says that a linkage couples them. As a form of its own, for a
-diagnosis to weigh, the other side: ``backlash@reading`` by the readings shown, moving all links that they
-move, ``backlash@link`` between the links. Below 0.03 deg/s a joint hardly turns (assumed), and the sign
-fades. A value below 0 trails, one above 0 leads. Prior: 0.08 mrad, from half-widths of 0.003 to 0.16 mrad
-(an ABB IRB 120 measured with a laser tracker; J4 and J6 worst).
+Driver: the sign of the velocity at the gear (`joints.side_of`). For coupled axes this is the velocity between
+the two links, unless the robot file states that a linkage couples them. The other side is a separate form,
+which a diagnosis compares: ``backlash@reading`` acts with the displayed readings on all links that they move,
+``backlash@link`` acts between the links. Below 0.03 deg/s (assumed) the sign goes smoothly to zero. A
+negative value is a lag, a positive value a lead. Prior: 0.08 mrad, from half-widths of 0.003 to 0.16 mrad
+(an ABB IRB 120 measured with a laser tracker; J4 and J6 had the largest).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 8e-5  # rad
-STANDSTILL = np.radians(0.03)  # rad/s: slower than that, a joint stands anywhere in its play
+STANDSTILL = np.radians(0.03)  # rad/s: below it, a joint may rest anywhere within its lost motion
 
 
 def _parameters(c: Circumstances, side: str) -> list[Parameter]:
@@ -25,9 +25,9 @@ def _parameters(c: Circumstances, side: str) -> list[Parameter]:
     out = []
     for j, name in enumerate(c.robot.joint_names, start=1):
         speed = motion(c.robot, j, c.velocity, side)
-        way = speed / np.hypot(speed, STANDSTILL)
+        sign = speed / np.hypot(speed, STANDSTILL)
         if np.any(speed):
-            terms = turned(c.robot, j, way, side)
+            terms = turned(c.robot, j, sign, side)
             out.append(Parameter(f"backlash {name}", "rad", terms, SD, **at(j, Driver("direction", j))))
     return out
 

@@ -1,10 +1,10 @@
-"""Ball radius: a ball larger or smaller than stated, or a pre-travel alike in every direction.
+"""Ball radius: a stylus ball larger or smaller than stated, or a pre-travel equal in all directions.
 
-Driver: minus one at every contact with a surface: a larger ball touches further out. Prior: 10 um, from
-a pre-travel of 5 to 20 um. By construction neither of the two can be told from the other, nor from the
-offsets of planes that nothing is stated of: only a certified length between opposite faces, or a
-certified diameter, tells, and there an error b looks like one of scale, 2 b over the length. Without
-such a certificate the prior is all that is known.
+Driver: minus one at every contact with a surface, because a larger ball touches further out. Prior: 10 µm,
+from a pre-travel of 5 to 20 µm. The two causes are not distinguishable by construction. Neither is
+distinguishable from the offsets of planes without a stated position. Only a certified length between
+opposite faces, or a certified diameter, makes the effect identifiable. There an error b looks like a scale
+error of 2 b divided by the length. Without such a certificate the effect is not identifiable.
 """
 
 from __future__ import annotations

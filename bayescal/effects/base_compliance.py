@@ -1,14 +1,15 @@
-"""Base compliance: what the arm stands on turns by the gravity moment of the whole arm.
+"""Base compliance: the base deflects under the gravity moment of the whole arm.
 
-Driver: the gravity moment about the base's origin, in F0, on its two horizontal axes, each with a compliance
-of its own: a stand may yield more one way than another. About the vertical no weight has a moment. So it is
-for an arm on the floor, at the ceiling or on a wall; about a first axis that lies, the tilt is that of the
-first joint's compliance, and only their sum is identifiable. The hinge lies below the base's origin (or above
-it), no one says how far, so that a tilt also slides the origin sideways; where the first axis does not stand
-upright, it may lie behind the mounting plate too, and a tilt then raises the origin. Prior: about 1e-5
-rad/(N m), a third of a shoulder's, with 1.5 times that as standard deviation, and a hinge within 0.3 m
-(assumed: 30 N m tilt by 0.3 mrad, of which the fit takes up most as geometry; bending and base tilt took the
-mean error of an ABB IRB 120 from 0.099 to 0.081 mm).
+Driver: the gravity moment about the base's origin, in F0, about its two horizontal axes, each with its own
+compliance because a stand may be stiffer in one direction. Weight has no moment about the vertical. This
+holds for any mounting: upright, inverted or on a wall. If the first joint's axis is horizontal, the tilt about
+it equals the effect of the first joint's compliance, and only the sum of the two is identifiable. The hinge
+is an unknown distance below or above the base's origin, so that a tilt also displaces the origin sideways
+(`slide`). If the first axis is not vertical, the hinge may also be behind the mounting plate, and a tilt then
+raises the origin (`rise`). Prior: mean 1e-5 rad/(N m), a third of a shoulder's compliance, with a standard
+deviation of 1.5 times the mean, and a hinge within 0.3 m (assumed: 30 N m tilt the base by 0.3 mrad, most of
+which the fit attributes to geometry; bending and base tilt reduced the mean error of an ABB IRB 120 from
+0.099 to 0.081 mm).
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Bending: bearings and links that yield across their joint's axis, and links that bend along their length.
+"""Bending: transverse compliance of the joint bearings, and bending of the links.
 
-Two compliances a link. Its bearing tilts at the joint by the gravity moment across the axis (components x
-and y in the joint's frame, each about its own axis). The link itself bends and twists by the moment at its
-root, so that its far end, the next joint's frame, turns about that moment. Prior: about 0.3 of the joint's
-usual compliance, with 1.5 times that as standard deviation (assumed; of the right order: bending and base
-tilt took the mean error of an ABB IRB 120 from 0.099 to 0.081 mm, which is 0.06 mm at half a metre and
-30 N m). The first joint's bearing is left out where its axis stands upright or lies: there it does what
-`base-compliance` does.
+Each link has two compliances. Its bearing tilts at the joint under the gravity moment transverse to the axis
+(components x and y in the joint's frame, each about its own axis). The link bends and twists under the moment
+at its root, so that its far end, the next joint's frame, turns about that moment. Prior: mean 0.3 of the
+joint's typical compliance, with a standard deviation of 1.5 times the mean (assumed; the order of magnitude
+agrees with an ABB IRB 120, where bending and base tilt reduced the mean error from 0.099 to 0.081 mm, which
+is 0.06 mm at half a metre and 30 N m). The first joint's bearing is omitted if its axis is vertical or
+horizontal: there its effect equals that of `base-compliance`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Compliance: each joint turns by its gravity torque over its stiffness.
 
-Prior: about the compliance of small arms (an ABB IRB 120 measured with a laser tracker): shoulder
-3e-5, elbow 2e-4, wrist 2e-3 rad/(N m), with a standard deviation of 1.5 times that, so that a factor
-of 3 lies well inside. Where the robot file knows a compliance, the prior is about that.
-Compliance and mass cannot be told apart: masses are taken as stated.
+Prior: the mean is the compliance of small arms (an ABB IRB 120 measured with a laser tracker): shoulder
+3e-5, elbow 2e-4, wrist 2e-3 rad/(N m). The standard deviation is 1.5 times the mean, so that a factor
+of 3 is well within it. If the robot file states a compliance, that is the mean.
+Only the product of compliance and mass is identifiable: masses are assumed to be as stated.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def typical(n: int) -> np.ndarray:
 
 
 def expected(robot: Robot) -> np.ndarray:
-    """Compliances (n,), rad/(N m), that the robot file knows, and typical ones where it knows none."""
+    """Compliances (n,), rad/(N m), of the robot file, and typical ones for joints without a stated one."""
     usual = typical(robot.n)
     return usual if robot.compliance is None else np.where(robot.compliance > 0, robot.compliance, usual)
 

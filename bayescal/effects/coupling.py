@@ -1,8 +1,8 @@
-"""Coupling: turning a joint turns its neighbours a little, through a shared gear train.
+"""Coupling: motion of a joint turns its neighbours slightly, through a shared gear train.
 
-Driver: the reading of one of the two joints before, or of the one after, rad, acting as an error of the
-joint's own encoder (`joints.turned`). Prior: 1e-4, like an encoder's scale. Assumed: of an ABB IRB 120
-measured with a laser tracker nothing was to be seen at the wrist.
+Driver: the reading of one of the two preceding joints, or of the following joint, rad. It acts as an error
+of the joint's own encoder (`joints.turned`). Prior: 1e-4, as for an encoder scale (assumed: laser tracker
+measurements of an ABB IRB 120 showed no coupling at the wrist).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from bayescal.effects.joints import at, motion, side_of, turned
 from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
-SD = 1e-4  # rad a rad
+SD = 1e-4  # rad per rad
 BEFORE = 2  # joints: gear trains run through a wrist, from J4 to J5 and J6
 
 

@@ -1,7 +1,7 @@
-"""Eccentricity: a joint turns once a revolution too far and too little, as an off-centre gear or scale does.
+"""Eccentricity: a joint has an error once per revolution, from an off-centre gear or encoder scale.
 
 Driver: sine and cosine of the link-relative angle. Prior: 0.1 mrad each, from amplitudes of 0.05 to
-0.25 mrad (an ABB IRB 120 measured with a laser tracker; those of shoulder and elbow hide in gravity).
+0.25 mrad (an ABB IRB 120 measured with a laser tracker; gravity masks those of the shoulder and the elbow).
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
-"""Encoder scale: a joint turns by a little more or less than it reads.
+"""Encoder scale: a joint turns by slightly more or less than its reading.
 
-Driver: what passes the encoder (`joints.side_of`), rad: of coupled axes the angle between the two links,
-unless the robot file says that a linkage couples them. The other side is a form of its own, for a diagnosis
-to weigh: ``encoder-scale@reading`` by the reading shown, on all links that it moves, ``encoder-scale@link``
-between the links. Prior: 1e-4, so that a radian errs as much as the first harmonics do. Assumed: absolute
-encoders and whole gear ratios leave no scale to err, but what is slower than one turn looks like it.
+Driver: the angle that the encoder measures (`joints.side_of`), rad. For coupled axes this is the angle
+between the two links, unless the robot file states that a linkage couples them. The other side is a separate
+form, which a diagnosis compares: ``encoder-scale@reading`` acts with the displayed reading on all links that
+it moves, ``encoder-scale@link`` acts between the links. Prior: 1e-4, so that the error at one radian equals
+the prior of the first harmonics. Assumed: absolute encoders and integer gear ratios have no scale error, but
+a periodic error with less than one period per revolution looks like one.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from bayescal.effects.joints import at, motion, side_of, sides, turned
 from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
-SD = 1e-4  # rad a rad
+SD = 1e-4  # rad per rad
 
 
 def _parameters(c: Circumstances, side: str) -> list[Parameter]:

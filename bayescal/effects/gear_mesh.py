@@ -1,9 +1,9 @@
-"""Gear mesh: the reducer's ripple, once and twice a turn of the motor.
+"""Gear mesh: ripple of the reducer, once and twice per revolution of the motor.
 
-Driver: sine and cosine of N and 2 N times the link-relative angle, N the motor's turns a turn of the
-joint; a strain-wave gear meshes twice a turn. Prior: 0.05 mrad each, from amplitudes of 0.02 to
-0.13 mrad at 2 N (an ABB IRB 120 measured with a laser tracker). Where the robot file gives no
-reductions the ratio is scanned, or given as ``gear-mesh@100``.
+Driver: sine and cosine of N and 2 N times the link-relative angle. N is the number of motor revolutions per
+joint revolution; a strain-wave gear meshes twice per motor revolution. Prior: 0.05 mrad each, from amplitudes
+of 0.02 to 0.13 mrad at 2 N (an ABB IRB 120 measured with a laser tracker). If the robot file states no
+reductions, the ratio is scanned, or given as ``gear-mesh@100``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from bayescal.effects.joints import waves
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 
 SD = 5e-5  # rad
-RATIOS = np.arange(20.0, 201.0)  # usual of small arms; one apart, as two radians just tell them
+RATIOS = np.arange(20.0, 201.0)  # of small arms; in steps of 1, the resolution of a range of two radians
 
 
 def _meshing(c: Circumstances, reductions: np.ndarray) -> list[Parameter]:

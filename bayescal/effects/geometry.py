@@ -1,6 +1,6 @@
 """Geometry: every length, twist and joint zero of the (modified or standard) DH rows.
 
-Prior scales: standard deviations seen in 22 factory-calibrated UR arms and an ABB IRB 120 measured
+Prior scales: standard deviations observed in 22 factory-calibrated UR arms and an ABB IRB 120 measured
 with a laser tracker: lengths 0.3 mm, twists 1 mrad, joint zeros 2 mrad.
 """
 
@@ -16,15 +16,15 @@ from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 LENGTH_SD = 0.3e-3  # m
 TWIST_SD = 1e-3  # rad
 ZERO_SD = 2e-3  # rad
-BASE_SD = {"t": 50e-3, "r": 0.2}  # m and rad: as loose as a target that states nothing
-PARALLEL = np.radians(5.0)  # below this twist a distance along the axes is no longer a length of its own
+BASE_SD = {"t": 50e-3, "r": 0.2}  # m and rad: as a target without a stated uncertainty
+PARALLEL = np.radians(5.0)  # below this twist only the sum of two offsets along the axes is identifiable
 
 KINDS = {"theta": ("rz", "rad", ZERO_SD), "d": ("tz", "m", LENGTH_SD), "alpha": ("rx", "rad", TWIST_SD)}
 KINDS |= {"a": ("tx", "m", LENGTH_SD), "beta": ("ry", "rad", TWIST_SD)}
 
 
 def _nominal(c: Circumstances, kind: str, i: int) -> float:
-    """The drawing's value of a_i, alpha_i ... in the subscripts of Craig: of link i, behind joint i."""
+    """Nominal value of a_i, alpha_i, ... in the subscripts of Craig: link i follows joint i."""
     robot = c.robot
     if kind in ("theta", "d"):
         return float((robot.offset if kind == "theta" else robot.d)[i - 1])
@@ -55,7 +55,8 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     out = apart(c, _base)
     for i in range(1, n + 1):
         last = i == n
-        # the first zero and height are the base's too, the last the tool's: told apart where those are tied
+        # the first theta and d are not distinguishable from the base; the last ones are distinguishable from
+        # the tool only if the tool's position is stated
         if (i > 1) and (not last or c.tied_tool):
             out += [_link(c, "theta", i), _link(c, "d", i)]
         if not last:

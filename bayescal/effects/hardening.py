@@ -1,11 +1,11 @@
-"""Hardening: a gear that yields less the more it is wound up (or more: a value above 0).
+"""Hardening: torque-dependent stiffness of a joint. A positive value is softening.
 
-Driver: gravity torque times its size, beside `compliance`. Prior: an elbow of 2e-4 rad/(N m) was 30 %
-softer near zero torque than at 8 N m, where it is wound up by 1.6 mrad (an ABB IRB 120 measured with a
-laser tracker). So at 1.6 mrad every joint's compliance is taken to change by 30 %: 0.3 of the compliance
-over the torque that winds it up so far. For other joints than the elbow that is assumed. A gear may also be
-soft up to a knee and linear beyond: ``hardening@0.4`` has it at 40 % of the joint's usual torque (that
-which nine contacts in ten stay below); knees are scanned.
+Driver: gravity torque times its magnitude, in addition to `compliance`. Prior: an elbow of 2e-4 rad/(N m) was
+30 % softer near zero torque than at 8 N m, where its wind-up is 1.6 mrad (an ABB IRB 120 measured with a
+laser tracker). So the compliance of every joint is assumed to change by 30 % at 1.6 mrad: the prior is 0.3
+of the compliance divided by the torque that causes this wind-up. For joints other than the elbow this is an
+assumption. A gear may also be soft up to a knee and linear beyond it: ``hardening@0.4`` has the knee at 40 %
+of the joint's usual torque, the 90th percentile over the contacts. Knees are scanned.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
 
 def _at(c: Circumstances, knee: float) -> list[Parameter]:
-    """The same with a knee: soft up to a share of the joint's usual torque, linear beyond."""
+    """Parameters with a knee: soft up to a share of the joint's usual torque, linear beyond."""
     return [
         Parameter(
             f"hardening {name}", "rad", (Term(j, "rz", np.tanh(torque / (knee * usual(c, torque)))),),

@@ -1,10 +1,10 @@
-"""Hysteresis: a joint that rests on the one or the other flank, as gravity pushes it.
+"""Hysteresis: gravity torque presses the gear of a joint against one or the other tooth flank.
 
-Driver: a smooth sign, tanh of the gravity torque over a small share of the joint's usual torque (that which
-nine contacts in ten stay below): small torques leave it between the flanks. How small is scanned:
-``hysteresis@0.02`` changes flanks within 2 %. Prior: 0.05 mrad, the middle of the half-widths of 0.003 to
-0.16 mrad that approaches from two sides show (an ABB IRB 120 measured with a laser tracker; that gravity's
-flanks are as far apart is assumed). A change over a larger share of the torque is `hardening`.
+Driver: a smooth sign, tanh of the gravity torque divided by a small share of the joint's usual torque (the
+90th percentile over the contacts): at small torques the gear is between the flanks. The share is scanned:
+``hysteresis@0.02`` changes flanks within 2 %. Prior: 0.05 mrad, within the half-widths of 0.003 to 0.16 mrad
+that approaches from two sides show (an ABB IRB 120 measured with a laser tracker; the same distance of the
+flanks under gravity is assumed). A change over a larger share of the torque is `hardening`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Joint level: zeros and scales of the joints alone, with every length and twist as drawn.
+"""Joint level: only zeros and scales of the joints; every length and twist is nominal.
 
 The first of the three levels of Mooring, Roth and Driels (Fundamentals of Manipulator Calibration, 1991):
-what a reading says of its joint. It is part of `geometry` and `encoder-scale` and has their priors, so it
-stands in a model without them, and is no cause that a diagnosis could name.
+the relation of a joint's reading and its angle. It is part of `geometry` and `encoder-scale` and has their
+priors, so a model has either this level or these effects. A diagnosis does not name it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
 
 def _reads(p: Parameter) -> bool:
-    """Whether a parameter of the geometry is a joint's zero, or where the base stands."""
+    """Whether a parameter of the geometry is a joint's zero or the pose of the base."""
     return p.site == BASE or (p.site.kind == "joint" and p.unit == "rad")
 
 

@@ -1,4 +1,4 @@
-"""What several effects share: where a reading acts, which angles turn with a joint, which torques count."""
+"""Functions that several effects share: links moved by a reading, periodic terms, significant torques."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from bayescal.effects import location
 from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Form, Parameter, Where
 
-NO_TORQUE = 1e-6  # N m: a joint that never carries more tells nothing of what torque does to it
+NO_TORQUE = 1e-6  # N m: smaller torques of a joint do not identify a torque-driven effect
 
 
 LINK, READING = "link", "reading"
-"""Sides of coupled axes on which an encoder and a gear may sit: between two links, or at the axis shown.
+"""Sides of coupled axes on which an encoder and a gear may be: between two links, or at the displayed axis.
 
-On the side of the links an error turns the joint's own link, and goes by the motion between the two links.
-On that of the readings it turns all links that the reading moves, and goes by the reading.
+On the link side an error turns only the joint's own link, and its driver is the motion between the two links.
+On the reading side it turns all links that the reading moves, and its driver is the reading.
 """
 
 
 def side_of(robot: Robot) -> str:
-    """The side on which the robot file puts encoders and gears; without coupled axes both are one."""
+    """The side of encoders and gears in the robot file; without coupled axes both sides are equal."""
     return LINK if robot.coupling == "display" else READING
 
 
 def motion(robot: Robot, joint: int, readings: np.ndarray, side: str) -> np.ndarray:
-    """What passes the encoder and the gear of `joint` (from 1), (N,), of readings or their rates (N, n)."""
+    """Motion at the encoder and the gear of `joint` (from 1), (N,), from readings or their rates (N, n)."""
     return readings[:, joint - 1] if side == READING else readings @ robot.link_from_reading[joint - 1]
 
 
 def turned(robot: Robot, joint: int, driver: np.ndarray, side: str) -> tuple[Term, ...]:
-    """Turns by an error of the encoder or the gear of `joint` (from 1), rad in its own sense of rotation."""
+    """Rotations by an error of the encoder or gear of `joint` (from 1), rad in its own sense of rotation."""
     if side == LINK:
         return (Term(joint, "rz", driver),)
     column = robot.link_from_reading[:, joint - 1]
@@ -48,7 +48,7 @@ Sided = Callable[[Circumstances, str], list[Parameter]]
 
 
 def sides(make: Sided) -> tuple[Form, ...]:
-    """Forms of an effect of encoders or gears: that of either side, made by `make(c, side)`."""
+    """Forms of an effect of encoders or gears: one for each side, made by `make(c, side)`."""
     return tuple(Form(side, words, _on(make, side)) for side, words in SIDES.items())
 
 
@@ -57,7 +57,7 @@ def _on(make: Sided, side: str) -> Callable[[Circumstances], list[Parameter]]:
 
 
 def waves(c: Circumstances, effect: str, joint: int, order: float, sd: float) -> list[Parameter]:
-    """Sine and cosine of `order` times the link-relative angle of `joint` (from 1), each turning it.
+    """Sine and cosine of `order` times the link-relative angle of `joint` (from 1) as errors of that angle.
 
     `sd` is the prior standard deviation of each, rad.
     """
@@ -81,25 +81,25 @@ def at(joint: int, driver: Driver) -> Where:
 
 
 def carries(torque: np.ndarray) -> bool:
-    """Whether any row of a torque (...), N m, is one to speak of."""
+    """Whether any row of a torque (...), N m, is above `NO_TORQUE`."""
     return bool(np.max(np.abs(torque), initial=0.0) >= NO_TORQUE)
 
 
 def usual(c: Circumstances, torque: np.ndarray) -> float:
-    """Torque (N m) that nine in ten of the fitted contacts stay below, of a joint's torques (N,)."""
+    """90th percentile of the absolute torque (N m) over the fitted contacts, from a joint's torques (N,)."""
     return max(float(np.quantile(np.abs(torque[c.fitted]), 0.9)), NO_TORQUE)
 
 
 def without_masses(c: Circumstances) -> str:
-    """What is missing where gravity moments are needed and the robot has no masses, or ""."""
+    """A message if the robot has no masses, which gravity moments need, or ""."""
     return "" if c.moments is not None else "the robot file gives no links (mass_kg, centre_of_mass_mm)"
 
 
 def without_velocity(c: Circumstances) -> str:
-    """What is missing where velocities are needed and the session has none, or ""."""
+    """A message if the session has no joint velocities, or ""."""
     return "" if c.velocity is not None else "no j1_degps ...: the session records no joint velocities"
 
 
 def without_surface(c: Circumstances) -> str:
-    """What is missing where a ball must touch a surface and none does, or ""."""
+    """A message if no ball touches a surface, or ""."""
     return "" if np.any(c.touching) else "no target is a surface (plane, sphere, cylinder)"

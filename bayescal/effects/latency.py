@@ -1,8 +1,8 @@
-"""Latency: the joints are read a moment after the ball touched, when the arm has gone on.
+"""Latency: the joints are read a time t after the contact, while the arm moves further.
 
-Driver: the speed of the ball into the surface, m/s. Prior: 2 ms, from trigger delays of 1 to 2 ms; a
-value below 0 is one that the controller makes up for too well. At one speed it cannot be told from the
-ball's radius.
+Driver: the speed of the ball towards the surface, m/s. Prior: 2 ms, from trigger delays of 1 to 2 ms. A
+negative value is a delay that the controller overcompensates. If all contacts have the same speed, latency
+is not distinguishable from the ball's radius.
 """
 
 from __future__ import annotations

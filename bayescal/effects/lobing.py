@@ -1,9 +1,9 @@
-"""Lobing: a touch-trigger probe on three supports gives way further in some directions than in others.
+"""Lobing: the pre-travel of a touch-trigger probe on three supports varies with the direction of contact.
 
-Driver: sine and cosine of three times the azimuth of the contact's direction about the stylus, which is
-taken to lie along the flange's z, times the share of the push that goes across it: a push along the
-stylus has no azimuth. Prior: 5 um each, from a pre-travel of 5 to 20 um with three lobes. The first
-harmonic is left out: it cannot be told from the tool's own x and y.
+Driver: sine and cosine of three times the azimuth of the contact's direction about the stylus, times the
+component of that direction transverse to the stylus: a contact along the stylus has no azimuth. The stylus
+is assumed to be parallel to the flange's z axis. Prior: 5 µm each, from a pre-travel of 5 to 20 µm with three
+lobes. The first harmonic is omitted: it is not distinguishable from the tool's x and y.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Where an error acts, its site, and what it varies with, its driver: types, their words, and coordinates.
+"""Location (site) and dependence (driver) of an error: types, their text, and coordinates.
 
-Files carry the words (`str`), which the output contract fixes; text for people is `text`. Nothing reads the
-words back but `--without` (`Site.read`).
+Files contain the `str` of a site or driver, which the output contract defines. Reports contain its `text`.
+Only `--without` parses the `str` (`Site.read`).
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from bayescal.effects.vocabulary import Circumstances
 
 NUMBERED = ("joint", "link")
-"""Kinds of site that are counted from 1."""
+"""Kinds of site that have a number, from 1."""
 PLAIN = ("base", "tool", "probe", "arm", "artefact")
-"""Kinds of site of which an arm has one."""
+"""Kinds of site without a number."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,12 @@ class Site:
 
     @property
     def text(self) -> str:
-        """As a sentence names it: ``joint 4``, ``the base``."""
+        """Its name in a sentence: ``joint 4``, ``the base``."""
         return str(self) if self.name or self.number else f"the {self.kind}"
 
     @property
     def also(self) -> tuple[Site, ...]:
-        """Sites whose name covers it: a link moves with its joint."""
+        """Sites that include it: a joint includes its link."""
         return (joint(self.number), self) if self.kind == "link" else (self,)
 
     @classmethod
@@ -76,7 +76,7 @@ def words_of(sites: tuple[Site, ...]) -> str:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """What a driver goes by, one value per row (N,); without a name and unit, the number of the row."""
+    """The quantity of a driver, one value per row (N,); without a name and unit, the number of the row."""
 
     name: str
     unit: str
@@ -84,12 +84,12 @@ class Coordinate:
 
     @property
     def label(self) -> str:
-        """Name with unit, "" where nothing is known."""
+        """Name with unit, or ""."""
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
 
 class Form(TypedDict):
-    """Words of a form, for files and for people, around those of its coordinate."""
+    """Format strings of a form, for files (`words`) and reports (`text`), for the text of its coordinate."""
 
     words: str
     text: str
@@ -105,14 +105,14 @@ FORMS: dict[str, Form] = {
     "one region": {"words": "{}, one region", "text": "{}, local"},
     "to and fro": {"words": "{}, to and fro", "text": "{}, oscillating"},
 }
-"""How an error follows its coordinate, where that is not left open."""
+"""Forms of the dependence of an error on its coordinate; "" if the form is not specified."""
 
 
 @dataclass(frozen=True)
 class Driver:
-    """What an error varies with: a kind of `KINDS` (or a user's own), of a joint where it has one, in a form.
+    """The dependence of an error: a kind of `KINDS` (or a user's own), its joint if it has one, and a form.
 
-    `order` counts the periods per turn of an angle, 0 where the error is not periodic.
+    `order` is the number of periods per revolution of an angle, 0 if the error is not periodic.
     """
 
     kind: str
@@ -129,7 +129,7 @@ class Driver:
 
     @property
     def text(self) -> str:
-        """As a report names it: ``direction of motion of J3``."""
+        """Its name in a report: ``direction of motion of J3``."""
         plain = KINDS[self.kind].text if self.kind in KINDS else self.kind
         plain = f"{plain} of J{self.joint}" if self.joint else plain
         turns = {0.0: "", 1.0: ", once per revolution", 2.0: ", twice per revolution"}
@@ -138,15 +138,15 @@ class Driver:
 
     @property
     def course(self) -> Driver:
-        """The driver whose smooth functions hold it: that of its coordinate, but for what lags behind it."""
+        """The driver of its coordinate, without order and form; a dependence on the past is not changed."""
         return self if self.form == "past" else replace(self, order=0.0, form="")
 
     def coordinate(self, site: Site, c: Circumstances) -> Coordinate:
-        """What it goes by at a site of a session."""
-        found = None
+        """Its coordinate at a site of a session; the number of the row if the session does not record it."""
+        recorded = None
         if self.kind in KINDS and self.form != "past":
-            found = KINDS[self.kind].coordinate(self, site, c)
-        return found or Coordinate("", "", np.arange(1.0, len(c.q) + 1))
+            recorded = KINDS[self.kind].coordinate(self, site, c)
+        return recorded or Coordinate("", "", np.arange(1.0, len(c.q) + 1))
 
 
 CONSTANT = Driver("constant")
@@ -156,7 +156,7 @@ Found = Coordinate | None
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of driver: its words in files, its text for people, and its coordinate if a session has it."""
+    """A kind of driver: its text in files and in reports, and its coordinate if a session records it."""
 
     words: str
     text: str
@@ -174,7 +174,7 @@ def _velocity(d: Driver, site: Site, c: Circumstances) -> Found:
 
 
 def _torque(d: Driver, site: Site, c: Circumstances) -> Found:
-    if c.moments is None or not d.joint:  # of all joints at once there is no one torque
+    if c.moments is None or not d.joint:  # all joints together have no common torque
         return None
     return Coordinate(f"gravity torque on joint {d.joint}", "N m", c.moments[:, d.joint, 2])
 

@@ -1,9 +1,8 @@
-"""Payload: a mass on the flange that nobody stated (or less than was stated), sagging every joint.
+"""Payload: the mass on the flange differs from the stated mass, and deflects every joint.
 
-Driver: the torques of one kilogram at the tool's centre of mass times the joints' compliances, those
-that a fit has found or the robot file knows, else the usual ones: the value is in kilograms only as far
-as they are right. Prior: 0.3 kg (assumed: a probe, its cable and
-bracket weighed by guess).
+Driver: the torques of one kilogram at the tool's centre of mass times the joints' compliances. These are
+the fitted ones, else those of the robot file, else typical ones: the value in kilograms is only as accurate
+as they are. Prior: 0.3 kg (assumed: the mass of a probe, its cable and its bracket is an estimate).
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
         for j, compliance in enumerate(known, start=1)
         if carries(moments[:, j, 2])
     )
-    lighter = replace(c, moments=moments)  # an arm that weighs nothing, under a kilogram
+    lighter = replace(c, moments=moments)  # a massless arm that carries one kilogram
     terms += tuple(
         replace(term, driver=c.yields[p.name] * np.asarray(term.driver))
         for effect in (BENDING, BASE_COMPLIANCE)

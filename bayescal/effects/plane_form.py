@@ -1,8 +1,8 @@
-"""Plane form: faces that are not flat, as Legendre polynomials of the place on the face.
+"""Plane form: form error of faces, as Legendre polynomials of the position on the face.
 
-Degrees 2 to 4, each degree as a whole half as large as the one before: a face bends more than it
-ripples. Prior scale: the certificate's u_form, else granite's 3 um (assumed: two to three um are
-usual of a workshop's granite); `fit` estimates it where contacts show more.
+Degrees 2 to 4. The RMS of each degree is half that of the degree before, because form errors are mainly of
+long wavelength. Prior scale: the certificate's u_form, else 3 µm (assumed: 2 to 3 µm are typical of granite
+surface plates in a workshop). `fit` estimates the scale if the contacts show a larger form error.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
         scale = GRANITE if face.u_form is None else face.u_form
         where: Where = {"site": location.face(face.name), "driver": Driver("face")}
         for name, share, values in shapes(face):
-            # material that stands out meets the ball early: the arm's own residual is larger by it
+            # the ball touches a raised area earlier: the residual of the arm is larger by its height
             term = (Term(CONTACT, "normal", -values),)
             out.append(Parameter(name, "m", term, scale * share, **where))
     return out

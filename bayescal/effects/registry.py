@@ -1,7 +1,7 @@
-"""The vocabulary as a table: the effects of the package, those of installed packages, those of a user.
+"""The vocabulary as a table: the effects of this package, of other installed packages, and of a user.
 
-Another package offers effects through entry points of the group `GROUP`; they are read once, when the table
-is first asked for anything. A program adds its own with `register`.
+Another package provides effects as entry points of the group `GROUP`. They are read once, at the first use of
+the table. A program adds its own effects with `register`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from bayescal.errors import BayescalError
 GROUP = "bayescal.effects"
 """Group of the entry points; each one names an `Effect`."""
 NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
-"""What an effect may be called: options separate names by commas, settings by @, sites by blanks."""
+"""Permitted names of effects: options separate names by commas, settings by @, sites by blanks."""
 
 
 class Vocabulary(Mapping[str, Effect]):
@@ -27,7 +27,7 @@ class Vocabulary(Mapping[str, Effect]):
     listed : iterable of Effect
         The effects of the package.
     reserved : iterable of str
-        Names that no further effect may have: they mean something else in files and options.
+        Names that no further effect may have: they have another meaning in files and options.
     """
 
     def __init__(self, listed: Iterable[Effect], reserved: Iterable[str] = ()) -> None:
@@ -60,8 +60,8 @@ class Vocabulary(Mapping[str, Effect]):
         Raises
         ------
         BayescalError
-            For what is no effect, a name that is taken or cannot be given on a command line, and fields that
-            name effects which do not exist.
+            If the argument is not an effect, if its name is in use or not permitted on a command line, or if
+            its fields name effects that do not exist.
         """
         self._read_entry_points()
         self._add(effect, "effects.register")
@@ -72,12 +72,12 @@ class Vocabulary(Mapping[str, Effect]):
             raise
 
     def unregister(self, name: str) -> None:
-        """Remove an effect that was added; a changed one can then be registered under the same name.
+        """Remove a registered effect, so that another effect can be registered under its name.
 
         Raises
         ------
         BayescalError
-            For an effect of the package, or one that is not there.
+            For an effect of the package, or one that is not registered.
         """
         if name in self._own or name not in self:
             known = ", ".join(n for n in self if n not in self._own) or "none"
@@ -92,14 +92,14 @@ class Vocabulary(Mapping[str, Effect]):
             remedy = "use small letters, digits and hyphens, for example cable-drag"
             raise BayescalError(f"'{effect.name}' cannot name an effect", where, remedy)
         if effect.name in self._effects or effect.name in self._reserved:
-            raise BayescalError(f"the name '{effect.name}' is taken", where, "give the effect another name")
+            raise BayescalError(f"the name '{effect.name}' is in use", where, "give the effect another name")
         self._effects[effect.name] = effect
 
     def _check_names(self, effect: Effect, where: str) -> None:
         for field in ("confusable_with", "requires", "part_of"):
             for other in getattr(effect, field):
                 if other == effect.name or other not in self._effects:
-                    what = f"{field} of {effect.name} names '{other}', which is no other effect"
+                    what = f"{field} of {effect.name} names '{other}', which is not another effect"
                     raise BayescalError(what, where, f"known: {', '.join(self._effects)}")
 
     def _read_entry_points(self) -> None:
@@ -108,10 +108,10 @@ class Vocabulary(Mapping[str, Effect]):
         self._complete = True  # at once: a package that is loaded here may read the vocabulary
         before = dict(self._effects)
         try:
-            found = [(_loaded(entry), _place(entry)) for entry in entry_points(group=GROUP)]
-            for effect, where in found:
+            loaded = [(_loaded(entry), _place(entry)) for entry in entry_points(group=GROUP)]
+            for effect, where in loaded:
                 self._add(effect, where)
-            for effect, where in found:
+            for effect, where in loaded:
                 assert isinstance(effect, Effect)
                 self._check_names(effect, where)
         except BaseException:

@@ -1,4 +1,4 @@
-"""Second harmonic: a joint errs twice a revolution, as an oval gear or a tilted scale makes it.
+"""Second harmonic: a joint has an error twice per revolution, from an oval gear or a tilted encoder scale.
 
 Driver: sine and cosine of twice the link-relative angle. Prior: 0.07 mrad each, from amplitudes of
 0.03 to 0.19 mrad (an ABB IRB 120 measured with a laser tracker).

@@ -1,4 +1,4 @@
-"""What belongs to a session: of several fitted together, each has parameters of its own."""
+"""Effects that belong to a session: of several sessions fitted together, each has its own parameters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bayescal.effects.vocabulary import Circumstances, Parameter, Session
 
 
 def alone(c: Circumstances, session: Session) -> Circumstances:
-    """The circumstances as one session sees them: N rows still, but only its own are fitted and vary."""
+    """The circumstances of one session: still N rows, but only its own rows are fitted and vary."""
     temperature = c.temperature
     if temperature is not None and np.any(session.rows):
         temperature = np.where(session.rows, temperature, temperature[np.argmax(session.rows)])
@@ -21,19 +21,19 @@ def alone(c: Circumstances, session: Session) -> Circumstances:
 
 
 def each(c: Circumstances) -> tuple[Circumstances, ...]:
-    """The circumstances of every session that has rows to fit; of one alone, its own."""
+    """The circumstances of every session that has rows to fit; of a single session, its own."""
     every = (alone(c, session) for session in c.sessions)
     return tuple(one for one in every if len(one.fitted)) if c.sessions else (c,)
 
 
 def within(p: Parameter, session: Session) -> Parameter:
-    """A parameter that acts in the rows of one session, and is called by it."""
+    """A parameter that acts in the rows of one session only; its name has the session as prefix."""
     terms = tuple(Term(t.frame, t.axis, np.where(session.rows, t.driver, 0.0)) for t in p.terms)
     return replace(p, name=f"{session.name}:{p.name}", terms=terms)
 
 
 def apart(c: Circumstances, make: Callable[[Circumstances], list[Parameter]]) -> list[Parameter]:
-    """Parameters that every session has for itself: those of `make` for each alone, in its rows."""
+    """Separate parameters for every session: those of `make` for its circumstances, in its rows."""
     if not c.sessions:
         return make(c)
     own = ((session, alone(c, session)) for session in c.sessions)

@@ -1,4 +1,4 @@
-"""The stand under gravity: axes of F0 about which an arm's weight tilts its base, however it is mounted."""
+"""The stand under gravity: axes of F0 about which an arm's weight tilts its base, for any mounting."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bayescal.effects.joints import carries
 from bayescal.effects.vocabulary import Circumstances
 
 LEANING = np.sin(np.radians(5.0))
-"""Sine of an angle below which an axis counts as along another."""
+"""Sine of an angle below which two axes count as parallel."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Tilt:
 
     name: str  # of the axis of F0 nearest to it
     axis: np.ndarray  # (3,)
-    across: np.ndarray  # (3,) the other horizontal axis: what lies below the base slides it along this
+    across: np.ndarray  # (3,) the other horizontal axis: a hinge below the base displaces it along this
     moment: np.ndarray  # (N,) about the axis through the undisplaced base's origin, N m
 
 
@@ -55,7 +55,7 @@ def tilts(c: Circumstances) -> tuple[Tilt, ...]:
 
 
 def base_terms(c: Circumstances, kind: str, along: np.ndarray, driver: np.ndarray) -> tuple[Term, ...]:
-    """Turn ("r") or slide ("t") of the base about or along a direction of F0 (3,), times a driver (N,)."""
+    """Rotation ("r") or translation ("t") of the base about or along a vector (3,) in F0, times a driver (N,)."""
     parts = c.chain.base[:3, :3].T @ along
     return tuple(
         Term(0, f"{kind}{axis}", part * driver)

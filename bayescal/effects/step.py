@@ -1,10 +1,10 @@
-"""Step: the base has been bumped, and stands elsewhere from then on.
+"""Step: a sudden shift of the base at a row n.
 
-Driver: 0 before a row and 1 from it on, for each of the six displacements of the base. The row is not
-linear: it is given, as ``step@212`` for the 212th row of the session, or is the middle one of the fitted
-rows, which are in the order of time. Who suspects another scans them. A step ends with its session: of
-several, each has one in its middle, or the one with that row has it. Prior: 0.05 mm and 0.1 mrad (assumed:
-0.05 mm at half a metre; a greater bump would have been noticed).
+Driver: 0 before a row and 1 from this row on, for each of the six displacements of the base. The model is not
+linear in the row. It is given, as ``step@212`` for the 212th row of the session; the default is the middle of
+the fitted rows, which are in the order of time. A diagnosis scans the rows. A step ends with its session: of
+several sessions, each has a step in its middle, or only the session with the given row has one. Prior:
+0.05 mm and 0.1 mrad (assumed: 0.05 mm at half a metre; an operator would notice a larger shift).
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from bayescal.effects.sessions import apart, each, within
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan, Where
 
 SD = {"t": ("m", 5e-5), "r": ("rad", 1e-4)}
-MOMENTS = 48
-EDGE = 0.03  # of the fitted rows: before and after must each show themselves
+ROWS = 48  # candidates
+EDGE = 0.03  # share of the fitted rows that must be before, and after, a step
 
 
 def after(c: Circumstances, row: float) -> np.ndarray:
-    """1 from the row of that number (from 1) on, else 0, (N,)."""
+    """1 from the given row (counted from 1) on, else 0, (N,)."""
     return (np.arange(len(c.q)) >= row - 1).astype(float)
 
 
@@ -34,18 +34,18 @@ def moments(c: Circumstances) -> np.ndarray:
 def _moments(fitted: np.ndarray) -> np.ndarray:
     count = len(fitted)
     low = max(1, round(EDGE * count))
-    at = np.unique(np.linspace(low, count - low, MOMENTS).round().astype(int))
+    at = np.unique(np.linspace(low, count - low, ROWS).round().astype(int))
     return fitted[at[(at > 0) & (at < count)]] + 1.0
 
 
 def _at(c: Circumstances, row: float) -> list[Parameter]:
     if not c.sessions:
-        return _bump(c, row)
+        return _shift(c, row)
     index = min(int(row), len(c.q)) - 1
-    return [within(p, s) for s in c.sessions if s.rows[index] for p in _bump(c, row)]
+    return [within(p, s) for s in c.sessions if s.rows[index] for p in _shift(c, row)]
 
 
-def _bump(c: Circumstances, row: float) -> list[Parameter]:
+def _shift(c: Circumstances, row: float) -> list[Parameter]:
     since = after(c, row)
     where: Where = {"site": BASE, "driver": Driver("event")}
     out = []
@@ -56,11 +56,11 @@ def _bump(c: Circumstances, row: float) -> list[Parameter]:
 
 
 def _middle(c: Circumstances) -> list[Parameter]:
-    return _bump(c, c.fitted[len(c.fitted) // 2] + 1.0)
+    return _shift(c, c.fitted[len(c.fitted) // 2] + 1.0)
 
 
 def _missing(c: Circumstances) -> str:
-    return "" if len(c.fitted) > 1 else "there is no before and after of a single row"
+    return "" if len(c.fitted) > 1 else "a step needs more than one row"
 
 
 STEP = Effect(

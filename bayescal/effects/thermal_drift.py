@@ -1,12 +1,12 @@
-"""Thermal drift: the arm grows as it warms up, and its joint zeros wander.
+"""Thermal drift: the lengths of the arm grow as it warms up, and its joint zeros drift.
 
-Driver: the temperature, or the time where none is recorded (an artefact's is none of the arm's), from -1 to
-1 over the session. One value makes every length of the arm grow alike; each joint zero has a drift of its
-own, and the base slides; its turn about the first axis is that of the first zero. Values are half of what
-happens over the session. An arm that warms up on its own clock does so with a time constant, which is
-scanned, or given: ``thermal-drift@600`` for ten minutes. Of several sessions each drifts its own way. Prior:
-zeros 0.05 mrad, from drifts of 0.06 to 0.13 mrad over a session (an ABB IRB 120 measured with a laser
-tracker); growth 5e-5, as of aluminium (23e-6 1/K) over 4 K, and the base 0.02 mm (both assumed).
+Driver: the temperature, or the time if none is recorded (an artefact's temperature does not count), scaled to
+-1 to 1 over the session. One parameter scales all lengths of the arm by the same factor. Each joint zero has
+its own drift. The base drifts along three axes; its rotation about the first axis is that of the first zero.
+Values are half of the change over the session. An arm may also warm up with a time constant, which is scanned
+or given: ``thermal-drift@600`` for ten minutes. Of several sessions, each has its own drift. Prior: zeros
+0.05 mrad, from drifts of 0.06 to 0.13 mrad over a session (an ABB IRB 120 measured with a laser tracker);
+growth 5e-5, as of aluminium (23e-6 1/K) over 4 K, and the base 0.02 mm (both assumed).
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 from bayescal.errors import BayescalError
 
 ZERO_SD = 5e-5  # rad
-GROWTH_SD = 5e-5  # m a m
+GROWTH_SD = 5e-5  # m per m
 BASE_SD = 2e-5  # m
-SHARES = (1 / 8, 1 / 4, 4.0)  # of the session: time constants worth trying, the last a straight line
-FASTEST = 400.0  # s: what settles sooner is no arm that warms up
+SHARES = (1 / 8, 1 / 4, 4.0)  # of the session: plausible time constants, the last nearly a straight line
+FASTEST = 400.0  # s: an arm does not warm up with a shorter time constant (assumed)
 
 
 def _clock(c: Circumstances) -> np.ndarray | None:
-    """Times (N,), s, held within those of the fitted rows: how a drift went on afterwards is not known."""
+    """Times (N,), s, limited to those of the fitted rows: the drift after them is not known."""
     if c.time is None or not len(c.fitted):
         return c.time
     return np.clip(c.time, np.min(c.time[c.fitted]), np.max(c.time[c.fitted]))
 
 
 def course(c: Circumstances) -> tuple[str, np.ndarray] | None:
-    """What the drift goes by, and its course over the session (N,) from -1 to 1; None if nothing varies."""
+    """Name of the driver, and its values over the session (N,) from -1 to 1; None if nothing varies."""
     for name, values in (("temperature", c.temperature), ("time", _clock(c))):
         if values is not None and len(values) and np.ptp(values) > 0:
             low, high = np.min(values), np.max(values)

@@ -1,7 +1,7 @@
-"""Tool: the ball's centre in the flange frame, for every tool that the fitted rows use.
+"""Tool: the TCP offset, the stylus tip in the flange frame, of every tool that the fitted rows use.
 
-And how it stands on the flange, where rows read its orientation. Part of every model; a tool whose
-uncertainty is stated as 0 stays as it is.
+Also the tool's orientation on the flange, if rows read it. Part of every model. A tool with a stated
+uncertainty of 0 is not fitted.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from bayescal.arm.motion import TURN, Term
 from bayescal.effects import location
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
-LOOSE, LOOSE_ANGLE = 5e-3, 0.2  # m, rad: the contract's priors where none is stated
+LOOSE, LOOSE_ANGLE = 5e-3, 0.2  # m, rad: the contract's priors if none is stated
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
@@ -40,7 +40,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
 
 def _turns(c: Circumstances) -> list[Parameter]:
-    """Rotation vector of each tool beside its stated orientation, or where none is, the one first found."""
+    """Rotation vector of each tool relative to its stated orientation, or else to a first estimate of it."""
     out = []
     for k in c.turned_tools:
         stated = c.tool_u_angle[k]

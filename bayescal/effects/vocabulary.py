@@ -1,4 +1,4 @@
-"""The nouns that an effect is told in: circumstances, parameters, and the effect itself."""
+"""Types that define an effect: circumstances, parameters, and the effect itself."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Face:
-    """A fitted plane, and where on it each row stands: `place` (N, 2) in -1 to 1 over its contacts."""
+    """A fitted plane, and the position of each row on it: `place` (N, 2) from -1 to 1 over its contacts."""
 
     name: str
     rows: np.ndarray  # (N,) 1 for the rows that touch it, else 0
     place: np.ndarray  # (N, 2), 0 for the others
-    u_form: float | None  # m, standard uncertainty of its form where stated or estimated
+    u_form: float | None  # m, standard uncertainty of its form, if stated or estimated
 
 
 @dataclass(frozen=True)
@@ -59,13 +59,14 @@ class Session:
 
 @dataclass(frozen=True)
 class Circumstances:
-    """All that a driver may vary with, one value a row of the session (N rows).
+    """All quantities that a driver may depend on, one value per row of the session (N rows).
 
-    `tied_base` says that a target's place in F0 is stated, `tied_tool` that a tool's centre is: only
-    then can the base, and the last row's theta and d, be told from the targets and the tool.
-    `moments` are the gravity moments of `statics.gravity_moments`, None where the robot has no masses.
+    `tied_base`: a target's position in F0 is stated. `tied_tool`: a tool's centre is stated. Only then are
+    the base, and theta and d of the last row, distinguishable from the targets and the tool.
+    `moments` are the gravity moments of `statics.gravity_moments`, None if the robot has no masses.
     `approach` is the unit direction, in the flange frame at nominal geometry, in which the ball meets the
-    surface (its inward normal), and `speed` the ball's in that direction: nan where the target is none.
+    surface (its inward normal), and `speed` is the ball's speed in that direction; nan if the target is not a
+    surface.
     """
 
     robot: Robot
@@ -76,8 +77,8 @@ class Circumstances:
     tool_names: tuple[str, ...]
     tool_centres: np.ndarray  # (tools, 3) m, nominal
     tool_u: tuple[float | None, ...]  # m, stated uncertainty of each tool's centre
-    fitted_tools: tuple[int, ...]  # those used by the rows that are fitted
-    fitted: np.ndarray  # indices of the rows that are fitted, in the order of time
+    fitted_tools: tuple[int, ...]  # tools of the fitted rows
+    fitted: np.ndarray  # indices of the fitted rows, in the order of time
     tied_base: bool
     tied_tool: bool
     readings: np.ndarray  # (N, n) rad
@@ -91,13 +92,13 @@ class Circumstances:
     time: np.ndarray | None = None  # (N,) s
     temperature: np.ndarray | None = None  # (N,) degC, of the arm or the air; None if of the artefact
     faces: tuple[Face, ...] = ()
-    compliance: np.ndarray | None = None  # (n,) rad/(N m), where a fit has found them
+    compliance: np.ndarray | None = None  # (n,) rad/(N m), if fitted
     certified_values: tuple[CertifiedValue, ...] = ()
-    sessions: tuple[Session, ...] = ()  # where several are fitted together
-    turned_tools: tuple[int, ...] = ()  # those whose orientation fitted rows read
+    sessions: tuple[Session, ...] = ()  # if several are fitted together
+    turned_tools: tuple[int, ...] = ()  # tools whose orientation fitted rows read
     tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation
     yields: Mapping[str, float] = field(default_factory=dict)
-    """Values of bearings, links and stand that a fit has found, by the names of their parameters, SI."""
+    """Fitted compliances of bearings, links and stand, by the names of their parameters, SI."""
 
     @property
     def touching(self) -> np.ndarray:
@@ -106,19 +107,19 @@ class Circumstances:
 
 
 class Where(TypedDict):
-    """Site and driver of a parameter, to be given by keyword."""
+    """Site and driver of a parameter, as keyword arguments."""
 
-    site: Site  # where it acts
-    driver: Driver  # what it varies with
+    site: Site
+    driver: Driver
 
 
 @dataclass(frozen=True)
 class Parameter:
     """One unknown number: value = mean + sd z, with z ~ N(0, 1) a priori.
 
-    The terms are driven by value - nominal, so that the drawing displaces nothing. The prior's mean
-    is the drawing's value where none is given. A value that physics keeps positive is still told by a
-    normal prior, which keeps the model linear in it; where it comes out negative, that is said.
+    The terms are driven by value - nominal, so that nominal values displace nothing. The prior's mean
+    is the nominal value by default. A physically positive value has a normal prior too, which keeps the model
+    linear in it; a negative estimate is reported.
     """
 
     name: str
@@ -138,13 +139,13 @@ class Parameter:
         return self.nominal if self.mean is None else self.mean
 
     def fault(self, rows: int) -> str:
-        """What forbids it in a model of a session of so many rows, or ""."""
+        """Why a model of a session with `rows` rows cannot have it, or ""."""
         if self.unit not in UNITS:
             return f"the unit '{self.unit}' is unknown; known: {', '.join(UNITS)}"
         if not 0 < self.sd < np.inf or not np.isfinite(self.centre):
             return f"its prior, {self.centre:g} with standard deviation {self.sd:g}, is not normal"
         if not isinstance(self.site, Site) or not isinstance(self.driver, Driver):
-            return "its site is no Site, or its driver no Driver"
+            return "its site is not a Site, or its driver is not a Driver"
         for term in self.terms:
             shape = np.shape(term.driver)
             if term.frame != CERTIFICATE and shape not in ((), (rows,)):
@@ -160,10 +161,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Scan:
-    """A setting of an effect that it is not linear in, and that must be tried: when, how often, how fast.
+    """A setting in which an effect is not linear, and which must be scanned: a row, a ratio, a time constant.
 
-    `values` are those worth trying in a session, none where nothing is open; `parameters` are the effect's
-    at one of them. A model names one as ``effect@value``.
+    `values` are the plausible ones in a session, none if the setting is known; `parameters` are the effect's
+    parameters at one of them. A model names a value as ``effect@value``.
     """
 
     what: str  # of the setting, in words, with its unit
@@ -174,7 +175,7 @@ class Scan:
 
 @dataclass(frozen=True)
 class Form:
-    """Another form that an effect may take, of the same cause; a model names one as ``effect@name``."""
+    """Another form of an effect, with the same cause; a model names a form as ``effect@name``."""
 
     name: str
     words: str  # for a report: "by the readings shown"
@@ -182,37 +183,37 @@ class Form:
 
 
 Setting = float | str | None
-"""A setting of an effect's scan, the name of one of its forms, or None for the effect as it usually is."""
+"""A setting of an effect's scan, the name of one of its forms, or None for its usual form."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """A cause of error: its name, the parameters that it brings to a session, and how it relates to others.
+    """A cause of error: its name, its parameters in a session, and its relations to other effects.
 
     Parameters
     ----------
     name : str
-        As options and files name it: small letters, digits and hyphens.
+        Its name in options and files: small letters, digits and hyphens.
     summary : str
-        One line: what happens.
+        A description of one line.
     parameters : callable
-        The parameters that it brings to a session, given its circumstances.
+        Its parameters in a session, given the session's circumstances.
     missing : callable
-        What the session or the robot lacks for it, in words, or "".
+        What the session or the robot lacks for it, as text, or "".
     scan : Scan, optional
-        A setting that it is not linear in.
+        A setting in which it is not linear.
     whole : bool
-        It acts on the whole arm at once; at one site alone it would be another effect.
+        It acts on the whole arm at once, not at a single site.
     phrase : (str, str)
-        For a verdict in a sentence: who, where the verdict gives no site, and what it does.
+        Parts of the sentence of a verdict: the subject, if the verdict has no site, and the predicate.
     confusable_with : tuple of str
-        Effects whose true form may look like that of this one.
+        Effects with a similar form.
     requires : tuple of str
-        Effects that must be in the model before this one can be named: it acts through them.
+        Effects that must be in the model before a diagnosis can name this one: it acts through them.
     part_of : tuple of str
-        Effects that hold the same parameters; a model has this one or them.
+        Effects with the same parameters; a model has either this effect or these.
     forms : tuple of Form
-        Forms that it may take beside the usual one, for a diagnosis to weigh where they differ from it.
+        Other forms, which a diagnosis compares with the usual one if they differ from it.
     """
 
     name: str
@@ -221,39 +222,39 @@ class Effect:
     missing: Callable[[Circumstances], str] = lambda circumstances: ""
     scan: Scan | None = None
     whole: bool = False
-    phrase: tuple[str, str] = ("the arm", "errs")
+    phrase: tuple[str, str] = ("the arm", "has an error")
     confusable_with: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
     part_of: tuple[str, ...] = ()
     forms: tuple[Form, ...] = ()
 
     def form(self, name: str) -> Form | None:
-        """The form of a name, if there is one."""
+        """The form with a name, or None."""
         return next((form for form in self.forms if form.name == name), None)
 
     def at(self, circumstances: Circumstances, setting: Setting = None) -> list[Parameter]:
-        """Its parameters in a session, at a setting, in a form or as usual, checked and marked as its own.
+        """Its parameters in a session, for a setting or a form, checked and marked with its name.
 
         Raises
         ------
         BayescalError
-            For a parameter that no model can hold.
+            For an invalid parameter.
         """
         if isinstance(setting, str):
             form = self.form(setting)
             assert form is not None, f"{self.name} has no form {setting}"
-            found = form.parameters(circumstances)
+            parameters = form.parameters(circumstances)
         elif setting is None or self.scan is None:
-            found = self.parameters(circumstances)
+            parameters = self.parameters(circumstances)
         else:
-            found = self.scan.parameters(circumstances, setting)
-        for p in found:
+            parameters = self.scan.parameters(circumstances, setting)
+        for p in parameters:
             if fault := p.fault(len(circumstances.q)):
                 raise BayescalError(fault, f"parameter '{p.name}' of {self.name}", "correct the effect")
-        return [replace(p, effect=self.name) for p in found]
+        return [replace(p, effect=self.name) for p in parameters]
 
     def words(self, setting: Setting) -> str:
-        """A setting or a form in words, for a report; "" for the effect as it usually is."""
+        """A setting or a form as text for a report; "" for the usual form."""
         if isinstance(setting, str):
             form = self.form(setting)
             return "" if form is None else form.words

@@ -70,7 +70,7 @@ def test_an_unregistered_effect_is_gone():
 
 @pytest.mark.parametrize("name", ["backlash", "joint", "tool", "null", "unknown", "nominal", "cable-drag"])
 def test_a_name_that_is_taken_is_refused(own, name):
-    with pytest.raises(BayescalError, match=f"the name '{name}' is taken"):
+    with pytest.raises(BayescalError, match=f"the name '{name}' is in use"):
         effects.register(replace(own, name=name))
     assert EFFECTS[own.name] is own
 
@@ -151,7 +151,7 @@ def test_entry_points_are_read_once_and_at_first_use(monkeypatch, tmp_path):
     ("names", "words"),
     [
         (("WRONG",), "entry point WRONG = .*: int is not an Effect"),
-        (("TAKEN",), "the name 'backlash' is taken"),
+        (("TAKEN",), "the name 'backlash' is in use"),
         (("DRAG",), "requires of drag names 'sag'"),
         (("SAG", "ABSENT"), "entry point ABSENT = .*: cannot be loaded: AttributeError"),
     ],
