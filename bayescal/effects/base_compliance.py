@@ -2,7 +2,7 @@
 
 Driver: the gravity moment about the base's origin, in F0, about its two horizontal axes, each with its own
 compliance because a stand may be stiffer in one direction. Weight has no moment about the vertical. This
-holds for any mounting: upright, inverted or on a wall. If the first joint's axis is horizontal, the tilt about
+holds for any mounting (upright, inverted, wall). If the first joint's axis is horizontal, the tilt about
 it equals the effect of the first joint's compliance, and only the sum of the two is identifiable. The hinge
 is an unknown distance below or above the base's origin, so that a tilt also displaces the origin sideways
 (`slide`). If the first axis is not vertical, the hinge may also be behind the mounting plate, and a tilt then

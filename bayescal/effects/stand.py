@@ -55,7 +55,7 @@ def tilts(c: Circumstances) -> tuple[Tilt, ...]:
 
 
 def base_terms(c: Circumstances, kind: str, along: np.ndarray, driver: np.ndarray) -> tuple[Term, ...]:
-    """Rotation ("r") or translation ("t") of the base about or along a vector (3,) in F0, times a driver (N,)."""
+    """Rotation ("r") or translation ("t") of the base, about or along a vector (3,) in F0; driver (N,)."""
     parts = c.chain.base[:3, :3].T @ along
     return tuple(
         Term(0, f"{kind}{axis}", part * driver)

@@ -266,7 +266,7 @@ def test_gear_mesh_without_reductions_needs_a_ratio(cube):
         ("geometry@3", "geometry has no setting"),
         ("backlash@motor", "backlash has no form 'motor'"),
         ("encoder-scale@2", "encoder-scale has no form '2'"),
-        ("step@x", "'x' is no number"),
+        ("step@x", "'x' is not a number"),
         ("step@", "'' is no number"),
         ("step@nan", "'nan' is no number"),
         ("thermal-drift@0", "'0' is not a number above 0"),
