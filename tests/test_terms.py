@@ -45,7 +45,6 @@ NOT_YET: tuple[str, ...] = (
     "bayescal/assess",
     "bayescal/cli",
     "bayescal/dataset",
-    "bayescal/estimate",
     "bayescal/files.py",
     "bayescal/gap",
     "bayescal/importing",

@@ -1,4 +1,4 @@
-"""Solutions that are refused: no length known, not converged, out of reach."""
+"""Solutions that are refused: no known length, not converged, beyond the range of the model."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from bayescal.model.block import ARM
 from bayescal.model.model import Model
 
 LARGEST_SCALE_SD = 5e-3
-"""Relative standard deviation of the arm's size beyond which no length counts as known."""
+"""Relative standard deviation of the arm's size beyond which it counts as not identifiable."""
 LARGEST_STEP = 0.1
-"""Posterior standard deviations that a converged solution may be off its optimum."""
+"""Maximum distance of a converged solution from its optimum, in posterior standard deviations."""
 
 
 def check_length(model: Model) -> None:
-    """Refuse a model in which nothing fixes the arm's size: it would shrink to fit, and report no error."""
+    """Refuse a model in which the arm's size is not identifiable: the fit would shrink the arm, unnoticed."""
     lengths = [p for p in model.parameters if p.unit == "m" and p.effect == "geometry" and p.nominal]
     if model.knows_length or not lengths:
         return
-    # least squares of a common factor on the lengths, by their priors alone: a ball's radius is no yardstick
+    # least squares of a common factor on the lengths, from their priors alone; a ball's radius does not count
     size = sum(p.nominal**2 for p in lengths)
     sd = float(np.sqrt(sum((p.nominal * p.sd) ** 2 for p in lengths)) / size)
     if not sd < LARGEST_SCALE_SD:
@@ -42,17 +42,17 @@ def check_converged(linear: Linear, covariance: np.ndarray, z: np.ndarray) -> No
         raise BayescalError(
             f"the fit stopped {left:.2g} standard deviations short of its optimum",
             "Levenberg-Marquardt",
-            "check the robot file, the units of the readings and the targets' nominal places",
+            "check the robot file, the units of the readings and the nominal positions of the targets",
         )
 
 
 def check_within_reach(model: Model, z: np.ndarray) -> None:
-    """Refuse a solution with frames turned further than the chain's series, and any sane drawing, allow."""
+    """Refuse a solution with rotations beyond the range of the chain's series, or of any plausible error."""
     values = model.deviations(z[model.slices[ARM]])
     for value, p in zip(values, model.parameters, strict=True):
         if p.unit == "rad" and abs(value) > MAX_ANGLE and p.effect == "geometry":
             raise BayescalError(
-                f"{p.name} would have to be {np.degrees(value):.0f} deg off its drawing",
+                f"the fit changes {p.name} by {np.degrees(value):.0f} deg from its nominal value",
                 "robot",
                 "check offset_deg, the signs of link_from_reading and the units of the readings",
             )

@@ -1,4 +1,4 @@
-"""The estimate: the most probable parameters, their covariance, and what became of every contact."""
+"""The estimate: the most probable parameters, their covariance, row weights and outliers."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from bayescal.model.parts import Part
 from bayescal.model.scene import Scene
 
 ROUNDS = 25
-"""At most so many reweightings."""
+"""Maximum number of reweightings."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The most probable parameters, their covariance, and what became of every contact."""
+    """The most probable parameters, their covariance, row weights and outliers."""
 
     model: Model
     z: np.ndarray  # (D,)
@@ -33,8 +33,8 @@ class Estimate:
     weights: Weights
     linear: Linear
     iterations: int
-    rejected: np.ndarray  # rows of the session left out as outliers
-    dof: Mapping[str, float]  # degrees of freedom left to each noise group
+    rejected: np.ndarray  # rows of the session rejected as outliers
+    dof: Mapping[str, float]  # residual degrees of freedom of each noise group
 
     @property
     def sd(self) -> np.ndarray:
@@ -55,31 +55,31 @@ def calibrated(
     robust: bool = True,
     without: Sequence[Part] = (),
 ) -> Estimate:
-    """Fit a model, and once more with the gravity moments where the arm was found to stand.
+    """Fit a model, then fit it again with the gravity moments at the fitted pose of the arm.
 
-    With nominal moments a compliance comes out several standard deviations off, while the residuals
-    hide it; the more so with a payload.
+    With nominal moments the error of a compliance is several standard deviations, and larger with a payload;
+    the residuals do not show it.
     """
     found = estimate(build(scene, effects, prior_width, without), robust=robust)
     if not effects or scene.moments is None:
         return found
     model = build(settled(found), effects, prior_width, without)
-    # a joint that leans may carry what an upright one does not: start by name
+    # a tilt may give a torque to a joint that had none: the two models' parameters are matched by name
     known = dict(zip(found.model.names, found.z.tolist(), strict=True))
     return estimate(model, robust=robust, start=np.array([known.get(name, 0.0) for name in model.names]))
 
 
 def settled(fitted: Estimate) -> Scene:
-    """The scene with its gravity moments where the arm was found to stand, sag included."""
+    """The scene with its gravity moments at the fitted pose of the arm, including its deflection."""
     model = fitted.model
     return standing(model, model.deviations(fitted.z[model.slices[ARM]]))
 
 
 def standing(model: Model, values: np.ndarray) -> Scene:
-    """The scene with its gravity moments where the arm stands at deviations (P,), SI."""
+    """The scene with its gravity moments at the pose of the arm for deviations (P,), SI."""
     scene = model.scene
     delta = model.motion(np.arange(len(scene.q))).displacements(values)
-    # the model starts from nominal with the sag that the robot file knows, the statics from nominal
+    # the model's reference includes the deflection by the robot file's compliances; the statics' does not
     delta[:, 1:-1, 0] += scene.q - link_angles(scene.dataset.robot, scene.dataset.measurements.readings)
     return replace(scene, delta=delta)
 
@@ -96,20 +96,20 @@ def estimate(
     ----------
     model : Model
     robust : bool
-        Leave outliers out.
+        Reject outliers.
     start : np.ndarray, shape (D,), optional
-        Where to start; the nominal robot where not given.
+        Initial z; default: the nominal robot.
     left_out : np.ndarray of int, optional
-        Rows of the session to leave out; where given, no others are sought.
+        Rows of the session to reject; if given, no other outliers are searched for.
 
-    Outliers are sought with Student t weights, row by row, and then left out entirely, so that the
-    covariance is that of the contacts that count. The noise scale of each group is estimated with the
-    fit; the stated noise is worth `STATED_WORTH` contacts.
+    Outliers are searched for with Student t weights, row by row, and then rejected entirely, so that the
+    covariance is that of the remaining contacts. The noise scale of each group is estimated with the
+    fit; the stated noise has the weight of `STATED_WORTH` contacts.
 
     Raises
     ------
     BayescalError
-        Where no length is known, or the solution lies outside of what the model can say.
+        If no length is known, the fit did not converge, or the solution is beyond the range of the model.
     """
     check_length(model)
     z = np.zeros(model.size) if start is None else start

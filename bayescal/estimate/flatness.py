@@ -1,4 +1,4 @@
-"""Are the faces flat? A score test of each, and a fit that carries the form of those that are not."""
+"""Flatness of the faces: a score test of each, and a fit with the form of those that are not flat."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from bayescal.estimate import Estimate, estimate
 from bayescal.model import Model, with_parameters
 from bayescal.model.scene import Scene
 
-FAMILY_P = 1e-4  # chance of calling any face of a session uneven when none is
+FAMILY_P = 1e-4  # probability that any face of a session of flat faces is called uneven
 ROUNDS = 12
 FORM = "plane-form"
 
 
 @dataclass(frozen=True)
 class FaceCheck:
-    """What the residuals say of a face's form."""
+    """Form of a face, estimated from the residuals."""
 
     target: str
     form: float  # m, root mean square of the smooth part of the residuals
@@ -29,10 +29,10 @@ class FaceCheck:
 
 
 def check_faces(fitted: Estimate) -> tuple[FaceCheck, ...]:
-    """Score test of smooth form on every fitted face, given all that the model could still absorb.
+    """Score test of a smooth form error of every fitted face, with all other parameters free.
 
-    The shapes' columns are projected with what the fit takes up, so that tilts, offsets and arm
-    errors that look like form do not count.
+    The columns of the shapes are projected orthogonally to the parameters of the fit, so that tilts, offsets
+    and arm errors that look like a form error do not count.
     """
     model, out = fitted.model, []
     faces = model.scene.circumstances(model.scene.rows("calibrate")).faces
@@ -57,9 +57,9 @@ def check_faces(fitted: Estimate) -> tuple[FaceCheck, ...]:
 
 
 def with_form(scene: Scene, fitted: Estimate, names: tuple[str, ...], robust: bool = True) -> Estimate:
-    """Refit with the form of the named faces as unknowns whose size the contacts tell.
+    """Refit with the form of the named faces as unknowns, with a prior scale estimated from the contacts.
 
-    Each face's scale is a variance component, found by expectation and maximisation.
+    Each face's scale is a variance component, estimated by expectation-maximisation.
     """
     model = fitted.model
     form = {check.target: max(check.form, 1e-6) for check in check_faces(fitted) if check.target in names}

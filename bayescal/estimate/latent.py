@@ -1,8 +1,8 @@
-"""Joint readings as variables of the graph: every contact with reading errors of its own.
+"""Joint readings as variables of the graph: every contact has its own reading errors.
 
-The usual estimate folds the noise of the readings into the variance of a contact through the
-Jacobian. Here each contact has n more unknowns, its reading errors, and a factor of its own; the two
-agree as far as the model is linear over a reading's noise.
+The usual estimate adds the noise of the readings to the variance of a contact through the Jacobian.
+Here each contact has n additional unknowns, its reading errors, and a separate factor. The two agree if
+the model is linear within the noise of a reading.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 
 def with_latent_readings(fitted: Estimate) -> Estimate:
-    """Solve again from an estimate, with latent readings and its noise scale and row weights.
+    """Solve again with latent readings, from an estimate and with its noise scale and row weights.
 
     Raises
     ------
     BayescalError
-        Where the session states no noise of the readings.
+        If the session states no noise of the readings.
     """
     from factors.graph import Graph
 
@@ -35,7 +35,9 @@ def with_latent_readings(fitted: Estimate) -> Estimate:
     joint = model.scene.dataset.noise.joint
     if joint <= 0:
         raise BayescalError(
-            "noise.joint_deg is 0: the readings leave nothing to estimate", "--latent-joints", "state it"
+            "noise.joint_deg is 0: the readings have no errors to estimate",
+            "--latent-joints",
+            "state noise.joint_deg in dataset.yaml, or omit the option",
         )
     graph = Graph()
     slices = model.slices
@@ -48,13 +50,13 @@ def with_latent_readings(fitted: Estimate) -> Estimate:
         scale = fitted.weights.scale[block.group]
         for k in np.flatnonzero(fitted.weights.row[block.name]):
             name = f"readings {block.rows[k]}"
-            if name not in start:  # the point and the orientation of one row have the same readings
+            if name not in start:  # point and orientation of the same row share its readings
                 graph.variable(name, n)
                 start[name] = np.zeros(n)
             _add_contact(graph, model, block, int(k), name, scale, joint * scale)
     add_constraints(graph, model, variables)
-    found, iterations = graph.solve(start)
-    z = np.concatenate([found[name] for name in variables])
+    solution, iterations = graph.solve(start)
+    z = np.concatenate([solution[name] for name in variables])
     covariance = graph.covariance(variables)
     linear = linearise(model, z, fitted.weights)
     return replace(
@@ -65,7 +67,7 @@ def with_latent_readings(fitted: Estimate) -> Estimate:
 def _add_contact(
     graph: Graph, model: Model, block: Block, k: int, name: str, scale: float, joint: float
 ) -> None:
-    """One contact, its residual a function of arm, target and its own n reading errors."""
+    """Add one contact; its residual is a function of arm, target and the contact's n reading errors."""
     size, n = len(model.parameters), model.scene.chain.n
     coupling = model.scene.dataset.robot.link_from_reading
     row = block.rows[[k]]

@@ -14,11 +14,11 @@ from bayescal.model.model import Model
 
 @dataclass(frozen=True)
 class Linear:
-    """The problem linearised at z, whitened, without the prior: contacts by block, then constraints."""
+    """The problem linearised at z, whitened, without the prior: contacts of each block, then constraints."""
 
     residual: np.ndarray  # (R,)
     jacobian: np.ndarray  # (R, D)
-    of_block: Mapping[str, slice]  # rows of each block's contacts, by its name
+    of_block: Mapping[str, slice]  # rows of each block's contacts, by the block's name
 
 
 def linearise(model: Model, z: np.ndarray, weights: Weights) -> Linear:
@@ -48,5 +48,5 @@ def linearise(model: Model, z: np.ndarray, weights: Weights) -> Linear:
 
 
 def leverages(linear: Linear, covariance: np.ndarray) -> np.ndarray:
-    """Share of each residual's variance that the fit takes up, (R,)."""
+    """Leverage of each residual, (R,)."""
     return np.einsum("ij,jk,ik->i", linear.jacobian, covariance, linear.jacobian, optimize=True)

@@ -12,7 +12,7 @@ from bayescal.model.block import Block
 from bayescal.model.model import Model
 
 STATED_WORTH = 8.0
-"""Contacts that the stated noise is worth, as a prior of the noise scale (inverse gamma)."""
+"""Weight of the stated noise, in contacts, as a prior of the noise scale (inverse gamma)."""
 
 
 def by_group(model: Model) -> dict[str, list[Block]]:
@@ -26,7 +26,7 @@ def by_group(model: Model) -> dict[str, list[Block]]:
 def rescaled_weights(
     model: Model, weights: Weights, linear: Linear, covariance: np.ndarray
 ) -> tuple[Weights, dict[str, float]]:
-    """Noise scales that agree with the residuals, and the degrees of freedom they stand on."""
+    """Noise scales estimated from the residuals, and their degrees of freedom."""
     effective_dof = leverages(linear, covariance)
     scale, dof = {}, {}
     for group, blocks in by_group(model).items():

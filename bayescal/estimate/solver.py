@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def solve(
     model: Model, weights: Weights, start: np.ndarray
 ) -> tuple[np.ndarray, Callable[[], np.ndarray], int]:
-    """Levenberg-Marquardt on the factor graph: a factor a target, a prior a variable, the certificates.
+    """Levenberg-Marquardt on the factor graph: a factor per target, a prior per variable, the certificates.
 
     Returns
     -------
@@ -29,7 +29,7 @@ def solve(
     """
     from factors.graph import Graph
 
-    if not model.size:  # all is known: nothing to solve
+    if not model.size:  # no unknowns
         return np.zeros(0), lambda: np.zeros((0, 0)), 0
     slices = model.slices
     graph = Graph()
@@ -40,9 +40,9 @@ def solve(
     for block in model.blocks:
         add_block(graph, model, block, weights.whitening(block))
     add_constraints(graph, model, variables)
-    found, iterations = graph.solve({name: start[slices[name]] for name in variables})
+    solution, iterations = graph.solve({name: start[slices[name]] for name in variables})
     z = np.zeros(model.size)
-    for name, value in found.items():
+    for name, value in solution.items():
         z[slices[name]] = value
     return z, lambda: graph.covariance(variables), iterations
 
@@ -66,7 +66,7 @@ def add_block(graph: Graph, model: Model, block: Block, whiten: np.ndarray) -> N
         return r * whiten, slopes
 
     names = ([ARM] if model.parameters else []) + ([block.target] if block.size else [])
-    if names:  # the nominal arm on a target that is known: a constant
+    if names:  # without unknowns (nominal arm, known target) the residuals are constant
         graph.factor(names, block.residuals, function)
 
 
@@ -79,7 +79,7 @@ def add_constraints(graph: Graph, model: Model, variables: list[str]) -> None:
 
 
 def _constraint_function(model: Model, constraint: Constraint, free: list[str]) -> Function:
-    known = dict.fromkeys(constraint.targets, np.zeros(0))  # but for those that are free
+    known = dict.fromkeys(constraint.targets, np.zeros(0))  # overridden by the free ones
 
     def function(*parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         r, by = model.linearised(constraint, known | dict(zip(free, parts, strict=True)))

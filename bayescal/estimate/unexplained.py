@@ -1,8 +1,8 @@
-"""What a fit leaves beyond the noise of a single contact, and what that does to its promises.
+"""Unexplained residual: the part of a fit's residuals that exceeds the noise of a single contact.
 
-An error that the model leaves out (the form of a table, play, a soft base) does not average away:
-it is there again in every prediction. So where the residuals are larger than repeated contacts
-scatter, the excess is added to every prediction of a point.
+An unmodelled error (form of a surface, backlash, a compliant base) does not average out: it is present in
+every prediction. So if the residuals are significantly larger than the scatter of repeated contacts, the
+excess is added to every prediction of a point.
 """
 
 from __future__ import annotations
@@ -15,32 +15,32 @@ from bayescal.distributions import chi2_isf, chi2_sf, f_isf, f_sf
 from bayescal.estimate import Estimate
 from bayescal.model.scene import Scene
 
-FEWEST_REPEATS = 5  # degrees of freedom that make a noise floor
-FINEST = 1e-9  # m: repeats that scatter less were read too coarsely to tell a noise
+FEWEST_REPEATS = 5  # degrees of freedom that are sufficient to estimate the noise
+FINEST = 1e-9  # m: a smaller scatter of repeats means that the resolution is coarser than the noise
 P_VALUE = 1e-2
-STATED_FACTOR = 1.4  # without repeats: how far the stated noise may be off before it is contradicted
+STATED_FACTOR = 1.4  # without repeats: the true noise may be larger than the stated noise by this factor
 
 
 @dataclass(frozen=True)
 class Unexplained:
-    """Noise of one contact, what the fit leaves, and what of it no noise explains; all m, 1 sigma."""
+    """Noise of one contact, residuals of the fit, and the excess of the residuals; all m, 1 sigma."""
 
-    group: str  # contact or point: whose noise this is
+    group: str  # noise group: contact or point
     stated: float
     repeats: float | None  # scatter of repeated contacts; None without enough of them
     repeats_dof: int
-    fitted: float  # of the residuals that the fit keeps
-    excess: float  # root of the difference of squares where significant, else 0
+    fitted: float  # of the residuals without outliers
+    excess: float  # root of the difference of squares if significant, else 0
     p_value: float  # that the noise of one contact alone explains the residuals
     dof: float = 1.0  # degrees of freedom of `fitted`
 
     @property
     def floor(self) -> float:
-        """The noise of one contact as best known."""
+        """Best estimate of the noise of one contact, m."""
         return self.stated if self.repeats is None else self.repeats
 
     def limit(self, chance: float) -> float:
-        """Ratio of what the fit leaves to the noise that noise alone exceeds with a chance."""
+        """Ratio of residuals to noise that noise alone exceeds with probability `chance`."""
         if self.repeats is None:
             return STATED_FACTOR * float(np.sqrt(chi2_isf(chance, self.dof) / self.dof))
         return float(np.sqrt(f_isf(chance, self.dof, self.repeats_dof)))
@@ -49,9 +49,9 @@ class Unexplained:
 def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
     """Standard deviation of repeated contacts about their mean, m, and its degrees of freedom.
 
-    Of `calibrate` and `validate` rows of fitted surfaces; a group counts by its median absolute
-    deviation, so that a contact that slipped does not. None without enough of them, or where most read
-    identically: an encoder coarser than the noise hides it.
+    From `calibrate` and `validate` rows of fitted surfaces. Deviations beyond four robust standard deviations
+    (from the median absolute deviation) do not count. None without enough repeats, or if most readings are
+    identical because the encoder's resolution is coarser than the noise.
     """
     repeat = scene.dataset.measurements.repeat
     if repeat is None:
@@ -68,7 +68,7 @@ def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
     deviations, dof = [], 0
     for values in groups.values():
         if len(values) > 1:
-            # freed of the mean that it had to find, a deviation has the scatter of one contact
+            # corrected for the estimated mean: deviations then have the variance of one contact
             free = np.sqrt(len(values) / (len(values) - 1))
             deviations.append(np.abs(np.asarray(values) - np.mean(values)) * free)
             dof += len(values) - 1
@@ -85,10 +85,10 @@ def _rms(values: list[np.ndarray]) -> float:
 
 
 def unexplained(fitted: Estimate) -> Unexplained:
-    """Compare what a fit leaves with the noise of one contact."""
+    """Compare the residuals of a fit with the noise of one contact."""
     scene = fitted.model.scene
     scales = fitted.weights.scale
-    kind_of = {name: name.partition(" of ")[0] for name in scales}  # one a session where several are fitted
+    kind_of = {name: name.partition(" of ")[0] for name in scales}  # sessions may have groups of their own
     group = "contact" if "contact" in kind_of.values() else "point"
     blocks = [b for b in fitted.model.blocks if kind_of[b.group] == group]
     stated = _rms([fitted.weights.sigma[b.name] for b in blocks])

@@ -1,4 +1,4 @@
-"""How much each residual counts: standard uncertainties, noise scales, row weights."""
+"""Weights of the residuals: standard uncertainties, noise scales, row weights."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bayescal.model.model import Model
 
 @dataclass(frozen=True)
 class Weights:
-    """How much each residual counts, by block: `sigma` (R,) m at noise scale 1, row weights (C,)."""
+    """Weights of the residuals by block: `sigma` (R,) m at noise scale 1, row weights (C,)."""
 
     sigma: Mapping[str, np.ndarray]
     row: Mapping[str, np.ndarray]
@@ -26,7 +26,7 @@ class Weights:
 
 
 def unit_weights(model: Model, z: np.ndarray) -> Weights:
-    """Every contact fully, at its stated noise; that of the readings enters through the Jacobian at z."""
+    """Full weight for every contact, at its stated noise, plus reading noise through the Jacobian at z."""
     joint = model.scene.dataset.noise.joint
     sigma = {}
     for block in model.blocks:
