@@ -14,8 +14,8 @@ from bayescal.posterior import Pointwise, pointwise, prior_draws
 from bayescal.posterior.inference import Record, Variables
 from bayescal.reporting.shared.text import UM
 
-MOST_VALUES = 10_000_000
-"""Log likelihoods of single rows that are kept at most: of a large session, of fewer draws."""
+MOST_VALUES = 1_000_000
+"""Log likelihoods of single rows that are kept at most: with more rows, of fewer draws."""
 FEWEST_DRAWS = 500
 """Of each chain, however large the session."""
 PRIOR_CHAINS, PRIOR_DRAWS = 4, 500
@@ -132,18 +132,18 @@ def _predictions(fit: Fit) -> tuple[dict[str, Any], dict[str, Any], dict[str, An
     if v.distances:
         coords["pair"] = ["|".join(d.between) for d in v.distances]
         drawn = np.stack([d.error - d.predicted + d.certified for d in v.distances], axis=-1)
-        predictive["distance_mm"] = (("pair",), _chains(fit, 1e3 * drawn))
+        predictive["distance_mm"] = (("pair",), _single(_chains(fit, 1e3 * drawn)))
         observed["distance_mm"] = (("pair",), 1e3 * np.array([d.certified for d in v.distances]))
     if v.planes:
         coords["heldout"] = np.concatenate([ids[held[m.target[held] == index[p.target]]] for p in v.planes])
         drawn = np.concatenate([p.predicted for p in v.planes], axis=1)
-        predictive["heldout_um"] = (("heldout",), _chains(fit, 1e6 * drawn))
+        predictive["heldout_um"] = (("heldout",), _single(_chains(fit, 1e6 * drawn)))
         observed["heldout_um"] = (("heldout",), 1e6 * np.concatenate([p.residuals for p in v.planes]))
     if v.points:
         coords["point"] = np.concatenate([ids[held[m.target[held] == index[p.target]]] for p in v.points])
         coords["axis"] = ["x", "y", "z"]
         drawn = np.concatenate([np.swapaxes(p.predicted, 1, 2) for p in v.points], axis=1)
-        predictive["point_um"] = (("point", "axis"), _chains(fit, 1e6 * drawn))
+        predictive["point_um"] = (("point", "axis"), _single(_chains(fit, 1e6 * drawn)))
         observed["point_um"] = (("point", "axis"), 1e6 * np.concatenate([p.residuals.T for p in v.points]))
     return predictive, observed, coords
 
