@@ -5,7 +5,7 @@ The search is damped and uses several starting points.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -42,6 +42,12 @@ class States:
         """The solution with this index."""
         one = slice(k, k + 1)
         return States(self.x[one], self.tool[one], self.cost[one], self.left[one], self.information[one])
+
+    def joined(self, other: States) -> States:
+        """These solutions and others of the same problem."""
+        return States(
+            *(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(States))
+        )
 
 
 def search(
@@ -155,20 +161,51 @@ def locate(
         If the search does not converge, or another position explains the rows equally well.
     """
     begin = starts(kind, p)
-    every = np.broadcast_to(p, (len(begin), *p.shape))
 
-    def best(keep: np.ndarray, begin: np.ndarray) -> tuple[States, States]:
-        found = search(kind, every[: len(begin)], keep / sigma, None, tool_slopes, tool_sd, begin)
+    def searched(keep: np.ndarray, begin: np.ndarray) -> States:
+        every = np.broadcast_to(p, (len(begin), *p.shape))
+        return search(kind, every, keep / sigma, None, tool_slopes, tool_sd, begin)
+
+    def best(keep: np.ndarray) -> tuple[States, States]:
+        found = searched(keep, begin[:1])
+        others = _plausible(kind, found, begin[1:])
+        if len(others):
+            found = found.joined(searched(keep, others))
         return found, found.only(int(np.nanargmin(found.cost)))
 
     keep = np.ones(p.shape[1])
-    found, chosen = best(keep, begin)
+    found, chosen = best(keep)
     chi2 = _chi2(kind, chosen, p, sigma, tool_slopes)
     if chi2.max(initial=0.0) > SUSPICIOUS**2 * kind.rows * max(scale(chi2, kind.rows), 1.0) ** 2:
         keep = robust_rows(kind, p, sigma, tool_slopes, tool_sd, chosen.x)
-        found, chosen = best(keep, begin)
+        found, chosen = best(keep)
     _check(name, found, chosen, kind)
     return chosen, keep
+
+
+def _plausible(kind: Kind, first: States, begin: np.ndarray) -> np.ndarray:
+    """Starts (K, size) that are worth a search after that from the stated place.
+
+    All where that did not converge. Else those from which half the way to the stated place has a log prior
+    that could make a rival: a stated place with a small uncertainty leaves none. A start beside the
+    solution would find it again.
+    """
+    if not (first.left[0] < LARGEST_STEP and np.isfinite(first.cost[0])):
+        return begin
+    free = kind.sd > 0
+    nearest = 0.5 * begin[:, free] / kind.sd[free]
+    rivals = 0.5 * np.sum(nearest**2, axis=1) < first.cost[0] + RIVAL
+    return begin[rivals & (_apart(kind, first, begin) > APART)]
+
+
+def _apart(kind: Kind, at: States, x: np.ndarray) -> np.ndarray:
+    """Distances (S,) of states (S, size) from a solution, in its posterior standard deviations."""
+    free = kind.sd > 0
+    away, size = (x - at.x)[:, free] / kind.sd[free], int(free.sum())
+    # of the target alone: its tool's shift takes part through the information that is left without it
+    h = at.information[0]
+    h = h[:size, :size] - h[:size, size:] @ np.linalg.solve(h[size:, size:], h[size:, :size])
+    return np.sqrt(np.maximum(np.einsum("si,ij,sj->s", away, h, away), 0.0))
 
 
 def _check(name: str, found: States, chosen: States, kind: Kind) -> None:
@@ -180,14 +217,7 @@ def _check(name: str, found: States, chosen: States, kind: Kind) -> None:
             "dataset.yaml",
             "state its position and u_mm more accurately, or measure it from more directions",
         )
-    free = kind.sd > 0
-    scale = kind.sd[free]
-    away = (found.x - chosen.x)[:, free] / scale
-    # of the target alone: the shift of the tool is marginalised
-    size = len(scale)
-    h = chosen.information[0]
-    h = h[:size, :size] - h[:size, size:] @ np.linalg.solve(h[size:, size:], h[size:, :size])
-    distance = np.sqrt(np.maximum(np.einsum("si,ij,sj->s", away, h, away), 0.0))
+    distance = _apart(kind, chosen, found.x)
     rival = (found.left < LARGEST_STEP) & (found.cost < chosen.cost + RIVAL) & (distance > APART)
     if np.any(rival):
         other = int(np.argmax(rival))

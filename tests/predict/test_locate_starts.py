@@ -13,7 +13,7 @@ from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.predict import validate
 from bayescal.predict.crossvalidation import validation_errors
-from bayescal.predict.locate import locate
+from bayescal.predict.locate import locate, search
 from factors.cylinder import Cylinder
 from factors.distance import Distance
 from factors.instrument import Instrument
@@ -116,7 +116,7 @@ def test_what_does_not_converge_is_refused_by_name(monkeypatch):
     kind = Sphere(TRUE + 0.04, DIAMETER, np.full(11, RADIUS), LOOSE)
     monkeypatch.setattr("bayescal.predict.locate.ITERATIONS", 1)
     monkeypatch.setattr("bayescal.predict.locate.starts", lambda kind, p: np.zeros((1, 4)))
-    with pytest.raises(BayescalError, match=r"target ball\.B@2 .*short of an optimum.*; state its place"):
+    with pytest.raises(BayescalError, match=r"target ball\.B@2 .*short of an optimum.*; state its position"):
         locate("ball.B@2", kind, touched(from_above(rng)), np.full((1, 11), SIGMA))
 
 
@@ -157,3 +157,22 @@ def test_a_ball_bar_and_a_pin_stated_far_off():
     pin = Cylinder(np.add(TRUE, [0.03, 0.02, 0]), np.array([0, 0, 1.0]), 20e-3, np.full(20, RADIUS), sd)
     at, _ = locate("pin", pin, p, np.full((1, 20), SIGMA))
     np.testing.assert_allclose(pin.describe(at.x[0])["point"][:2], TRUE[:2], atol=1e-5)
+
+
+def test_a_closely_stated_place_takes_one_search(monkeypatch):
+    """Other starts are searched from only where the prior lets a second place compete."""
+    rng, begun = np.random.default_rng(7), []
+    p, sigma = touched(from_above(rng), SIGMA, rng), np.full((1, 11), SIGMA)
+
+    def counted(kind, p, *others):
+        begun.append(len(p))
+        return search(kind, p, *others)
+
+    monkeypatch.setattr("bayescal.predict.locate.search", counted)
+    for prior in (np.full(4, 1e-4), LOOSE):
+        begun.append("|")
+        at, _ = locate("ball", Sphere(TRUE + 5e-5, DIAMETER, np.full(11, RADIUS), prior), p, sigma)
+        assert np.linalg.norm(TRUE + 5e-5 + at.x[0, :3] - TRUE) < 0.1e-3
+    assert begun[:2] == ["|", 1]
+    assert begun[2] == "|"
+    assert sum(begun[3:]) > 1
