@@ -10,7 +10,7 @@ from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, Variant
 from bayescal.gap.search.cells import Cell
 from bayescal.gap.search.unknown import Pool
-from bayescal.gap.search.verdict import weigh
+from bayescal.gap.search.verdict import decide, weigh
 
 ROWS, SIZE = 1200, 6
 RNG = np.random.default_rng(4)
@@ -108,3 +108,32 @@ def test_an_effect_may_be_several_times_larger_than_expected():
     state = fit_state(p, (), (), robust=False)
     usual, larger = (search.additions(state, ())[f"effect {k}"].gain for k in (0, 1))
     assert 0.5 < usual - larger < 2.5
+
+
+def decided(columns, contribution, cell):
+    """The decision on a made-up problem with one cell of one column (R, 1), elsewhere than the effects."""
+    search = search_of(problem(columns, contribution))
+    search.run()
+    shape = Cell(joint(3), Driver("angle", 3), ((),))
+    return decide(search, Pool((shape,), cell, (np.array([0]),), np.array([0]), ROWS))
+
+
+@pytest.mark.parametrize(("what", "kind", "names"), [("all", "unknown", 0), ("rest", "named+unexplained", 1)])
+def test_a_name_that_an_unmodelled_effect_makes_needless_is_dropped(what, kind, names):
+    """A cell that explains what the name explains leaves it nothing; one that explains the rest keeps it."""
+    named, rest = 45 * UNIT[:, :1], 20 * UNIT[:, 1:2]
+    found = decided(named, (named + rest)[:, 0], named + rest if what == "all" else rest)
+    assert found.weighed[0].effects == ("effect 0", "unknown")
+    assert (found.kind, [m.effect for m in found.members]) == (kind, ["effect 0"] * names)
+
+
+@pytest.mark.parametrize(("size", "named"), [(0.15, 1), (0.35, 2)])
+def test_an_effect_of_a_few_percent_of_the_variance_is_a_footnote(size, named):
+    """However certain: 2 % of what the named effects explain is a footnote, 11 % is none."""
+    columns = 45 * UNIT[:, :2]
+    found = decided(columns, columns @ [1.0, size], UNIT[:, 9:10])
+    assert set(found.weighed[0].effects) == {"effect 0", "effect 1"}
+    assert found.probability["effect 1"] > 0.99
+    assert [m.effect for m in found.members] == [f"effect {k}" for k in range(named)]
+    assert len(found.footnotes) == 2 - named
+    assert all(text.startswith("effect 1: RMS 0.2 µm, 2 %") for text in found.footnotes)

@@ -1,0 +1,60 @@
+"""The verdict: from weighed hypotheses to what is named, and what stays credible."""
+
+import numpy as np
+import pytest
+
+from bayescal.effects import confusable
+from bayescal.gap.search.beam import Hypothesis, Member
+from bayescal.gap.search.candidates import Variant
+from bayescal.gap.search.unknown import CellFit
+from bayescal.gap.search.verdict import Weighed, credible_set, probabilities, softened, verdict_of
+
+ALIKE = ("hardening", "hysteresis")
+
+
+def weighed(*names, probability=0.0, score=0.0, cell=False):
+    """A set of effects without a fit, perhaps with an unmodelled effect."""
+    members = tuple(Member(Variant(n, None, (), np.zeros(0, int), 0.0), 1.0, 0.0) for n in names)
+    found = CellFit(0, 1.0, 0, 1.0) if cell else None
+    return Weighed(Hypothesis(members, None, 0.0, 0.0), found, 0.0, score, probability)
+
+
+@pytest.mark.parametrize(
+    ("sets", "kind", "names"),
+    [
+        ([(("lobing",), 0.7), ((), 0.3)], "null", ()),
+        ([(("lobing",), 0.9), ((), 0.1)], "named", ("lobing",)),
+        ([(("lobing",), 0.4), (("step",), 0.35), (("latency",), 0.25)], "ambiguous", ()),
+        # beside a doubtful effect only a nearly certain one is named
+        ([(("lobing", "step"), 0.45), (("lobing",), 0.55)], "ambiguous", ("lobing",)),
+        ([(("lobing", "step"), 0.45), (("lobing",), 0.3), (("latency",), 0.25)], "ambiguous", ()),
+        ([(("unknown",), 0.6), (("lobing",), 0.4)], "unknown", ()),
+        ([(("unknown",), 0.4), (("lobing",), 0.35), (("step",), 0.25)], "ambiguous", ()),
+        ([(("lobing", "unknown"), 0.6), (("unknown",), 0.4)], "named+unexplained", ("lobing",)),
+        ([(("lobing", "unknown"), 0.45), (("unknown",), 0.55)], "named+unexplained", ()),
+    ],
+)  # fmt: skip
+def test_a_verdict_names_what_is_more_likely_than_not(sets, kind, names):
+    found = [
+        weighed(*(n for n in own if n != "unknown"), probability=p, cell="unknown" in own) for own, p in sets
+    ]
+    effects = {n for own, _ in sets for n in own}
+    assert verdict_of(found, probabilities(found, sorted(effects))) == (kind, names)
+
+
+def test_the_credible_set_holds_nine_tenths_and_what_is_confusable_close_behind():
+    first, second, third = (("lobing", 0.7), ("step", 0.22), ("latency", 0.08))
+    found = [weighed(n, probability=p, score=-10.0 * k) for k, (n, p) in enumerate((first, second, third))]
+    assert credible_set(found) == ("lobing", "step")
+    assert confusable(*ALIKE)
+    for behind, kept in ((3.0, True), (6.0, False)):
+        pair = [weighed(ALIKE[0], probability=0.95), weighed(ALIKE[1], probability=0.04, score=-behind)]
+        assert (ALIKE[1] in credible_set(pair)) == kept
+
+
+def test_only_confusable_effects_come_closer():
+    """Of ten nats by which the leader fits better, six count against a confusable effect."""
+    sets = [weighed(ALIKE[0], score=5.0), weighed(ALIKE[1], score=-5.0), weighed("lobing", score=-5.0)]
+    leader, alike, other = (w.score for w in softened(sets))
+    assert (leader, other) == (5.0, -5.0)
+    assert leader - alike == pytest.approx(6.0)
