@@ -95,7 +95,7 @@ def markdown(found: dict[str, Any]) -> str:
         names = "; ".join(f"{seed}: {' + '.join(names)}" for seed, names in c["names"].items())
         lines.append((case, of(c["named"]), names, c["flagged"], "at most 5 %"))
     return table(
-        ["nothing hidden", "a false name (Wilson 95 %)", "which, by seed", "flagged", "wanted"], lines
+        ["noise only", "a false name (Wilson 95 %)", "which, by seed", "flagged", "required"], lines
     )
 
 

@@ -56,7 +56,6 @@ NOT_YET: tuple[str, ...] = (
     "bayescal/reporting/shared/text.py",
     "bayescal/simulation",
     "bayescal/world",
-    "docs/blind.md",
     "docs/knock_out.md",
     "docs/real_sessions.md",
 )
