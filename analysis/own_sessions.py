@@ -94,9 +94,7 @@ def markdown(found: dict[str, Any]) -> str:
     for case, c in found.items():
         names = "; ".join(f"{seed}: {' + '.join(names)}" for seed, names in c["names"].items())
         lines.append((case, of(c["named"]), names, c["flagged"], "at most 5 %"))
-    return table(
-        ["noise only", "a false name (Wilson 95 %)", "which, by seed", "flagged", "required"], lines
-    )
+    return table(["noise only", "a false name (Wilson 95 %)", "which, by seed", "flagged", "required"], lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -1,4 +1,4 @@
-"""The page of the real sessions: our held-out errors beside those that the sessions' READMEs quote."""
+"""The page of the real sessions: validation errors compared with those in the READMEs of the sessions."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import Any
 
 MARKS = "<!-- real-sessions: begin -->", "<!-- real-sessions: end -->"
 QUOTED = Path(__file__).with_name("real_figures.csv")
-"""What others reached, typed in, with its source."""
+"""Published results, with their source."""
 LEVELS = {
     "nominal": "nominal",
-    "base+tool": "base and tool only",
-    "geometry": "geometric",
-    "compliance": "with stiffness",
-    "form": "with stiffness and the planes' form",
-    "named": "with what gap names",
+    "base+tool": "base and tool",
+    "geometry": "geometry",
+    "compliance": "geometry + compliance",
+    "form": "geometry + compliance + plane form",
+    "named": "+ effects named by gap",
 }
 Record = dict[str, Any]
 
 
 def quoted() -> dict[tuple[str, str, str], Record]:
-    """Figures of others by session, what was held out, and our level that they stand beside."""
+    """Published results by session, kind of validation rows, and model level."""
     with QUOTED.open(encoding="utf-8", newline="") as file:
         return {(r["session"], r["held_out"], r["ours"]): r for r in csv.DictReader(file)}
 
@@ -48,9 +48,9 @@ def _number(value: Any) -> str:
 
 
 def _held_out(sessions: Sequence[Record]) -> list[str]:
-    out = ["### Rows kept back, mm", ""]
+    out = ["### Validation errors, mm", ""]
     out += _head(
-        "session", "model", "mean", "rms", "max", "inside 95 %", "README: model", "mean", "rms", "max"
+        "session", "model", "mean", "RMS", "maximum", "within 95 %", "README: model", "mean", "RMS", "maximum"
     )
     others = quoted()
     for r in sessions:
@@ -75,10 +75,10 @@ def _level(model: str, r: Record) -> str:
 
 
 def _unseen(sessions: Sequence[Record], places: Sequence[Record]) -> list[str]:
-    out = ["### Sockets at a place that no fit has seen, mm", ""]
+    out = ["### Sockets at a location not used in the fit, mm", ""]
     out += _head(
-        "session", "model", "mean over places", "best", "worst place", "without it",
-        "distance between sockets", "README: mean over places", "without it",
+        "session", "model", "mean over locations", "minimum", "maximum, at location", "without it",
+        "distance between sockets", "README: mean over locations", "without it",
     )  # fmt: skip
     others = quoted()
     for r in sessions:
@@ -91,7 +91,7 @@ def _unseen(sessions: Sequence[Record], places: Sequence[Record]) -> list[str]:
             rest = [value for place, value in means.items() if place != worst]
             other = others.get((r["session"], "unseen", model), {})
             out.append(_row([
-                f"{r['session']}, {len(own)} places" if k == 0 else "",
+                f"{r['session']}, {len(own)} locations" if k == 0 else "",
                 _level(model, r),
                 _number(fmean(means.values())),
                 _number(min(means.values())),
@@ -105,7 +105,7 @@ def _unseen(sessions: Sequence[Record], places: Sequence[Record]) -> list[str]:
 
 
 def _distances(sessions: Sequence[Record]) -> list[str]:
-    out = ["### Distances: predicted and measured, um rms", ""]
+    out = ["### Distances: predicted and measured, µm RMS", ""]
     out += _head("session", "model", "between", "predicted (95 %)", "measured", "share of the prior")
     for r in sessions:
         for k, step in enumerate(s for s in r["ladder"] if s.get("distances")):
@@ -124,7 +124,7 @@ def _distances(sessions: Sequence[Record]) -> list[str]:
 
 
 def _said(sessions: Sequence[Record]) -> list[str]:
-    out = ["### What `bayescal fit` says of each", ""]
+    out = ["### Warnings of `bayescal fit`", ""]
     for r in sessions:
         out += [f"- **{r['session']}** (gap: {r['verdict']})", *(f"  - {w}" for w in r["warnings"])]
     return out

@@ -131,7 +131,7 @@ def test_the_page_is_renewed_and_a_run_goes_on(run, monkeypatch):
     assert before.endswith("after\n")
     assert "\nold\n" not in before
     assert "| sockets, 24 points | nominal |" in before
-    assert "| sockets, 3 places | nominal |" in before
+    assert "| sockets, 3 locations | nominal |" in before
     path = run / "runs" / "records.json"
     kept = records(run)
     last = kept.pop("sockets | far")
