@@ -54,7 +54,6 @@ NOT_YET: tuple[str, ...] = (
     "bayescal/reporting/fit/record.py",
     "bayescal/reporting/gap/record.py",
     "bayescal/reporting/shared/text.py",
-    "bayescal/simulation",
     "bayescal/world",
     "docs/knock_out.md",
 )

@@ -1,4 +1,4 @@
-"""Sessions that never were: any arm with any effects, on a cube and spheres, and what is true of them."""
+"""Simulated sessions: any arm with any effects, on a cube and spheres, with their ground truth."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ READING = 7  # decimals of a reading in deg
 
 @dataclass(frozen=True)
 class Simulation:
-    """A session, what is true of it, and that as the content of truth.json.
+    """A session, its ground truth, and the content of truth.json.
 
-    `exact` is the session with readings before joint noise and rounding, `shift` (N,) m how far outside
-    of the true surface each of its contacts is.
+    `exact` is the session with readings before joint noise and rounding; `shift` (N,), m, is the distance of
+    each contact from the true surface, outwards.
     """
 
     dataset: Dataset
@@ -38,19 +38,19 @@ class Simulation:
 
 
 def simulate(options: Options, allow_xacro: bool = False) -> Simulation:
-    """Simulate a session: plan it on the nominal arm, then let the true arm touch the true targets.
+    """Simulate a session: plan it with the nominal arm, then compute contacts of the true arm and targets.
 
     Parameters
     ----------
     options : Options
-        One seed, one result.
+        The same seed gives the same result.
     allow_xacro : bool
-        Whether a robot in a xacro file, which is a program, may be executed; refused otherwise.
+        Expand a robot that is given as xacro, which can read files and run programs.
 
     Raises
     ------
     BayescalError
-        For options that cannot be, or a workspace out of reach.
+        For invalid options, or a workspace out of reach.
     """
     options.check()
     for name in options.effects:

@@ -1,4 +1,4 @@
-"""What a session knows before it begins: the tool, the targets where they should be, their certificates."""
+"""Information that is stated before a session: the tool, nominal targets, and their certificates."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from bayescal.simulation.scenery import DIAMETER, SIZE, U_ANGLE, U_DISTANCE, U_S
 RADIUS = 0.003  # m, of the ball
 TOOL = Tool("ball", np.array([0.06, 0.0, 0.12]), RADIUS, 0.8, np.array([0.02, 0.0, 0.06]))
 GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s2
-LEAST_NOISE = 1e-6  # m: stated where none is simulated
+LEAST_NOISE = 1e-6  # m: stated noise where none is simulated
 
 
 @dataclass(frozen=True)
 class Scenery:
-    """What stands there, nominally: the cube, its four faces, sphere centres (placements, spheres, 3), m."""
+    """Nominal objects: the cube, its four faces, sphere centres (placements, spheres, 3), m."""
 
     cube: Cube
     faces: tuple[str, ...]
@@ -29,7 +29,7 @@ class Scenery:
 
     @property
     def targets(self) -> tuple[Target, ...]:
-        """The targets as dataset.yaml knows them."""
+        """The targets as stated in dataset.yaml."""
         planes = [
             Target(f"cube.{f}", "plane", {"normal": self.cube.normal(f), "offset": self.cube.offset(f)})
             for f in self.faces
@@ -49,7 +49,7 @@ def sphere_names(placements: int, spheres: int) -> list[str]:
 
 
 def dataset_of(options: Options, robot: Robot, scenery: Scenery, measurements: Measurements) -> Dataset:
-    """The session's measurements with all that dataset.yaml says of them."""
+    """The measurements of the session with the content of dataset.yaml."""
     return Dataset(
         name=options.name,
         folder=Path(),
@@ -63,7 +63,7 @@ def dataset_of(options: Options, robot: Robot, scenery: Scenery, measurements: M
         certificates=_certificates(scenery),
         measurements=measurements,
         temperature_of="arm",
-        source=f"simulated (bayescal simulate, seed {options.seed}); its truth is in truth.json",
+        source=f"simulated (bayescal simulate, seed {options.seed}); its ground truth is in truth.json",
     )
 
 

@@ -1,4 +1,4 @@
-"""A simulated session on disk: a dataset folder with its truth.json, atomically."""
+"""Write a simulated session: a dataset folder with its truth.json, atomically."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ TRUTH = "truth.json"
 
 
 def write(simulation: Simulation, folder: Path) -> None:
-    """Write dataset.yaml, measurements.csv, robot.yaml where it is no built-in one, and truth.json.
+    """Write dataset.yaml, measurements.csv, truth.json, and robot.yaml where the robot is not built in.
 
     Raises
     ------
     BayescalError
-        If the folder holds something else than an earlier simulated session, or cannot be written.
+        If the folder contains files other than a simulated session, or cannot be written.
     """
     with whole(folder, TRUTH) as stage:
         write_files(simulation.dataset, stage)
@@ -28,7 +28,7 @@ def write(simulation: Simulation, folder: Path) -> None:
 
 
 def summary(simulation: Simulation) -> str:
-    """A few lines: contacts a target and how wrong the nominal arm is."""
+    """A few lines: contacts per target and the maximum error of the nominal arm."""
     dataset, truth = simulation.dataset, simulation.truth
     rows = dataset.measurements
     names = [dataset.targets[i].name for i in rows.target]
@@ -43,8 +43,8 @@ def summary(simulation: Simulation) -> str:
         each = counts[balls[0], "validate"]
         lines.append(f"  {len(balls)} spheres ({balls[0]} to {balls[-1]}): {each} contacts each")
     if truth["distances"]:
-        worst = truth["worst_distance_um"]["nominal"]
+        largest = truth["worst_distance_um"]["nominal"]
         lines.append(
-            f"  the nominal arm is wrong by up to {worst:.0f} um over {len(truth['distances'])} distances"
+            f"  maximum error of the nominal arm: {largest:.0f} µm over {len(truth['distances'])} distances"
         )
     return "\n".join(lines)

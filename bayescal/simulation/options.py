@@ -1,4 +1,4 @@
-"""What a simulated session is asked to be."""
+"""Options of a simulated session."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ FEWEST_ON_SPHERE = 6
 
 @dataclass(frozen=True)
 class Options:
-    """A session to simulate. Counts are of contacts but for `spheres` of one artefact and its `placements`.
+    """A session to simulate. Counts are of contacts, except `spheres` of an artefact and its `placements`.
 
-    `arm_seed` is that of the true arm and its tool where another session of the same arm is wanted; the
-    session's own where None. `contacts` are those to calibrate with, the repeats (groups of four) among
-    them; `later` are on the same faces, to validate. `error_scale` multiplies every deviation of the true
-    arm. `noise` (m) is that of a contact, `joint_noise` (rad) that of a reading, `outliers` the fraction of
-    contacts that are grossly wrong, `payload` (kg) hangs on half of the plane contacts.
+    `arm_seed` is the seed of the true arm and its tool, to simulate another session of the same arm; None
+    for the seed of the session. `contacts` are for calibration, including repeats (groups of four); `later`
+    are on the same faces, for validation. `error_scale` multiplies every deviation of the true arm.
+    `noise` (m) is the noise of a contact, `joint_noise` (rad) that of a reading, `outliers` the fraction of
+    gross contacts, `payload` (kg) is attached for half of the plane contacts.
     """
 
     robot: str = "fanuc-lrmate200ic"
@@ -46,12 +46,12 @@ class Options:
         return self.seed if self.arm_seed is None else self.arm_seed
 
     def check(self) -> None:
-        """Refuse what cannot be.
+        """Raise an error for invalid options.
 
         Raises
         ------
         BayescalError
-            Naming the option.
+            With the option.
         """
         for option in (
             "seed",
@@ -80,7 +80,9 @@ class Options:
             what = f"{self.sphere_contacts} contacts cannot locate a sphere"
             raise BayescalError(what, "--sphere-contacts", f"give {FEWEST_ON_SPHERE} or more")
         if self.spheres > 8:
-            raise BayescalError(f"{self.spheres} spheres crowd one artefact", "--spheres", "give 8 or fewer")
+            raise BayescalError(
+                f"{self.spheres} spheres are too many for one artefact", "--spheres", "give 8 or fewer"
+            )
 
 
 def flag(option: str) -> str:
@@ -90,6 +92,6 @@ def flag(option: str) -> str:
 
 
 def stream(seed: int, *names: str) -> np.random.Generator:
-    """A generator of its own for each name, so that one part's draws never shift another's."""
+    """An independent generator for each name, so that draws of one part do not change those of another."""
     words = [int.from_bytes(name.encode(), "little") for name in names]
     return np.random.default_rng(np.random.SeedSequence([seed, *words]))

@@ -1,4 +1,4 @@
-"""Where the cube and the spheres are put, so that an arm reaches them."""
+"""Positions of the cube and the spheres within reach of an arm."""
 
 from __future__ import annotations
 
@@ -12,28 +12,27 @@ from bayescal.simulation.probing import Contacts, on_face, on_sphere
 from bayescal.simulation.reach import Arm
 from bayescal.simulation.scenery import DIAMETER, FACES, LONGEST, SIZE, Cube, layout
 
-FORWARD, UP = 0.507, 0.169  # of the reach: where the cube's middle stands before the base
+FORWARD, UP = 0.507, 0.169  # relative to the reach: centre of the cube in front of the base
 TRIALS = 200
 NEAREST, FARTHEST = 0.25, 0.75  # of the reach: from the base to a sphere
 LOWEST, HIGHEST = -0.05, 0.6  # of the reach: height of a sphere, and of the artefact's middle
 ABOVE = 1
 SECTORS = ((15.0, 65.0), (-40.0, 40.0), (-65.0, -15.0))
-"""deg: beside the cube, above it and on its other side, as the base sees it: spheres go to each in turn."""
-SAMPLES = 30  # contacts by which a place for the cube is judged
-ENOUGH = 0.4  # share of them that makes a place good
+"""deg, seen from the base: on one side of the cube, above it, on the other side; spheres alternate."""
+SAMPLES = 30  # contacts that are tested at a position of the cube
+ENOUGH = 0.4  # share of them that must be reached
 LEAST = 0.1
 
 
 def place_cube(arm: Arm, radius: float) -> tuple[Cube, tuple[str, ...]]:
-    """A cube within reach, square to the base, and the four of its faces that are touched best.
+    """A cube within reach, aligned with the base, and its four faces that are reached best.
 
-    Two of them are opposite sides, whose certified distance gives the length. The place depends on
-    the arm alone.
+    Two of them are opposite; their certified distance gives the scale. The position depends only on the arm.
 
     Raises
     ------
     BayescalError
-        If no such place is found.
+        If no such position is found.
     """
     base, reach, rng = arm.chain.base, arm.reach, np.random.default_rng(0)
     best: tuple[float, Cube, tuple[str, ...]] | None = None
@@ -53,7 +52,7 @@ def place_cube(arm: Arm, radius: float) -> tuple[Cube, tuple[str, ...]]:
 
 
 def _four(share: dict[str, float]) -> tuple[float, tuple[str, ...]]:
-    """The best of: both faces across one axis, the better one across the other, and the top."""
+    """Both faces across one axis, the better one across the other axis, and the top face."""
     options = []
     for pair, other in (("y", "x"), ("x", "y")):
         single = max((f"-{other}", f"+{other}"), key=lambda face: share[face])
@@ -70,7 +69,7 @@ def place_spheres(
     Raises
     ------
     BayescalError
-        If none is found where every sphere can be touched all over its upper half.
+        If there is none where the whole upper half of every sphere can be touched.
     """
     plate = layout(spheres, min(LONGEST, 0.42 * arm.reach))
     for trial in range(TRIALS):
@@ -92,7 +91,7 @@ def place_spheres(
             found.append(own)
         if len(found) == spheres:
             return centres, found
-    what = f"no place is found where {spheres} spheres can be touched all over"
+    what = f"no position is found where {spheres} spheres can be touched from all sides"
     raise BayescalError(what, arm.robot.name, "ask for fewer --spheres or --sphere-contacts")
 
 
@@ -107,7 +106,7 @@ def _fits(arm: Arm, cube: Cube, centres: np.ndarray) -> bool:
 
 
 def _middles(arm: Arm, cube: Cube, sector: int | None, rng: np.random.Generator) -> np.ndarray:
-    """Some places (M, 3), m, that the ball comes to, in one sector or in any."""
+    """Reachable positions (M, 3) of the ball, m, in a sector or in all."""
     middles = arm.ball(arm.frames(arm.anywhere(512, rng)))
     flat, height = arm.beside(middles)
     forward, level = arm.beside(cube.centre)

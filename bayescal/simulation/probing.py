@@ -1,4 +1,4 @@
-"""Finding contacts: arm configurations that touch a face or a sphere, and how they come to it."""
+"""Search for contacts: arm configurations that touch a face or a sphere, and their approach."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from bayescal.simulation.reach import Arm, cone, inverse
 from bayescal.simulation.scenery import Cube, clear
 
 SPEED = 5e-3  # m/s of the ball when it touches
-TILT = np.radians(60.0)  # most that the flange's z leans from the inward normal
-SLANT = np.radians(25.0)  # most that the ball's path does
-FASTEST = np.radians(12.0)  # rad/s: a joint that must go faster is near a singularity
-TURNING = np.radians(0.25)  # rad/s: joint velocities that turn the arm about the ball's centre
-STARTS = 8  # a contact
-LOWEST = np.radians(88.0)  # from the top of a sphere: how far down it is touched
-PROBES = 16  # contacts by which a configuration of the arm is judged
+TILT = np.radians(60.0)  # maximum angle between the z axis of the flange and the inward normal
+SLANT = np.radians(25.0)  # maximum angle between the path of the ball and the normal
+FASTEST = np.radians(12.0)  # rad/s: maximum joint velocity; faster joints are near a singularity
+TURNING = np.radians(0.25)  # rad/s: joint velocities that rotate the arm about the centre of the ball
+STARTS = 8  # per contact
+LOWEST = np.radians(88.0)  # maximum angle from the top of a sphere to a contact
+PROBES = 16  # contacts that are tested in a configuration of the arm
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,10 @@ def join(parts: list[Contacts]) -> Contacts:
 def approach(
     arm: Arm, pose: np.ndarray, normal: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Joint velocities (M, n), rad/s, with which contacts are closed, and whether they are slow enough.
+    """Joint velocities (M, n), rad/s, of the approach to each contact, and whether they are slow enough.
 
-    The ball comes in at `SPEED` from within `SLANT` of the surface's normal (M, 3), and the arm turns
-    about it a little, so that every joint moves either way.
+    The ball approaches at `SPEED`, at most `SLANT` from the normal (M, 3) of the surface. The arm also
+    rotates slowly about the ball, so that every joint moves in both directions during a session.
     """
     n = arm.robot.n
     j = arm.jacobian(pose)[:, :3]
@@ -65,29 +65,29 @@ def contacts(
     rng: np.random.Generator,
     starts: np.ndarray | None = None,
 ) -> tuple[np.ndarray, Contacts]:
-    """Contacts at wanted ball centres, one each where one is found.
+    """A contact at each requested ball centre, where a solution is found.
 
     Parameters
     ----------
     arm : Arm
-        It seeks them with random tool directions.
+        Contacts have random tool directions.
     centres, normals : np.ndarray, shape (M, 3)
-        Ball centres, m, and outward normals of the surface there.
+        Ball centres, m, and outward normals of the surface.
     cube : Cube
-        The arm must not run into it,
+        Obstacle.
     spheres : np.ndarray, shape (K, 3)
-        nor into spheres with these centres, m.
+        Centres of spheres that are obstacles, m.
     rng : np.random.Generator
         Of starts, directions and approaches.
     starts : np.ndarray, shape (M, n), optional
-        Readings from which each is sought, so that the arm keeps its configuration; anywhere else.
+        Initial readings of each search, to keep the configuration of the arm; random if not given.
 
     Returns
     -------
     which : np.ndarray, shape (K,)
         Indices of the centres for which a contact was found.
     contacts : Contacts
-        Those, K of them.
+        The K contacts.
     """
     count = len(centres)
     tries = STARTS if starts is None else 1
@@ -123,29 +123,28 @@ def on_sphere(
     count: int,
     rng: np.random.Generator,
 ) -> Contacts | None:
-    """Contacts spread over the upper half of one of the spheres, in one configuration of the arm.
+    """Contacts distributed over the upper half of a sphere, in a single configuration of the arm.
 
     Parameters
     ----------
     arm : Arm
-        That which touches.
     cube : Cube
-        In its way.
+        Obstacle.
     spheres : np.ndarray, shape (K, 3)
-        Centres, m, of all that stand there.
+        Centres of all spheres, m.
     which : int
-        The sphere that is touched.
+        Index of the sphere that is touched.
     reach : float
         Radius of sphere and ball, m.
     count : int
-        Contacts wanted.
+        Number of contacts.
     rng : np.random.Generator
-        Of all choices.
+        For all random choices.
 
     Returns
     -------
     Contacts or None
-        None where the sphere cannot be reached well.
+        None where too little of the sphere can be reached.
     """
     up = cube.axes[:, 2]
     tops = np.tile(up, (3, 1))
@@ -154,7 +153,7 @@ def on_sphere(
         return None
 
     def around(homes: np.ndarray, tries: int) -> tuple[np.ndarray, np.ndarray, Contacts]:
-        """Contacts in directions of their own from every home: its index, their normals, and they."""
+        """Contacts in random directions from every configuration: its index, normals, contacts."""
         index = np.repeat(np.arange(len(homes)), tries)
         normals = cone(np.tile(up, (len(index), 1)), LOWEST, rng)
         goals = spheres[which] + reach * normals
@@ -171,7 +170,7 @@ def on_sphere(
         return None
     chosen = spread(normals, count)
     normals = normals[chosen]
-    # contacts on one side only would leave the centre undetermined
+    # with contacts on one side only the centre would not be identifiable
     weakest = np.linalg.svd(normals - normals.mean(axis=0), compute_uv=False)[-1] / np.sqrt(count)
     return found[chosen] if weakest > 0.2 else None
 

@@ -1,4 +1,4 @@
-"""Where the arm can go: inverse kinematics by damped least squares, and what stands in its way."""
+"""Reachable poses: inverse kinematics by damped least squares, limits and obstacles."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from bayescal.arm.chain import Chain, chain_of, frames, link_angles
 from bayescal.arm.robot import Robot
 
 MARGIN = np.radians(4.0)
-"""rad: how far from its limits a joint stays, so that a contact can still be closed."""
+"""rad: margin to the joint limits, so that a contact can still be closed."""
 
-BEHIND, FLOOR = -0.05, -0.1  # of the reach: how far behind and below the base the arm may be
+BEHIND, FLOOR = -0.05, -0.1  # relative to the reach: limits of the arm behind and below the base
 PASSES = 25
 STEP = 0.4  # rad a pass
-LEVER = 0.3  # m: arm at which a wrong direction weighs as much as a wrong place
-PLACE, DIRECTION = 1e-8, 1e-6  # m, rad: good enough to start a contact from
+LEVER = 0.3  # m: lever arm that weights direction errors against position errors
+PLACE, DIRECTION = 1e-8, 1e-6  # m, rad: tolerances of a solution
 
 
 @dataclass(frozen=True)
 class Arm:
-    """The nominal arm with its tool, as far as a planner needs it. `tool` (3,) m, in the flange frame."""
+    """The nominal arm with its tool, for planning. `tool` (3,) m, in the flange frame."""
 
     robot: Robot
     tool: np.ndarray
@@ -34,23 +34,23 @@ class Arm:
 
     @cached_property
     def sign(self) -> np.ndarray:
-        """Signs (n,) of the diagonal of `link_from_reading`: limits are told without them."""
+        """Signs (n,) of the diagonal of `link_from_reading`; limits are stated without them."""
         return np.where(np.diag(self.robot.link_from_reading) < 0, -1.0, 1.0)
 
     @cached_property
     def range(self) -> np.ndarray:
-        """Limits (2, n), rad, less the margin, and no more than one turn in all."""
+        """Limits (2, n), rad, reduced by the margin; a range of at most one revolution."""
         limits = np.clip(self.robot.limits, -2 * np.pi, 2 * np.pi)
         middle, half = limits.mean(axis=1), np.diff(limits, axis=1)[:, 0] / 2
         half = np.minimum(half - np.minimum(MARGIN, 0.2 * half), np.pi)
         return np.stack([middle - half, middle + half])
 
     def readings_of(self, angles: np.ndarray) -> np.ndarray:
-        """Readings (N, n), rad, of angles (N, n) in the terms of the limits."""
+        """Readings (N, n), rad, of angles (N, n) to which the limits apply."""
         return np.linalg.solve(self.robot.link_from_reading, (angles * self.sign).T).T
 
     def angles_of(self, readings: np.ndarray) -> np.ndarray:
-        """What the limits limit, (N, n), rad: rows of `link_from_reading`, the diagonal's sign taken out."""
+        """Angles (N, n), rad, to which the limits apply: by `link_from_reading` with a positive diagonal."""
         return readings @ self.robot.link_from_reading.T * self.sign
 
     def frames(self, readings: np.ndarray) -> np.ndarray:
@@ -63,20 +63,19 @@ class Arm:
 
     @cached_property
     def reach(self) -> float:
-        """How far from the base's origin the ball comes, m: nearly the farthest of many places."""
+        """Reach of the ball from the origin of the base, m: nearly the maximum over random poses."""
         ball = self.ball(self.frames(self.anywhere(4000, np.random.default_rng(0))))
         return float(np.percentile(np.linalg.norm(ball - self.chain.base[:3, 3], axis=1), 99))
 
     def beside(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places (..., 2) on the base's floor and heights (...) above it, m, of points (..., 3) in F0."""
+        """Horizontal positions (..., 2) and heights (...) above the base, m, of points (..., 3) in F0."""
         local = (points - self.chain.base[:3, 3]) @ self.chain.base[:3, :3]
         return local[..., :2], local[..., 2]
 
     def upright(self, pose: np.ndarray) -> np.ndarray:
-        """Which poses (M, n + 2, 4, 4) are such as an operator would choose, (M,).
+        """Which poses (M, n + 2, 4, 4) an operator could choose, (M,).
 
-        The arm faces what it touches (nothing of it is behind the base, as the ball sees it) and
-        keeps off the floor.
+        No part of the arm is behind the base, seen from the ball, or too far below it.
         """
         flat, height = self.beside(pose[:, 2:, :3, 3])
         to, _ = self.beside(self.ball(pose))
@@ -85,7 +84,7 @@ class Arm:
         return (ahead > BEHIND * self.reach) & (height.min(axis=1) > FLOOR * self.reach)
 
     def jacobian(self, pose: np.ndarray) -> np.ndarray:
-        """Derivatives (N, 6, n) of the ball's place (m/rad) and turn by the angles of the limits."""
+        """Derivatives (N, 6, n) of position (m/rad) and rotation of the ball by the limited angles."""
         axis, origin = pose[:, 1:-1, :3, 2], pose[:, 1:-1, :3, 3]
         slide = np.cross(axis, self.ball(pose)[:, None] - origin)
         return np.swapaxes(np.concatenate([slide, axis], axis=2), 1, 2) * self.sign
@@ -99,19 +98,18 @@ class Arm:
 def inverse(
     arm: Arm, starts: np.ndarray, centres: np.ndarray, axes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Readings that bring the ball's centre to a place and the flange's z to a direction.
+    """Readings for a position of the ball centre and a direction of the z axis of the flange.
 
-    The roll about that direction is left to the start. An arm of fewer than five joints is brought
-    to the place only.
+    The roll about that direction is free. For an arm with fewer than five joints only the position is solved.
 
     Parameters
     ----------
     arm : Arm
-        The nominal one.
+        The nominal arm.
     starts : np.ndarray, shape (M, n)
-        Readings to begin from, rad.
+        Initial readings, rad.
     centres, axes : np.ndarray, shape (M, 3)
-        Wanted ball centres, m, and directions, in F0.
+        Requested ball centres, m, and directions, in F0.
 
     Returns
     -------

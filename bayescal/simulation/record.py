@@ -1,4 +1,4 @@
-"""How the truth of a session is written down, and how wrong the nominal arm is."""
+"""The record of the ground truth of a session, and the errors of the nominal arm."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SCHEMA = "bayescal-truth/1"
 
 
 def nominal_errors(dataset: Dataset) -> dict[tuple[str, ...], float]:
-    """Error, m, of each certified distance as the nominal arm measures it: centres fitted, diameters held."""
+    """Error, m, of each certified distance measured by the nominal arm: centres fitted, diameters fixed."""
     p, rows = Scene(dataset).points, dataset.measurements
     radius = np.array([t.ball_radius for t in dataset.tools], float)[rows.tool]
     centres = {}
@@ -42,7 +42,7 @@ def nominal_errors(dataset: Dataset) -> dict[tuple[str, ...], float]:
 
 
 def key_of(unit: str) -> tuple[str, float]:
-    """Key of a value in a file, its unit in its name, and the factor to it from SI."""
+    """Key of a value in a file, with its unit, and the factor from SI."""
     name, factor = UNITS.get(unit, (unit, 1.0))
     suffix = re.sub(r"[^a-z0-9_]+", "", name.lower().replace("/", "_per_"))
     return ("value" if suffix in ("", "1") else f"value_{suffix}"), factor

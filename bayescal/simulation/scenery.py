@@ -1,4 +1,4 @@
-"""What stands in the workspace: a cube of granite and an artefact of spheres, nominal and true."""
+"""Objects in the workspace: a granite cube and an artefact with spheres, nominal and true."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ DIAMETER = 0.0508  # m, of the spheres: 2 inches
 U_DISTANCE, U_ANGLE = 3e-6, 1.2e-5  # m, rad: of the cube's certificate
 U_SPHERE = 1e-6  # m: of a sphere's diameter, and of a distance between spheres
 LONGEST = 0.3  # m, between spheres of the artefact
-CLEAR = 0.025  # m: what an arm keeps away from things, its axes being thinner than it is
+CLEAR = 0.025  # m: clearance of the axes of the arm to objects, for the thickness of the links
 
 FACES = {
     "+x": (0, 1.0), "-x": (0, -1.0), "+y": (1, 1.0), "-y": (1, -1.0), "+z": (2, 1.0)
@@ -36,7 +36,7 @@ class Cube:
         return float(self.normal(face) @ self.centre) + SIZE / 2
 
     def on(self, face: str, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Points (count, 3), m, spread over a face, away from its edges."""
+        """Points (count, 3), m, distributed over a face, away from its edges."""
         axis, _ = FACES[face]
         flat = rng.uniform(-0.43, 0.43, (count, 3)) * SIZE
         flat[:, axis] = 0.0
@@ -56,7 +56,7 @@ def layout(spheres: int, longest: float) -> np.ndarray:
 
 
 def clear(pose: np.ndarray, ball: np.ndarray, cube: Cube, spheres: np.ndarray) -> np.ndarray:
-    """Whether arms stay outside of the cube and the spheres. Coarse: an arm is the line of its frames.
+    """Whether arms are clear of the cube and the spheres. Approximate: an arm is the line of its frames.
 
     Parameters
     ----------
@@ -65,9 +65,9 @@ def clear(pose: np.ndarray, ball: np.ndarray, cube: Cube, spheres: np.ndarray) -
     ball : np.ndarray, shape (M, 3)
         Ball centres, m.
     cube : Cube
-        To stay out of.
+        Obstacle.
     spheres : np.ndarray, shape (K, 3)
-        Their centres, m.
+        Centres of spheres, m.
 
     Returns
     -------

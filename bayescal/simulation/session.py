@@ -1,4 +1,4 @@
-"""The session: what is touched, in which order, when, and with what hanging on the flange."""
+"""The plan of a session: targets, order, times and payloads."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from bayescal.simulation.reach import Arm
 from bayescal.simulation.scenery import Cube
 
 SET_UP, LUNCH = 120.0, 1800.0  # s: before the spheres of a placement, before the later contacts
-PACE = 6.0, 14.0  # s a contact
+PACE = 6.0, 14.0  # s per contact
 COLD, WARMER, WARMING = 22.0, 4.0, 3000.0  # degC, K, s
 
 
 @dataclass(frozen=True)
 class Visit:
-    """Contacts that are made one after the other: indices of their targets (M,), their repeat groups."""
+    """Consecutive contacts: indices of their targets (M,), their repeat groups."""
 
     role: str
     contacts: Contacts
@@ -33,7 +33,7 @@ class Visit:
 
 
 def plan(options: Options, robot: Robot) -> tuple[Dataset, Scenery]:
-    """The session as planned: readings at which the nominal arm touches the nominal targets.
+    """The planned session: readings at which the nominal arm touches the nominal targets.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def _calibrating(options: Options, arm: Arm, cube: Cube, faces: tuple[str, ...])
 def _shuffled(
     arm: Arm, cube: Cube, faces: tuple[str, ...], count: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, Contacts]:
-    """Contacts on all the faces alike, in random order, with the index of each one's face."""
+    """Equally many contacts on all faces, in random order, with the index of the face of each."""
     target = np.sort(rng.permutation(count) % len(faces))
     parts = []
     for k, face in enumerate(faces):
@@ -89,7 +89,9 @@ def _shuffled(
                 break
         else:
             raise BayescalError(
-                f"face {face} of the cube is hardly reached", arm.robot.name, "check its limits"
+                f"too few contacts on face {face} of the cube are within reach",
+                arm.robot.name,
+                "check its limits",
             )
     order = rng.permutation(count)
     return target[order], join(parts)[order]
@@ -122,7 +124,7 @@ def _measurements(options: Options, visits: list[Visit], faces: int) -> Measurem
 
 
 def _payload(options: Options, repeat: np.ndarray, on_plane: np.ndarray) -> np.ndarray | None:
-    """Payloads (N,), kg, on half of the plane contacts, alike within a repeat group; None without."""
+    """Payloads (N,), kg, for half of the plane contacts, equal within a repeat group; None without."""
     if not options.payload:
         return None
     rng = stream(options.seed, "payload")

@@ -1,4 +1,4 @@
-"""Touching: the readings at which the true arm's ball meets the true surface."""
+"""Contacts: the readings at which the ball of the true arm touches the true surface."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from factors.plane import Plane
 CLOSED = 1e-12  # m
 PASSES = 30
 CORRECTIONS = 4
-SETTLING, STILL = 8, 1e-15  # passes at most of the sag under the weights, and rad and m left when it is found
+SETTLING, STILL = 8, 1e-15  # iterations of the gravity deflection, and its tolerance, rad and m
 
 
 @dataclass(frozen=True)
 class World:
-    """What is true of a session: its effects, the arm's deviations from its drawing, the targets.
+    """Ground truth of a session: its effects, the deviations of the arm from nominal, the targets.
 
-    `deviations` gives those of a model's parameters, (P,), SI.
+    `deviations` gives the deviations of the parameters of a model, (P,), SI.
     """
 
     effects: tuple[str, ...]
@@ -33,9 +33,9 @@ class World:
     targets: tuple[Target, ...]
 
     def model(self, dataset: Dataset) -> Model:
-        """The true arm at a session's readings, its drivers included, before the true targets.
+        """The true arm at the readings of a session, with its drivers, and the true targets.
 
-        Its weights pull where it truly stands, sag included: a real arm's do.
+        Gravity acts at the true, deflected pose, as on a real arm.
         """
         scene, true = Scene(dataset), replace(dataset, targets=self.targets)
         for _ in range(SETTLING):
@@ -49,7 +49,7 @@ class World:
         return model
 
     def residuals(self, dataset: Dataset) -> np.ndarray:
-        """How far off the true surface, along its normal, each row's ball truly is, (N,), m."""
+        """Distance of the ball of each row from the true surface, along its normal, (N,), m."""
         model = self.model(dataset)
         values = self.deviations(model)
         rows = dataset.measurements.target
@@ -62,9 +62,9 @@ class World:
 
 
 def misstated(world: World, dataset: Dataset) -> World:
-    """The world with its faces moved, as little as does it, until the certificates have its error.
+    """The world with its faces moved by the smallest amount that gives the certificates their error.
 
-    Certificates speak of faces in the directions of the nominal ones, as a fit does.
+    Certificates refer to faces in their nominal directions, as in a fit.
     """
     arm = world.model(dataset)
     model = with_parameters(Scene(dataset), arm.effects, arm.parameters)
@@ -86,7 +86,7 @@ def misstated(world: World, dataset: Dataset) -> World:
 
 
 def _state_of(face: Target, block: Block) -> np.ndarray:
-    """A true face as the whitened state (3,) of the nominal one."""
+    """A true face as whitened state (3,) of the nominal face."""
     plane, normal = block.kind, np.asarray(face.values["normal"], float)
     assert isinstance(plane, Plane)
     tilt = plane.tangents @ normal / (plane.normal @ normal)
@@ -103,28 +103,28 @@ def _at(target: Target, model: Model, z: Mapping[str, np.ndarray]) -> Target:
 
 
 def touch(world: World, dataset: Dataset, shift: np.ndarray) -> Dataset:
-    """The session with every contact closed: each row goes on at its joint velocities until it touches.
+    """The session with every contact closed: each row moves at its joint velocities until it touches.
 
-    Torques and whatever else drives an effect are those at the readings found.
+    Torques and other drivers of effects are evaluated at the resulting readings.
 
     Parameters
     ----------
     world : World
-        What is true.
+        Ground truth.
     dataset : Dataset
-        Its readings are where the nominal arm touches the nominal targets; with velocities.
+        With readings at which the nominal arm touches the nominal targets, and velocities.
     shift : np.ndarray, shape (N,)
-        How far outside of the true surface each contact triggers, m: noise and gross errors.
+        Distance outside of the true surface at which each contact triggers, m: noise and gross errors.
 
     Returns
     -------
     Dataset
-        With the readings at which the contacts hold, to 1e-12 m.
+        With readings at which the ball touches the surface, to 1e-12 m.
 
     Raises
     ------
     BayescalError
-        If some contact cannot be closed: errors as large as that miss the target.
+        If a contact cannot be closed: the errors are so large that the ball misses the target.
     """
     start, velocity = dataset.measurements.readings, dataset.measurements.velocity
     assert velocity is not None
@@ -136,7 +136,7 @@ def touch(world: World, dataset: Dataset, shift: np.ndarray) -> Dataset:
 
     seconds = np.zeros(len(start))
     moved, off = after(seconds)
-    slope = (after(seconds + 1e-3)[1] - off) / 1e-3  # m/s: how fast the ball closes in
+    slope = (after(seconds + 1e-3)[1] - off) / 1e-3  # m/s: speed of the ball towards the surface
     for _ in range(PASSES):
         if np.all(np.abs(off) < CLOSED):
             return moved
@@ -144,11 +144,11 @@ def touch(world: World, dataset: Dataset, shift: np.ndarray) -> Dataset:
         seconds = seconds + step
         before = off
         moved, off = after(seconds)
-        far = np.abs(step) > 1e-7  # nearer, the difference is rounding
+        far = np.abs(step) > 1e-7  # below, the difference is rounding error
         slope = np.where(far, (off - before) / np.where(far, step, 1.0), slope)
         if not np.all(np.isfinite(slope) & (slope != 0)):
             break
     row = int(np.argmax(np.where(np.isfinite(off), np.abs(off), np.inf)))
     name = dataset.targets[dataset.measurements.target[row]].name
-    what = f"the arm with its errors never touches {name}"
+    what = f"the arm with its errors does not touch {name}"
     raise BayescalError(what, dataset.name, "give a smaller --error-scale, or another --seed")

@@ -1,4 +1,4 @@
-"""What is true of a simulated session, drawn apart from its plan: arm, targets, certificates, noise."""
+"""Ground truth of a simulated session, independent of its plan: arm, targets, certificates, noise."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from bayescal.simulation.artefacts import Scenery, sphere_names
 from bayescal.simulation.options import Options, stream
 from bayescal.simulation.scenery import DIAMETER, SIZE, U_ANGLE, U_DISTANCE, U_SPHERE
 
-TOOL_SD = 0.5e-3  # m: of a ball's place that nothing is stated of
-PLACE_SD, ANGLE_SD = 1e-3, 2e-3  # m, rad: how well a cube or an artefact is put where it is said to be
-OF_SESSION = ("thermal-drift", "step")  # effects that another session of the same arm has of its own
-OUTLIER = 30e-6, 1e-3  # m: least and most of a gross contact
+TOOL_SD = 0.5e-3  # m: of the position of a ball without a stated uncertainty
+PLACE_SD, ANGLE_SD = 1e-3, 2e-3  # m, rad: of the pose of a cube or an artefact against its stated one
+OF_SESSION = ("thermal-drift", "step")  # effects that differ between sessions of the same arm
+OUTLIER = 30e-6, 1e-3  # m: smallest and largest error of a gross contact
 
 
 def draws(options: Options, model: Model) -> np.ndarray:
-    """The true arm's deviations from its drawing (P,), SI, times the error scale.
+    """Deviations (P,) of the true arm from nominal, SI, times the error scale.
 
-    Each parameter is drawn from its prior by a generator of its own name: the same seed gives the
-    same arm, whichever effects are added to it. Effects of the session go by its own seed. What physics
-    keeps positive is drawn log-normal, as wide as its prior.
+    Each parameter is drawn from its prior with an independent generator: the same seed gives the same arm,
+    whichever effects are added. Effects of the session use the seed of the session. Physically positive
+    parameters are drawn from a log-normal distribution with the standard deviation of the prior.
     """
     out = np.empty(len(model.parameters))
     for k, p in enumerate(model.parameters):
@@ -40,7 +40,7 @@ def draws(options: Options, model: Model) -> np.ndarray:
 
 
 def true_targets(options: Options, scenery: Scenery) -> tuple[Target, ...]:
-    """The targets where they truly are: slightly misplaced, made to their certificates."""
+    """The true targets: with a small error of position, and in agreement with their certificates."""
     rng = stream(options.seed, "targets")
     cube, out = scenery.cube, []
     turn, shift = rpy_matrix(rng.normal(0, ANGLE_SD, 3)), rng.normal(0, PLACE_SD, 3)
@@ -51,10 +51,10 @@ def true_targets(options: Options, scenery: Scenery) -> tuple[Target, ...]:
         offset = normal @ (cube.centre + shift) + middle * (normal @ (turn @ cube.normal(face)))
         out.append(Target(f"cube.{face}", "plane", {"normal": normal, "offset": float(offset)}))
     placements, spheres = scenery.spheres.shape[:2]
-    made = rng.normal(0, 50e-6, (spheres, 3))  # the artefact is no better than its drawing; it is measured
+    made = rng.normal(0, 50e-6, (spheres, 3))  # manufacturing errors of the artefact, which is certified
     diameters = rng.normal(DIAMETER, U_SPHERE, (spheres,))
     names = iter(sphere_names(placements, spheres))
-    # the nominal frame: that of the first placement
+    # nominal frame: that of the first placement
     drawing = scenery.spheres[:1].sum(axis=0)
     drawing = drawing - drawing.mean(axis=0, keepdims=True) if spheres else drawing
     for centres in scenery.spheres:
@@ -70,7 +70,7 @@ def true_targets(options: Options, scenery: Scenery) -> tuple[Target, ...]:
 def distance_certificates(
     options: Options, scenery: Scenery, targets: Sequence[Target]
 ) -> tuple[Certificate, ...]:
-    """What the artefact's certificate says of its spheres: one value a pair, for all placements."""
+    """Certified distances of the spheres of the artefact: a value per pair, for all placements."""
     placements, spheres = scenery.spheres.shape[:2]
     names, rng = sphere_names(placements, spheres), stream(options.seed, "paper")
     at = {t.name: np.asarray(t.values["centre"]) for t in targets if t.kind == "sphere"}
@@ -87,7 +87,7 @@ def distance_certificates(
 
 
 def noise(options: Options, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """How far outside of the surface each contact triggers (N,), m, and which of them are gross."""
+    """Distance outside of the surface at which each contact triggers (N,), m, and which are gross."""
     rng = stream(options.seed, "noise")
     shift = options.noise * rng.normal(size=count)
     gross = np.sort(rng.choice(count, round(options.outliers * count), replace=False))
