@@ -1,4 +1,4 @@
-"""The diagnosis, end to end: fit, search, weigh, refit, and all that is to be said of it."""
+"""A complete diagnosis: fit, search, verdict, refit, and all results."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Examined:
-    """One baseline and everything that was weighed beside it."""
+    """A baseline and all hypotheses that were evaluated with it."""
 
     fitted: Estimate
     circumstances: Circumstances
@@ -66,7 +66,7 @@ class Examined:
 
 
 def with_compliance(c: Circumstances, fitted: Estimate) -> Circumstances:
-    """Circumstances with the compliances that a fit found: other effects act through them."""
+    """Circumstances with the fitted compliances: other effects act through them."""
     known = expected(c.robot).copy()
     values = fitted.model.physical(fitted.z)
     for value, p in zip(values, fitted.model.parameters, strict=False):
@@ -88,9 +88,9 @@ def examine(
     without: Sequence[Part] = (),
     further: bool = False,
 ) -> Examined:
-    """Fit a baseline where the arm was found to stand, and weigh everything that it leaves out.
+    """Fit a baseline at the deflected pose of the arm, and evaluate all effects that it lacks.
 
-    `further` says that something was named before.
+    `further`: an effect was named before.
     """
     fitted = calibrated(scene, effects, prior_width, robust, without)
     stands = fitted.model.scene
@@ -110,7 +110,7 @@ def _weighed(
     fitted: Estimate, noise: Estimate, c: Circumstances, known: Candidates, nuisance: Sequence[Parameter],
     robust: bool, further: bool,
 ) -> Examined:  # fmt: skip
-    """Weigh all that a fit leaves out, with orientations as noisy beside lengths as in the fit `noise`."""
+    """Evaluate all effects that a fit lacks, with the noise ratio of orientations to lengths of `noise`."""
     effects, generic = fitted.model.effects, cells(c)
     scale = dict(fitted.weights.scale)
     if ORIENTATION in scale:
@@ -139,19 +139,19 @@ def _looseness(fitted: Estimate) -> float:
 
 
 def _alike(a: Estimate, b: Estimate) -> bool:
-    """Whether orientations are as noisy by both: an error that they alone see passes for noise at first."""
+    """Whether the noise ratio is equal in both: an error of orientations only first looks like noise."""
     return bool(abs(np.log(_looseness(a) / _looseness(b))) < np.log(VERDICT.alike))
 
 
 @dataclass(frozen=True)
 class Explained:
-    """A baseline, what was named beside it, and the validation residuals of both."""
+    """A baseline, the named effects, and the validation residuals of both models."""
 
     first: Examined
     last: Examined  # the same, or with compliance in the model where that was `promoted`
     promoted: bool
     before: ValidationErrors  # of the baseline
-    final: Estimate  # with what was named
+    final: Estimate  # with the named effects
     after: ValidationErrors
 
     @property
@@ -168,7 +168,7 @@ def explain(
     without: Sequence[Part] = (),
     progress: Progress = lambda stage, fraction: None,
 ) -> Explained:
-    """Name what a baseline leaves out, as far as validation measurements confirm it; see `diagnose`."""
+    """Name effects that a baseline lacks, if validation measurements confirm them; see `diagnose`."""
     progress("estimate", 0.0)
     first = examine(scene, effects, robust, prior_width, without)
     progress("search", 0.3)
@@ -196,22 +196,22 @@ def diagnose(
     ----------
     dataset : Dataset
     effects : tuple of str
-        The model as it stands: names of `effects.EFFECTS`.
+        The baseline model: names of `effects.EFFECTS`.
     seed : int
-        Of intervals; one seed, one result.
+        Of intervals; the same seed gives the same result.
     robust : bool
-        Let every hypothesis leave out its outliers.
+        Exclude the outliers of every hypothesis.
     prior_width : float
         Factor on the prior standard deviations of the arm.
     progress : callable
-        Told the stage and the fraction of it that is done.
+        Called with the stage and its completed fraction.
     without : sequence of str
         Parts of the effects that the model lacks and that are candidates: 'geometry at joint 4'; see `Part`.
 
     Raises
     ------
     BayescalError
-        Where the session cannot be fitted, or the model has no such part, with the reason.
+        If the session cannot be fitted, or the model has no such part, with the reason.
     """
     check_asked(effects, prior_width)
     parts = parts_of(without, effects)
@@ -274,7 +274,7 @@ def _confirmed(
 
 
 def _where(first: Examined, last: Examined, promoted: bool, noise: float) -> tuple[Place, ...]:
-    """Places of compliance where that was missing, then of all else; shares are of one excess."""
+    """Locations of compliance where that was missing, then all others; shares of the same excess."""
     out: tuple[Place, ...] = ()
     null = first.search.hypotheses[frozenset()].state
     chosen, size = last.decision.hypothesis, last.fitted.model.size
@@ -288,9 +288,9 @@ def _where(first: Examined, last: Examined, promoted: bool, noise: float) -> tup
 
 
 def _excess(null: State, chosen: State, noise: float) -> float:
-    """Excess variance of a contact's lengths under the model as it stands, m2.
+    """Excess variance of the lengths of a contact under the baseline, m2.
 
-    Over the noise, or, where that is known less well, over what the chosen hypothesis leaves.
+    Over the noise or, where that is less certain, over the residual variance of the chosen hypothesis.
     """
     p = null.problem
     keep = chosen.weight[: p.lengths] > 0
@@ -300,7 +300,7 @@ def _excess(null: State, chosen: State, noise: float) -> float:
 
 
 def _promoted(first: Examined) -> bool:
-    """Whether a model without compliance is to be judged with it: much else acts through compliance."""
+    """Whether compliance is added to a model without it: many effects act through compliance."""
     if COMPLIANCE not in first.candidates.variants:
         return False
     sets = first.search.hypotheses
@@ -311,7 +311,7 @@ def _promoted(first: Examined) -> bool:
 
 
 def _verdict(e: Examined, without: Decision | None) -> Verdict:
-    """The verdict; `without` is what was decided while compliance was missing from the model, if it was."""
+    """The verdict; `without` is the decision for the model without compliance, if that was missing."""
     d = e.decision
     probability = dict(d.probability)
     named = [_named(m, d, e) for m in d.members]
@@ -321,7 +321,7 @@ def _verdict(e: Examined, without: Decision | None) -> Verdict:
         probability |= {COMPLIANCE: sure, "null": without.probability["null"]}
         compliance = Named(COMPLIANCE, COMPLIANCE, (), "", sure, without.lost(COMPLIANCE))
         named = [compliance, *named]
-        # where nothing is left beside it, nothing is confounded with it either
+        # without any further effect, no effect is confounded with it
         credible = (COMPLIANCE,) if kind == "null" else (COMPLIANCE, *credible)
         kind = {"null": "named", "unknown": "named+unexplained"}.get(kind, kind)
     return Verdict(
@@ -346,7 +346,7 @@ def _levels(
     scene: Scene, effects: tuple[str, ...], width: float, robust: bool, without: Sequence[Part],
     found: Explained,
 ) -> list[tuple[tuple[str, ...], Estimate]]:  # fmt: skip
-    """Nominal, each effect of the baseline, then each that was named, in the order in which they entered."""
+    """Nominal, each effect of the baseline, then each named effect in the order of the search."""
     out: list[tuple[tuple[str, ...], Estimate]]
     out = [(("nominal",), estimate(with_parameters(scene, (), ()), robust=robust))]
     if effects[:1] == ("geometry",):
@@ -381,7 +381,7 @@ def _rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:
 
 
 def _residuals(before: Estimate, after: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of the session, and lengths left before and after at each, m."""
+    """Rows of the session, and residual lengths before and after at each, m."""
     rows, old, new = [], [], []
     for a, b in zip(length_blocks(before.model), length_blocks(after.model), strict=True):
         rows.append(np.tile(a.rows, a.kind.rows))

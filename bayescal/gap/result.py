@@ -1,6 +1,6 @@
-"""What a diagnosis says, as frozen records: terminal, gap.json and pictures are made from these alone.
+"""The result of a diagnosis as frozen records, from which terminal, gap.json and figures are made.
 
-All values SI (m, rad) but for the coordinates of curves; `Gap` holds the rest.
+All values are in SI (m, rad), except the coordinates of curves. `Gap` contains all other records.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ VERDICTS = ("null", "named", "named+unexplained", "unknown", "ambiguous")
 
 @dataclass(frozen=True)
 class Measured:
-    """Something measured beside what the calibrated model's own simulation of the session predicts, m."""
+    """A measured RMS error and its prediction by sessions simulated with the calibrated model, m."""
 
     what: str  # "validation contacts", "sphere distances", "validation points"
     count: int
@@ -31,14 +31,14 @@ class Measured:
 
 @dataclass(frozen=True)
 class Magnitude:
-    """How big the gap is, m."""
+    """Size of the gap, m."""
 
     validation: str  # how: "validation rows", or "leave-one-out cross-validation" where there are too few
     validation_rms: float
-    noise: float  # of one contact
+    noise: float  # of a contact
     noise_interval95: tuple[float, float]
     noise_from: str  # "repeats", "fit" (of the last model) or "stated"
-    excess: float  # root of the difference of squares, 0 where the noise is no smaller
+    excess: float  # root of the difference of squares, 0 where the noise is larger
     excess_interval95: tuple[float, float]
     measured: tuple[Measured, ...]
 
@@ -47,78 +47,79 @@ class Magnitude:
 class Curve:
     """Residual along the coordinate that explains it, and the fitted function, at the fitted contacts."""
 
-    coordinate: str  # with its unit, e.g. "reading of joint 4 (deg)"; "" where no single coordinate tells
+    coordinate: str  # with its unit, e.g. "reading of joint 4 (deg)"; "" without a single coordinate
     x: np.ndarray  # (C,) in that unit
     residual: np.ndarray  # (C,) m, under the model without this cell
-    fitted: np.ndarray  # (C,) m, what the cell explains of it
+    fitted: np.ndarray  # (C,) m, the part that the cell explains
     rows: np.ndarray  # (C,) of the session
-    lever: np.ndarray | None = None  # (C,) residual a unit of displacement, where the site has one axis
+    lever: np.ndarray | None = None  # (C,) residual per unit of displacement, where the site has one axis
     unit: str = ""  # SI, of that displacement: "rad" or "m"
 
 
 @dataclass(frozen=True)
 class Place:
-    """A site and a driver, and what of the gap lies there."""
+    """A location (site and driver) and its part of the gap."""
 
     site: Site
     driver: Driver
-    rms: float  # m, of what it explains at the fitted contacts, freed of what the model absorbs
+    rms: float  # m, of the part that it explains at the fitted contacts and the model does not absorb
     share: float  # of the excess variance
     p_value: float
-    family_p_value: float  # corrected for all cells that were looked at
-    log_evidence: float  # nats over nothing
+    family_p_value: float  # corrected for all cells
+    log_evidence: float  # nats, relative to noise only
     explained_by: str  # the named effect that it belongs to, or ""
     curve: Curve
 
 
 @dataclass(frozen=True)
 class Margin:
-    """One bin of a margin: residuals of calibration and validation contacts, m."""
+    """A bin of a margin: residuals of calibration and validation contacts, m."""
 
-    label: str  # "cube.+x", "joint 4: -90 to -30 deg", "0 to 9 min", ...
+    label: str  # key in gap.json: "cube.+x", "joint 4: -90 to -30 deg", "joint 3 turning +", ...
+    text: str  # the same for reports: "J4 from -90 to -30 deg", "direction of motion of J3, positive"
     count: int
     rms: float
     mean: float
-    p_value: float  # that noise alone leaves so much, corrected for all bins of all margins
+    p_value: float  # of noise only, corrected for all bins of all margins
 
 
 @dataclass(frozen=True)
 class Named:
-    """An effect that the verdict commits to."""
+    """A named effect."""
 
     effect: str
-    model: str  # as --model takes it: "backlash", "step@212"
-    sites: tuple[Site, ...]  # where; () for all its sites
-    setting: str  # in words, or ""
+    model: str  # in the form of --model: "backlash", "step@212"
+    sites: tuple[Site, ...]  # () for all its sites
+    setting: str  # as text, or ""
     probability: float
-    log_evidence: float  # nats that the data lose without it
+    log_evidence: float  # nats, relative to the same set without it
 
     @property
     def site(self) -> str:
-        """Its sites in words, "" for all."""
+        """Its sites as text, "" for all."""
         return words_of(self.sites)
 
 
 @dataclass(frozen=True)
 class Hypothetical:
-    """A set of effects that was weighed."""
+    """A set of effects with its probability."""
 
     effects: tuple[str, ...]  # () is null; may end with "unknown"
     probability: float
-    log_evidence: float  # over null
+    log_evidence: float  # nats, relative to noise only
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Which effect."""
+    """The verdict and its probabilities."""
 
     kind: str  # one of VERDICTS
     named: tuple[Named, ...]
-    probability: Mapping[str, float]  # of null, unknown and every effect that was judged
+    probability: Mapping[str, float]  # of null, unknown and every effect that was assessed
     credible_set90: tuple[str, ...]
-    hypotheses: tuple[Hypothetical, ...]  # the weightiest first
-    footnotes: tuple[str, ...]  # effects too small to matter, in words
-    missing: Mapping[str, str]  # effects that cannot be judged, and why
+    hypotheses: tuple[Hypothetical, ...]  # the most probable first
+    footnotes: tuple[str, ...]  # effects too small to be relevant, as text
+    missing: Mapping[str, str]  # effects that were not assessed, and the reason
     notes: tuple[str, ...]  # as text: backlash or delayed readings, limits of a probability
 
 
@@ -130,12 +131,12 @@ class Shrinkage:
     count: int
     before: float
     after: float
-    floor: float  # what noise alone leaves
-    removed: float  # fraction of the excess variance; nan where there was no excess
+    floor: float  # expected RMS for a correct model
+    removed: float  # share of the excess variance removed; nan without an excess
     removed_interval95: tuple[float, float]
-    predicted_before: float  # rms that the refitted model expects of the baseline, from fitted rows alone
-    predicted: float  # rms that the refitted model expects of itself
-    claimed: bool  # False where the refitted model expects no better than before
+    predicted_before: float  # RMS that the refitted model predicts for the baseline, from fitted rows only
+    predicted: float  # RMS that the refitted model predicts for itself
+    claimed: bool  # False where the refitted model predicts no improvement
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Advice:
-    """What to probe next to tell two effects apart."""
+    """Next measurements that distinguish two explanations."""
 
     separates: tuple[str, str]
     what: str
@@ -163,14 +164,14 @@ class Advice:
 
 @dataclass(frozen=True)
 class BlindSpot:
-    """What could be there at a plausible size, unseen by these data."""
+    """An effect of plausible amplitude that these data would not detect."""
 
     effect: str
     site: Site
-    smallest: float  # amplitude that would be named, SI
+    smallest: float  # minimum detectable amplitude, SI
     plausible: float  # prior standard deviation, SI
     unit: str  # SI, a key of effects.UNITS
-    distance_error: float  # m rms that the plausible size would do to a sphere distance; nan if unknown
+    distance_error: float  # RMS error of a sphere distance at the plausible amplitude, m; nan if unknown
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Every number that a diagnosis rests on, by room: what it is, its unit, and where it comes from.
+"""All settings of a diagnosis, by topic: meaning, unit and origin.
 
 *Convention* marks a level that is usual in statistics, *assumed* a value set by judgement, *tuned* a value
 chosen on simulated sessions with known ground truth (`worlds-dev`, `worlds-dev-2` and sessions of
@@ -38,7 +38,7 @@ class SearchSettings:
     """Prior probabilities of hypotheses, and the beam that looks for them."""
 
     null: float = 0.15
-    """Prior probability that nothing is left out (assumed)."""
+    """Prior probability of the noise-only model (assumed)."""
     single: float = 0.65
     """Prior probability of one effect of the vocabulary, shared among its effects (assumed)."""
     unknown: float = 0.2
@@ -46,11 +46,11 @@ class SearchSettings:
     further: float = 0.2
     """Prior odds of each further effect, shared among the vocabulary (assumed)."""
     other_forms: float = 0.3
-    """Share of an effect's prior that its other forms have together, where they differ (tuned)."""
+    """Share of the prior of an effect for all of its other forms together, where they differ (tuned)."""
     first_gain: float = -5.0
-    """Nats that a single effect must bring to be fitted (cost)."""
+    """Gain, nats, from which on a single effect is fitted (cost)."""
     further_gain: float = 2.0
-    """Nats that a further effect must bring to be fitted (cost)."""
+    """Gain, nats, from which on a further effect is fitted (cost)."""
     width: int = 5
     """Hypotheses of one size that are extended (cost)."""
     largest: int = 6
@@ -58,20 +58,20 @@ class SearchSettings:
     below_null: float = 3.0
     """Nats below the noise-only model from which on a hypothesis is not extended (cost)."""
     below_best: float = 12.0
-    """Nats below the best hypothesis from which on one is not extended (cost)."""
+    """Nats below the best hypothesis from which on a hypothesis is not extended (cost)."""
     detectable: float = 9.0
     """Detectability lambda that an effect must reach at its largest size to be a candidate: 3 sigma."""
     whole_scan: int = 64
     """Settings up to which all of a scan are candidates (cost)."""
     screened: int = 12
-    """Settings of a wider scan that become candidates; the others hardly count (cost)."""
+    """Settings of a wider scan that become candidates; the others are negligible (cost)."""
     chunk: int = 24
     """Settings whose columns are in memory at a time (cost)."""
 
 
 @dataclass(frozen=True)
 class CellSettings:
-    """Generic cells: shapes that stand for an effect outside the vocabulary."""
+    """Generic cells: functions that represent an effect outside the vocabulary."""
 
     waves: int = 4
     """Half periods of a smooth function over the range of its coordinate (assumed)."""
@@ -82,9 +82,9 @@ class CellSettings:
     bump_widths: tuple[float, ...] = (0.04, 0.1)
     """Standard widths of a defect at one angle of a joint, rad (assumed)."""
     moments: int = 16
-    """Rows at which a sudden change is tried, a site (cost)."""
+    """Rows at which a sudden change is tried, per site (cost)."""
     swings: tuple[float, ...] = tuple(2.0 + 0.75 * k for k in range(25))
-    """Periods that a swinging base may make in a session (assumed: 2 to 20)."""
+    """Periods per session of an oscillating base (assumed: 2 to 20)."""
     region_grid: tuple[float, ...] = (-1.0, -0.5, 0.0, 0.5, 1.0)
     """Centres of regions of the workspace along each base axis, half extents (cost)."""
     region_size: float = 0.5
@@ -94,7 +94,7 @@ class CellSettings:
     fewest_on_spot: int = 3
     """Contacts that must lie on a spot of a face (assumed)."""
     bends: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
-    """Quantiles of the contacts' angles beyond which an error may set in (cost)."""
+    """Quantiles of the joint angles at which an error may begin (cost)."""
     memory: tuple[float, ...] = (50.0, 150.0)
     """Time constants of a joint that creeps, s (assumed)."""
     fewest: int = 12
@@ -112,27 +112,27 @@ class UnknownSettings:
     faces: float = 0.1
     """Prior probability of a site on a face, shared among the faces (assumed)."""
     tried: int = 3
-    """Cells that are fitted with outliers of their own (cost)."""
+    """Cells that are fitted with their own outliers (cost)."""
     large: float = 50.0
-    """Nats from which a cell is fitted: it lowers the noise, and priors then weigh less (assumed)."""
+    """Gain, nats, from which on a cell is fitted: it reduces the noise and the weight of priors (assumed)."""
 
 
 @dataclass(frozen=True)
 class VerdictSettings:
-    """What a verdict commits to."""
+    """The decision on the verdict."""
 
     leaders: int = 4
-    """Hypotheses beside which an unknown effect is tried (cost)."""
+    """Hypotheses to which an unmodelled effect is added (cost)."""
     beside: float = 0.1
-    """Prior odds of an unknown effect beside named ones (assumed)."""
+    """Prior odds of an unmodelled effect in addition to named ones (assumed)."""
     null_enough: float = 0.2
-    """Probability of the noise-only model from which on nothing is named (assumed)."""
+    """Probability of the noise-only model from which on no effect is named (assumed)."""
     sure: float = 0.5
     """Probability from which on an effect is named (convention: more likely than not)."""
     credible: float = 0.9
-    """Probability that the credible set holds (convention)."""
+    """Probability of the credible set (convention)."""
     form: float = 0.04
-    """Share of its nats that an unknown effect loses: a cell also fits errors of a named form (tuned)."""
+    """Discount on the nats of an unmodelled effect: a cell also fits errors of a named form (tuned)."""
     same_course: float = 0.06
     """The same where a leading hypothesis has an effect at that site along that coordinate (tuned)."""
     same_place: float = 0.15
@@ -140,35 +140,35 @@ class VerdictSettings:
     footnote: float = 0.05
     """Share of the named variance below which an effect is a footnote (assumed)."""
     kept: float = 5.0
-    """Nats that a name must be worth beside an unknown effect to be kept (assumed)."""
+    """Nats that a named effect must gain over an unmodelled effect to remain named (assumed)."""
     far: float = 4.0
     """Softened nats between confusable effects from which on one leaves the credible set (assumed)."""
     soft: float = 0.6
     """Share of the nats between confusable effects that counts (tuned: forms are known to 10 or 20 %)."""
     promoted: float = 3.0
-    """Nats that compliance must bring for a model without it to be judged with it (assumed)."""
+    """Gain of compliance, nats, from which on it is added to a model without it (assumed)."""
     alike: float = 1.1
-    """Factor up to which two noise scales are alike (assumed)."""
+    """Factor up to which two noise scales are regarded as equal (assumed)."""
     doubt: float = 0.05
-    """Probability from which on a rival of the leading hypothesis gets advice (convention)."""
+    """Probability of an alternative from which on measurements are advised (convention)."""
     advised: int = 3
-    """Rivals that get advice at most (cost)."""
+    """Maximum number of such alternatives (cost)."""
     listed: int = 12
     """Hypotheses that are reported (cost)."""
 
 
 @dataclass(frozen=True)
 class GateSettings:
-    """The gate of the validation data, which a named effect must not make worse."""
+    """The test by validation data: a named effect must not increase validation errors."""
 
     loss: float = 3.0
-    """Nats of log predictive density by which validation rows have become less likely (assumed)."""
+    """Decrease of the log predictive density of validation rows, nats (assumed)."""
     errors: float = 2.0
     """The same in standard errors of the difference (convention)."""
     worse: float = 1.1
-    """Factor by which the rms error of validation rows has grown (assumed)."""
+    """Factor of increase of the RMS error of validation rows (assumed)."""
     grown: float = 1.5
-    """Factor by which the rms error of distances has grown, over what was expected too (assumed)."""
+    """Factor of increase of the RMS error of distances, also relative to the expected one (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -176,31 +176,31 @@ class OutcomeSettings:
     """What is reported of a verdict: levels, locations, margins, noise."""
 
     gross_share: float = 0.02
-    """Share of validation contacts that may lie anywhere, under every model alike (assumed)."""
+    """Share of gross validation contacts, the same for every model (assumed)."""
     gross_width: float = 1e-2
-    """Width over which they may, m a residual (assumed)."""
+    """Width of the uniform distribution of their residuals, m (assumed)."""
     apart: float = 3.0
     """Nats from which on the data favour backlash over delayed readings, or the reverse (convention)."""
     plain: float = 8.0
-    """Nats from which on an error by the direction of approach is remarked on (assumed)."""
+    """Nats from which on a note reports an error that depends on the direction of motion (assumed)."""
     loose: float = 4.0
-    """Expected validation error over the noise from which on the arm is called uncertain (assumed)."""
+    """Ratio of expected validation error to noise from which on a warning is given (assumed)."""
     grown: float = 1.02
-    """Factor on validation errors from which on they have grown (assumed)."""
+    """Factor of increase of validation errors from which on a warning is given (assumed)."""
     no_excess: float = 0.05
-    """Level of the test for an excess over the noise, one observation a block (convention)."""
+    """Level of the test for an excess over the noise, with one observation per block (convention)."""
     many: float = 1e6
-    """Degrees of freedom of a noise that is known."""
+    """Degrees of freedom of a known noise."""
     places: int = 6
-    """Locations that are listed at most."""
+    """Maximum number of listed locations."""
     places_left: int = 2
-    """Locations of what was not named that are listed at least."""
+    """Minimum number of listed locations without a named effect."""
     places_named: int = 3
-    """Locations of each named effect that are listed at most."""
+    """Maximum number of listed locations of each named effect."""
     significant: float = 0.01
-    """Family p-value up to which a further location is looked for beside those found (convention)."""
+    """Family p-value up to which a further location is searched for (convention)."""
     fewest_in_bin: int = 4
-    """Contacts that make a bin of a margin (assumed)."""
+    """Minimum number of contacts in a bin of a margin (assumed)."""
     joint_bins: int = 4
     """Bins of a joint's reading."""
     joints_shown: int = 2
@@ -210,47 +210,47 @@ class OutcomeSettings:
     smallest_span: float = 20e-3
     """Extent of the contacts along a base axis, m, below which the workspace is not halved (assumed)."""
     gathered: float = 0.25
-    """Share of a bin's contacts from which on rejected ones are no slips, and count (assumed)."""
+    """Share of rejected contacts in a bin from which on they are not regarded as slips (assumed)."""
     absorbed: float = 0.05
-    """Share of a bin's mean that must survive the fit for the mean to be tested (assumed)."""
+    """Share of the mean of a bin that the fit must not absorb, for a test of the mean (assumed)."""
     fewest_dof: float = 5.0
-    """Degrees of freedom below which a fit's residuals do not tell the noise (assumed)."""
+    """Degrees of freedom of a fit from which on its residuals are used to estimate the noise (assumed)."""
     normals: int = 2_000_000
-    """Normals drawn at most for a posterior predictive (cost)."""
+    """Maximum number of normal draws for a posterior predictive (cost)."""
 
 
 @dataclass(frozen=True)
 class DesignSettings:
-    """Advice and blind spots: possible contacts and what they would show."""
+    """Advice and blind spots: candidate contacts and their detectability."""
 
     contacts: int = 40
-    """New contacts that advice is given for."""
+    """Number of new contacts in an advice."""
     better: float = 1.2
-    """Factor over the lambda of the same poses once more that an intervention must reach (assumed)."""
+    """Factor of an intervention over the lambda of the repeated poses, required for advice (assumed)."""
     least: float = 2.0
     """Lambda that the best intervention must reach to be advised (assumed)."""
     poses: int = 120
-    """Poses of the session among which new contacts are chosen at most (cost)."""
+    """Maximum number of poses of the session from which new contacts are chosen (cost)."""
     payload: float = 2.0
     """Mass added by the intervention with a payload, kg."""
     faster: float = 4.0
-    """Factor on the recorded velocities of the intervention that touches faster."""
+    """Factor on the recorded velocities in the intervention with faster contacts."""
     turning: float = 4.0
-    """Factor on the recorded velocities of the intervention that turns about the ball."""
+    """Factor on the recorded velocities in the intervention that rotates about the stylus tip."""
     still: float = 1e-6
-    """Share of a wished turn below which an arm cannot turn about its ball (rounding)."""
+    """Share of a requested rotation below which an arm cannot rotate about its stylus tip (rounding)."""
     least_u: float = 1e-7
     """Smallest standard uncertainty of a certified distance, m (rounding)."""
     roughly: float = 1e-3
     """Prior standard deviation of a located centre, m: smaller than the dataset's, for rounding."""
     changed: float = 1e-9
-    """Change of a whitened column that counts as one (rounding)."""
+    """Smallest relevant change of a whitened column (rounding)."""
     named: float = 50.0
-    """Detectability lambda from which on an effect is named nearly always (assumed)."""
+    """Detectability lambda from which on an effect is nearly always named (assumed)."""
     rounding: float = 1e-11
-    """Share of a column's square that is rounding once it is projected."""
+    """Share of the square of a column below which its projection is rounding error."""
     pairs: int = 200
-    """Pairs of points that stand in for certified distances (cost)."""
+    """Pairs of points that replace certified distances (cost)."""
     apart: float = 50e-3
     """Least distance of such a pair, m (assumed)."""
     points: int = 64

@@ -33,7 +33,7 @@ def summary(simulation: Simulation) -> str:
     rows = dataset.measurements
     names = [dataset.targets[i].name for i in rows.target]
     counts = Counter(zip(names, rows.role, strict=True))
-    lines = [f"{dataset.name}: {dataset.robot.name}, {', '.join(truth['effects']) or 'as drawn'}"]
+    lines = [f"{dataset.name}: {dataset.robot.name}, {', '.join(truth['effects']) or 'nominal'}"]
     for target in dataset.targets:
         if target.kind == "plane":
             fitted, held = counts[target.name, "calibrate"], counts[target.name, "validate"]

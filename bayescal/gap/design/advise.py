@@ -1,8 +1,9 @@
 """Advice: what to measure next to distinguish two explanations of the gap.
 
-Contacts that were made are repeated in thought under other circumstances (`interventions`). How well A shows
-once the model *and* B are free to absorb it, lambda, grows by e^2 / (1 + v) with each contact, where e is
-what B predicts wrongly of it and v how uncertain B's prediction is: closed form, no simulation, no refit.
+Candidate contacts are contacts of the session, repeated under other conditions (`interventions`). The
+detectability lambda of A, with the parameters of the model *and* of B free, grows by e^2 / (1 + v) with each
+contact, where e is the error of the prediction by B and v its variance: closed form, without simulation or
+refit.
 """
 
 from __future__ import annotations
@@ -24,16 +25,16 @@ NOTHING = "noise only"
 def choose(
     sides: Sequence[Side], contact: np.ndarray, pose: np.ndarray, count: int
 ) -> tuple[list[int], float]:
-    """Contacts, the best first, each of which raises the smaller lambda of the sides most; and that lambda.
+    """Contacts, the best first, each with the largest increase of the smaller lambda; and that lambda.
 
     Parameters
     ----------
     sides : sequence of Side
-        Over the same R residuals of possible contacts.
+        For the same R residuals of candidate contacts.
     contact : np.ndarray, shape (R,)
         The contact of each residual, counted from 0.
     pose : np.ndarray, shape (contacts,)
-        The row of the session that each has its pose from: none is chosen twice.
+        The row of the session with its pose; no pose is chosen twice.
     count : int
     """
     left = np.zeros(len(pose))
@@ -55,29 +56,29 @@ def advise(
     pairs: Sequence[tuple[Hypothesis, Hypothesis]],
     contacts: int = DESIGN.contacts,
 ) -> tuple[Advice, ...]:
-    """What to measure next to distinguish each pair of hypotheses: the best intervention, or the best two.
+    """Next measurements to distinguish each pair of hypotheses: the best intervention, or the best two.
 
     Parameters
     ----------
     fitted : Estimate
         The baseline.
     known : Candidates
-        Those that the hypotheses chose from.
+        Of the search.
     pairs : sequence of (Hypothesis, Hypothesis)
-        What both have in common belongs to the model.
+        Effects that both contain belong to the model.
     contacts : int
         New contacts.
 
     Returns
     -------
     tuple of Advice
-        Where no intervention is much better than the same poses once more, those; nothing for a pair whose
-        lambda no lever brings to `DESIGN.least`.
+        The same poses again where no intervention is much better; none for a pair for which no intervention
+        reaches the lambda `DESIGN.least`.
 
     Notes
     -----
     Either of the two may be the true one: lambda is the smaller, of A beside B and of B beside A, each
-    at its fitted amplitude, so that neither of the two can replace the other.
+    at its fitted amplitude, so that neither can replace the other.
     """
     members = [m for pair in pairs for h in pair for m in h.members]
     if not members:

@@ -1,7 +1,7 @@
-"""Blind spots: what could be there at a plausible size, unseen, and what it would do to distances.
+"""Blind spots: effects of plausible amplitude that are not detectable, and the resulting distance errors.
 
-All linear at one state. An effect's column x, freed of what the model absorbs, has visible strength
-x'Mx; what the calibration takes up in its place, z = Cov J'x, moves every centre found by touching.
+All is linear at one state. The column x of an effect, projected off the model, has the detectability x'Mx.
+The calibration absorbs z = Cov J'x of it, which displaces every located centre.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Seat:
 
 
 def seats(known: Candidates, named: Sequence[str] = ()) -> list[Seat]:
-    """Sites of every candidate but the named ones, in the effect's usual setting, else in its middle one."""
+    """Sites of every candidate except the named ones, in the usual setting, else the middle one."""
     out: list[Seat] = []
     for effect, variants in known.variants.items():
         if effect in named:
@@ -54,7 +54,7 @@ def seats(known: Candidates, named: Sequence[str] = ()) -> list[Seat]:
 def blind_spots(
     fitted: Estimate, known: Candidates, p: Problem, state: State, named: tuple[str, ...] = ()
 ) -> tuple[BlindSpot, ...]:
-    """What every effect that is neither in the model nor named could do, the most harmful first.
+    """Detectability of every effect that is neither in the model nor named, largest distance error first.
 
     Parameters
     ----------
@@ -64,24 +64,24 @@ def blind_spots(
         Their pool is that of `p`.
     p : Problem
     state : State
-        Baseline and named effects: what absorbs, with its weights and noise.
+        Baseline and named effects, with weights and noise.
     named : tuple of str
-        Effects that are not judged.
+        Effects that are not assessed.
 
     Returns
     -------
     tuple of BlindSpot
-        One an effect; `unseen` keeps those that are blind spots.
+        One per effect; `unseen` selects the blind spots.
 
     Notes
     -----
-    A site's parameters (of one unit) are taken as a draw of their prior: its strength is the sum of
-    theirs, and so is its mean square error of a distance. The least visible direction is not taken: of
-    many shapes on a face, or of a wave's two phases, one is always invisible, and mostly harmless.
-    `plausible` and `smallest` are the root mean square over the parameters, `smallest` infinite where no
-    contact could ever show the effect. Of an effect's sites that one is told which does most harm
-    unseen, or, where all would be seen, the one seen least: a wrist joint that carries no load is
-    always the least visible, and never matters.
+    The parameters of a site (of one unit) are a random draw of their prior: the detectability of the site is
+    the sum over its parameters, and so is the mean square error of a distance. The least detectable
+    combination is not used: of many functions on a face, or of the two phases of a wave, one is always
+    undetectable and mostly harmless. `plausible` and `smallest` are root mean squares over the parameters;
+    `smallest` is infinite where the contacts cannot show the effect at all. An effect is represented by its
+    undetected site with the largest distance error or, if all sites are detectable, by the least detectable
+    one. The least detectable site in general is not relevant: it is always a wrist joint without load.
     """
     judged = seats(known, named)
     if not judged:
@@ -110,14 +110,14 @@ def blind_spots(
 
 
 def unseen(spots: Iterable[BlindSpot]) -> tuple[BlindSpot, ...]:
-    """Those that would not be named at a plausible size."""
+    """Effects that would not be named at their plausible amplitude."""
     return tuple(b for b in spots if b.smallest > b.plausible)
 
 
 def distances(
     fitted: Estimate, extra: Sequence[Parameter], state: State, used: np.ndarray, seen: Projected
 ) -> np.ndarray:
-    """Errors of distances (Q, K), m, for one prior sd of each of K candidates that is there and not modelled.
+    """Errors of distances (Q, K), m, by one prior standard deviation of each of K unmodelled candidates.
 
     Parameters
     ----------
@@ -125,9 +125,9 @@ def distances(
     extra : sequence of Parameter
         The candidates.
     state : State
-        What absorbs them, named columns among it.
+        The fitted state, including named columns.
     used : np.ndarray, shape (K,)
-        The candidates' numbers in the pool, ascending.
+        Indices of the candidates in the pool, ascending.
     seen : Projected
         Their columns, projected by the state.
 
@@ -141,7 +141,7 @@ def distances(
     wide = Model(model.scene, model.effects, (*model.parameters, *extra), (), ())
     own, size, count = len(model.parameters), len(fitted.z), len(used)
     values = np.append(model.deviations(fitted.z[model.slices[ARM]]), np.zeros(count))
-    # how far the arm that is believed in lies off the true one
+    # error of the calibrated arm
     off = np.zeros((own + count, count))
     off[:own] = seen.solved[:own]
     free = np.flatnonzero(np.isin(state.columns, used))
@@ -167,9 +167,9 @@ def distances(
 def located(
     fitted: Estimate, wide: Model, target: int, values: np.ndarray
 ) -> tuple[Block, np.ndarray] | None:
-    """A validation sphere or socket as a block of its own contacts, and where it is found: its part of z.
+    """A validation sphere or socket as a block of its own contacts, and its part of z at the solution.
 
-    A certified diameter is known. None where a tool of its own touched it, or nothing did.
+    A certified diameter is fixed. None if it was touched by a tool that was not fitted, or has no contact.
     """
     scene = fitted.model.scene
     rows = scene.rows_of(target, scene.rows("validate", "locate"))
@@ -191,7 +191,7 @@ def located(
 def _centre(
     fitted: Estimate, wide: Model, name: str, values: np.ndarray, off: np.ndarray, solved: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Centre of a target (3,) and how far off it is found (3, K), m, by an arm that is `off` (P + K, K)."""
+    """Centre of a target (3,) and its errors (3, K), m, for errors `off` (P + K, K) of the arm."""
     model = fitted.model
     if name in model.block_of:
         block, own = model.block_of[name], model.slices[name]
@@ -216,7 +216,7 @@ def _centre(
 def _points(
     wide: Model, values: np.ndarray, off: np.ndarray
 ) -> list[tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]]:
-    """Pairs of ball centres at least `DESIGN.apart` apart, and how far off each is believed, m."""
+    """Pairs of ball centres at least `DESIGN.apart` apart, and the errors of their distances, m."""
     rng = np.random.default_rng(0)
     rows = wide.scene.rows("calibrate")
     rows = np.sort(rng.permutation(rows)[: DESIGN.points])

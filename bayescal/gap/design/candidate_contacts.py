@@ -1,6 +1,6 @@
-"""Possible contacts, linearised: what a rival explanation would predict of them, and how wrongly.
+"""Candidate contacts, linearised: their prediction by an alternative explanation, and its error.
 
-Of a point that is read with its orientation, the point alone is counted.
+Of a point that is measured with its orientation, only the point is used.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from bayescal.model.scene import Scene
 from factors.fixed_point import FixedPoint
 from factors.sphere import Sphere
 
-SPHERES = "contacts on the certified spheres, fitted too"
+SPHERES = "contacts on the certified spheres, also fitted"
 
 
 @dataclass
 class Side:
-    """One of a pair taken for true, its rival for the model: lambda grows contact by contact.
+    """A pair of hypotheses: the first is true, its rival is the model; lambda grows contact by contact.
 
-    `design` (R, D) and `x` (R,), whitened, are the rival's columns and what is true at possible contacts.
+    `design` (R, D) and `x` (R,), whitened, are columns of the rival and the true residuals at the contacts.
     """
 
     strength: float  # lambda
     covariance: np.ndarray  # (D, D)
-    absorbed: np.ndarray  # (D,) what the rival takes up of what is true
+    absorbed: np.ndarray  # (D,) part of the true residuals that the rival absorbs
     design: np.ndarray
     x: np.ndarray
 
@@ -46,7 +46,7 @@ class Side:
         self.error = self.x - self.design @ self.absorbed
 
     def add(self, row: int) -> None:
-        """Take in one residual."""
+        """Add a residual."""
         gain = self.covariance @ self.design[row]
         across, by = self.design @ gain, 1.0 + float(self.design[row] @ gain)
         wrong = float(self.error[row])
@@ -60,8 +60,8 @@ class Side:
 class Possible:
     """The contacts of an intervention, linearised: R residuals whitened by their stated noise.
 
-    `own` (R, E) are slopes by the states of targets that the fitted model has not, `spread` (E, E) what is
-    known of these beforehand.
+    `own` (R, E) are slopes by the states of targets that are not in the fitted model, `spread` (E, E) is the
+    prior of these states.
     """
 
     what: str
@@ -74,7 +74,7 @@ class Possible:
     spread: np.ndarray
 
     def side(self, true: Hypothesis, rival: Hypothesis) -> Side | None:
-        """What `true` has beyond its rival, taken for true; None where that is nothing."""
+        """The effects of `true` that its rival lacks, as the truth; None without such effects."""
         ends = np.cumsum([len(m.variant.columns) for m in true.members])[:-1]
         parts = zip(true.members, np.split(true.state.amplitudes, ends), strict=True) if true.members else ()
         beyond = [(m.variant.columns, a) for m, a in parts if m.effect not in rival.names]
@@ -93,7 +93,7 @@ class Possible:
         )
 
     def differs(self, other: Possible, a: Hypothesis, b: Hypothesis) -> bool:
-        """Whether a pair could see the intervention, against the same contacts of another."""
+        """Whether the columns of a pair differ between an intervention and the same contacts of another."""
         count = len(other.contact)
         if len(self.spread) or len(self.contact) < count:
             return True
@@ -207,14 +207,14 @@ def _tighter(block: Block) -> np.ndarray:
 
 
 def _stands(scene: Scene, interventions: Sequence[Intervention]) -> np.ndarray | None:
-    """Where the frames stand in the rows of a session and of all interventions: at their poses."""
+    """Poses of the frames in the rows of a session and of all interventions."""
     if scene.delta is None:
         return None
     return scene.delta[np.concatenate([np.arange(len(scene.delta)), *(v.source for v in interventions)])]
 
 
 def _again(old: Sequence[Parameter], new: Sequence[Parameter]) -> list[Parameter]:
-    """The old parameters with the drivers that they have in the widened session."""
+    """The same parameters with their drivers in the extended session."""
     terms = {p.name: p.terms for p in new}
     return [replace(p, terms=terms[p.name]) for p in old]
 
@@ -225,7 +225,7 @@ def _candidates(name: str, setting: Setting, c: Circumstances) -> list[Parameter
 
 
 def _poses(fitted: Estimate) -> np.ndarray:
-    """Fitted rows that count, no pose twice, evenly over the session and at most `DESIGN.poses`."""
+    """Fitted rows without outliers, each pose once, evenly over the session, at most `DESIGN.poses`."""
     scene = fitted.model.scene
     rows = np.setdiff1d(scene.rows("calibrate"), fitted.rejected)
     _, first = np.unique(scene.dataset.measurements.readings[rows].round(3), axis=0, return_index=True)

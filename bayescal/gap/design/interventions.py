@@ -1,4 +1,4 @@
-"""Levers: contacts of a session made again under other circumstances, as rows appended to it."""
+"""Interventions: contacts of a session repeated under other conditions, as rows appended to it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ AGAIN = "the same poses again"
 
 @dataclass(frozen=True)
 class Intervention:
-    """Contacts that could be made: rows of the session whose poses they have (C,), their own rows (C,)."""
+    """Candidate contacts: rows of the session with the same poses (C,), their own rows (C,)."""
 
     what: str
     source: np.ndarray
@@ -26,11 +26,11 @@ class Intervention:
 
 
 def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]]:
-    """The session with contacts appended, by intervention, that could be made at the poses of some rows.
+    """The session with candidate contacts appended, by intervention, at the poses of some rows.
 
-    The first intervention, `AGAIN`, changes nothing. All but those from a cold start come at the end of the
-    session; none reaches beyond its times and temperatures, whose range defines the drifts. Their role
-    is not to calibrate, so that nothing that follows from the fitted rows is shifted.
+    The first intervention, `AGAIN`, repeats the poses without a change. All except those from a cold start
+    are at the end of the session. They stay within its times and temperatures, whose range defines drifts.
+    Their role is not to calibrate, so that results from the fitted rows do not change.
     """
     m = scene.dataset.measurements
     late = {k: getattr(m, k)[-1] for k in ("time", "temperature") if getattr(m, k) is not None}
@@ -76,10 +76,10 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
 
 
 def turns(scene: Scene, rows: np.ndarray) -> list[np.ndarray]:
-    """Velocities of the readings (C, n), rad/s, that turn the arm about a resting ball; none where it cannot.
+    """Velocities of the readings (C, n), rad/s, that rotate the arm about a resting ball, where possible.
 
-    Each way and its opposite: that which reverses most of the recorded velocities, and another. To merely
-    reverse them is no lever: the ball would leave the surface.
+    Two motions, each in both directions: that which reverses most of the recorded velocities, and another.
+    A mere reversal of the velocities is not possible: the ball would leave the surface.
     """
     m, robot = scene.dataset.measurements, scene.dataset.robot
     assert m.velocity is not None

@@ -1,4 +1,4 @@
-"""Evidence of what columns add to a fitted hypothesis, averaged over prior scales and noise."""
+"""Evidence of columns that are added to a fitted hypothesis, averaged over prior scales and noise."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SCALE_PRIOR = SCALE_PRIOR - np.log(np.sum(np.exp(SCALE_PRIOR)))
 NODES, WEIGHTS = np.polynomial.hermite.hermgauss(LINEAR.noise_nodes)
 """Of the quadrature over the noise."""
 TRIED, NEWTON = 8, 5
-"""Noise levels among which the mode of that integral is sought, and steps that sharpen it."""
+"""Number of noise levels among which the mode of that integral is searched, and of refinement steps."""
 
 
 def log_sum(x: np.ndarray, axis: int | None = None) -> np.ndarray:
@@ -33,9 +33,9 @@ def log_sum(x: np.ndarray, axis: int | None = None) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Projected:
-    """What a pool of columns (R, K) has left of it once a state has absorbed what it can.
+    """A pool of columns (R, K), projected off the parameters of a state.
 
-    `across` (D, K) ties the columns to the state's parameters, `weighted` (R, K) are whitened columns.
+    `across` (D, K) are products of the parameters' columns and these, `weighted` (R, K) whitened columns.
     """
 
     state: State
@@ -59,14 +59,14 @@ def project(state: State, pool: np.ndarray) -> Projected:
     weighted = pool * whiten[:, None]
     design = state.design * whiten[:, None]
     across = design.T @ weighted
-    # at the optimum the state's parameters pull with their prior alone: what is left of the score is X'r
+    # at the optimum the gradient of the state's parameters is zero: the projected score is X'r
     score = -(weighted.T @ (state.residual * whiten))
     return Projected(state, pool, weighted, across, state.covariance @ across, score)
 
 
 @dataclass(frozen=True)
 class Bank:
-    """Columns (R, K) and sets of them that are weighed again and again, with what no state changes."""
+    """Columns (R, K) and sets of them whose evidence is often evaluated, with their constant products."""
 
     columns: np.ndarray
     sets: tuple[np.ndarray, ...]
@@ -117,8 +117,8 @@ def _factors(state: State, information: np.ndarray, score: np.ndarray) -> np.nda
 
     Over L, the log of the noise's precision over the state's own: without the columns its density is
     exp(dof L / 2 - chi2 exp(L) / 2), a gamma integral. With them, Gauss-Hermite quadrature is centred at its
-    mode and has the width there, about 1 / sqrt(dof / 2): right to a thousandth of a nat, whatever the number
-    of contacts.
+    mode and has the width there, about 1 / sqrt(dof / 2): correct to a thousandth of a nat for any number of
+    contacts.
     """
     if not score.shape[1]:
         return np.zeros((len(score), len(SCALES)))
@@ -127,7 +127,7 @@ def _factors(state: State, information: np.ndarray, score: np.ndarray) -> np.nda
     along = np.einsum("bij,bi->bj", vectors, score)[:, None] ** 2
     count, dof, worth = state.problem.count, state.dof, STATED_WORTH / state.kappa**2
     chi2 = float(np.sum(state.weight[:count] * state.residual[:count] ** 2)) / state.kappa**2 + worth
-    # the columns explain no more than chi2 less the stated noise's share: the noise falls no lower
+    # the columns explain at most chi2 minus the share of the stated noise, which bounds the noise from below
     seen = values > 1e-12 * np.max(values, axis=2, keepdims=True, initial=1e-300)
     explained = np.sum(np.divide(along, values, where=seen, out=np.zeros_like(along)), axis=2)
     lowest = np.log(dof / chi2)

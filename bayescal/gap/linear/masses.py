@@ -1,10 +1,10 @@
-"""Masses are never as stated: what that does to a loaded arm, as columns that every hypothesis may use.
+"""Errors of stated masses of a loaded arm, as columns that every hypothesis may use.
 
-Links weigh 5 % more or less than the robot file says and balance a little elsewhere, the load on the flange
-is known to half a percent. The compliances take up most of it; what they cannot looks like an error of a
-joint by the angles, so a diagnosis carries it along with these widths as priors. Assumed: masses of links are
-off by up to 15 %, but together, which the compliances take up; wider priors hide true effects (backlash and
-harmonics of a wrist lost two thirds of their evidence at 15 % and 0.5 mm).
+Masses of links differ from the robot file by 5 %, their centres of mass a little; the load on the flange is
+known to half a percent. The compliances absorb most of this. The remainder looks like an error that depends
+on joint angles, so a diagnosis includes it, with these priors. Assumed: masses of links may be in error by
+up to 15 %, but by a common factor, which the compliances absorb. Wider priors hide true effects (backlash
+and harmonics of a wrist lost two thirds of their evidence at 15 % and 0.5 mm).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bayescal.gap.settings import LINEAR
 
 
 def masses(c: Circumstances, delta: np.ndarray | None = None) -> list[Parameter]:
-    """Errors of masses and centres of mass as turns of the loaded joints: of each link and of the load.
+    """Errors of masses and centres of mass as rotations of the loaded joints: of each link and of the load.
 
     Parameters
     ----------
@@ -34,11 +34,11 @@ def masses(c: Circumstances, delta: np.ndarray | None = None) -> list[Parameter]
     compliance = expected(robot) if c.compliance is None else c.compliance
     pose = frames(c.chain, c.q, delta)
     axes, origins = pose[:, 1 : n + 1, :3, 2], pose[:, 1 : n + 1, :3, 3]
-    turn = np.cross(c.gravity, axes)  # (N, n, 3): a kilogram at x turns an axis by turn . (x - origin)
+    turn = np.cross(c.gravity, axes)  # (N, n, 3): a kilogram at x loads an axis with turn . (x - origin)
     out: list[Parameter] = []
 
     def add(name: str, body: int, kilograms: np.ndarray, lever: np.ndarray) -> None:
-        """Add a parameter: kilograms (N,) at levers (N, n, 3), m, borne by the joints up to `body`."""
+        """Add a parameter: kilograms (N,) at levers (N, n, 3), m, carried by the joints up to `body`."""
         torque = np.sum(turn * lever, axis=2) * kilograms[:, None]
         terms = tuple(
             Term(j, "rz", compliance[j - 1] * torque[:, j - 1])
@@ -49,7 +49,7 @@ def masses(c: Circumstances, delta: np.ndarray | None = None) -> list[Parameter]
             out.append(Parameter(name, "1", terms, 1.0))
 
     def add_body(name: str, body: int, place: np.ndarray, centre: np.ndarray, mass: np.ndarray) -> None:
-        """Add the mass and the centre (N, 3) of what stands at `place` (N, 4, 4)."""
+        """Add mass and centre of mass (N, 3) of a body with the pose `place` (N, 4, 4)."""
         share = LINEAR.load_share if name == "load" else LINEAR.mass_share
         at = (place[:, :3, :3] @ centre[..., None])[..., 0] + place[:, :3, 3]
         add(f"mass of {name}", body, share * mass, at[:, None] - origins)

@@ -1,7 +1,7 @@
-"""The linear problem behind a diagnosis: residuals, what the model absorbs, what candidates would add.
+"""The linear problem of a diagnosis: residuals, columns of the model, columns of the candidates.
 
 Everything is linear at one estimate: linear and refitted chi-squares agree to 0.15 %. Contacts are whitened
-by their stated noise; `State` then finds noise scale, outliers and evidence of any hypothesis by small
+by their stated noise. `State` then computes noise scale, outliers and evidence of any hypothesis with small
 matrices.
 """
 
@@ -31,10 +31,10 @@ class Problem:
     """Residuals (R,), Jacobian (R, D) and pool of candidate columns (R, K), contacts first, then constraints.
 
     Contacts are whitened by their stated noise, columns scaled by their prior standard deviations. `z` (D,)
-    is where the problem was linearised: the prior pulls it to 0. `contact` (C,) numbers the contact of each
-    of the first C rows; a contact of three rows is kept or left out as one. The first L of these rows are
-    lengths, the others orientations, each a contact of its own: columns and evidence take both alike, and
-    what is told in metres is of the first alone.
+    is where the problem was linearised; the prior mean is 0. `contact` (C,) numbers the contact of each of
+    the first C rows; the three rows of a point are used or excluded together. The first L of these rows are
+    lengths, the others orientations, each with its own contact number. Columns and evidence use both;
+    results in metres are of lengths only.
     """
 
     residual: np.ndarray
@@ -64,7 +64,7 @@ class Problem:
 
     @property
     def ends(self) -> np.ndarray:
-        """Where the contacts of each size but the last end, of all in the order of `by_size`."""
+        """End of the contacts of each size except the last, in the order of `by_size`."""
         return np.cumsum([len(at) for at in self.by_size])[:-1]
 
     @cached_property
@@ -76,7 +76,7 @@ class Problem:
 def problem(fitted: Estimate, extra: Sequence[Parameter], nuisance: Sequence[Parameter] = ()) -> Problem:
     """Linearise a fitted model with further parameters, all at zero, as a pool of candidates.
 
-    `nuisance` parameters join the model's own in the Jacobian: every hypothesis may use them.
+    `nuisance` parameters are added to those of the model in the Jacobian: every hypothesis may use them.
     """
     slopes = Slopes.of(fitted, [p for p in (*nuisance, *extra) if of_certificate(p)])
     return slopes.problem(fitted.z, extra, nuisance)
@@ -84,14 +84,14 @@ def problem(fitted: Estimate, extra: Sequence[Parameter], nuisance: Sequence[Par
 
 @dataclass(frozen=True)
 class Slopes:
-    """How every whitened residual answers to a unit displacement of every axis of every frame.
+    """Derivatives of every whitened residual by a unit displacement of every axis of every frame.
 
-    A column of any parameter is a slope times a driver: one pass through the chain serves them all.
+    The column of any parameter is such a derivative times a driver, so that the chain is evaluated only once.
     """
 
     residual: np.ndarray  # (R,)
     jacobian: np.ndarray  # (R, D) of the model's own parameters
-    axes: np.ndarray  # (C, 6 (n + 2) + 3): of every frame, then of the tool turned about its own point
+    axes: np.ndarray  # (C, 6 (n + 2) + 3): of every frame, then of rotations of the tool about its point
     certified_values: Mapping[str, np.ndarray]  # columns (R,) of parameters of certificates, by name
     contact: np.ndarray  # (C,)
     rows: np.ndarray  # (contacts,)
@@ -99,7 +99,7 @@ class Slopes:
 
     @classmethod
     def of(cls, fitted: Estimate, certified_values: Sequence[Parameter] = ()) -> Slopes:
-        """Linearise at an estimate, every contact fully."""
+        """Linearise at an estimate, with full weight of every contact."""
         model = fitted.model
         frames = model.scene.chain.n + 2
         sites = [*((f, axis) for f in range(frames) for axis in AXES), *((TURN, axis) for axis in TURNS)]
@@ -191,16 +191,16 @@ class State:
     covariance: np.ndarray  # (D + k, D + k)
     effective_dof: float  # degrees of freedom that the fit takes up
     log_evidence: float
-    robust: bool  # whether outliers were looked for
+    robust: bool  # whether outliers were searched for
 
     @property
     def gross(self) -> int:
-        """Number of contacts left out."""
+        """Number of excluded contacts."""
         return len(np.unique(self.problem.contact[self.weight[: self.problem.count] == 0]))
 
     @property
     def dof(self) -> float:
-        """Degrees of freedom left to the noise, its prior among them."""
+        """Degrees of freedom of the noise, including its prior."""
         return float(np.sum(self.weight[: self.problem.count])) - self.effective_dof + STATED_WORTH
 
     @property
@@ -216,16 +216,16 @@ def fit_state(
     start: np.ndarray | None = None,
     robust: bool = True,
 ) -> State:
-    """Fit a hypothesis. Every one owns its outliers: a rare direction is none of the one that it proves.
+    """Fit a hypothesis. Each has its own outliers: rows that support it are no outliers of it.
 
     Parameters
     ----------
     columns, scales : np.ndarray, shape (k,)
         Columns of the pool in the hypothesis, and factors on their prior standard deviations.
     start : np.ndarray, shape (R,), optional
-        Row weights to start from; all rows fully where not given.
+        Initial row weights; full weights if not given.
     robust : bool
-        Look for outliers.
+        Search for outliers.
     """
     columns, scales = np.asarray(columns, int), np.asarray(scales, float)
     design = np.column_stack([p.jacobian, p.pool[:, columns] * scales])
@@ -242,7 +242,7 @@ def fit_state(
     def solve(w: np.ndarray, kappa: float):
         nonlocal gram, score, of
         changed = np.flatnonzero(w[:count] != of)
-        if 4 * len(changed) < count:  # a few rows come or go: most of the work need not be done again
+        if 4 * len(changed) < count:  # only a few rows changed: update instead of a full evaluation
             some = design[changed]
             weighted = some * (w[changed] - of[changed])[:, None]
             gram, score = gram + weighted.T @ some, score + weighted.T @ p.residual[changed]
@@ -307,5 +307,5 @@ def fit_state(
 
 
 def again(state: State, p: Problem) -> State:
-    """A state on another form of its problem, with the contacts that it kept."""
+    """A state of another form of its problem, with the same row weights."""
     return fit_state(p, state.columns, state.scales, state.weight, robust=False)

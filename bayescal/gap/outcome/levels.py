@@ -22,7 +22,7 @@ def model_levels(
     levels : sequence of (effects, Estimate)
         Of one session, the nominal model first.
     held : sequence of ValidationErrors, optional
-        What each leaves, where it is known already.
+        Validation errors of each level, if already computed.
     """
     held = [validation_errors(e) for _, e in levels] if held is None else held
     fair = kept(*held[-2:]) if len(held) > 2 else kept(held[-1])
@@ -49,8 +49,8 @@ def model_levels(
 def log_predictive(held: ValidationErrors) -> tuple[np.ndarray, np.ndarray]:
     """Log predictive density of every validation contact, (C,), nats, and its block label (C,).
 
-    Normal by the model's own noise and uncertainty, but for a share of gross contacts that all models allow
-    alike: no single slip decides between two models.
+    Normal with the noise and uncertainty of the model, mixed with a share of gross contacts that is the same
+    for all models, so that no single slip decides between two models.
     """
     rows, contact = np.unique(held.rows, return_inverse=True)
     sd = held.sd

@@ -18,7 +18,7 @@ from bayescal.predict.intervals import bootstrap_interval95, interval95
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """Noise of one contact, or of one coordinate of a point, m."""
+    """Noise of a contact, or of one coordinate of a point, m."""
 
     sd: float
     dof: float
@@ -26,7 +26,7 @@ class NoiseFloor:
 
     @property
     def interval95(self) -> tuple[float, float]:
-        """By chi-squared, m."""
+        """95 % interval by chi-squared, m."""
         low, high = self.sd * np.sqrt(self.dof / chi2_isf([0.025, 0.975], self.dof))
         return float(low), float(high)
 
@@ -42,14 +42,14 @@ def stated_noise(fitted: Estimate, group: str) -> float:
 
 
 def noise_floor(final: Estimate, group: str) -> NoiseFloor:
-    """Noise of one contact: from repeats where there are enough, else from what the fullest model leaves.
+    """Noise of a contact: from repeats where there are enough, else from residuals of the fullest model.
 
-    Without repeats, residuals far above the stated noise are taken for what they are: a gap, not noise.
+    Without repeats, residuals far above the stated noise are regarded as model error, not as noise.
 
     Parameters
     ----------
     final : Estimate
-        Of the fullest model: what it explains (a step between two repeats) is no scatter.
+        Of the fullest model: an effect that it explains (a step between two repeats) is not noise.
     group : str
         "contact" or "point".
     """
@@ -70,14 +70,14 @@ def magnitude(
     after: ValidationErrors | None = None,
     seed: int = 0,
 ) -> Magnitude:
-    """How big the gap is between a calibrated model and the machine.
+    """Size of the gap between a calibrated model and the machine.
 
     Parameters
     ----------
     estimate : Estimate
-        Of the baseline, whose gap it is.
+        Of the baseline.
     final : Estimate
-        Of the fullest model, for the noise; the baseline itself where nothing was added.
+        Of the fullest model, for the noise; the baseline where no effect was added.
     held : ValidationErrors
         Of the baseline.
     after : ValidationErrors, optional
@@ -93,7 +93,7 @@ def magnitude(
     mine = fair & (held.group == held.main)
     square = held.residual[mine] ** 2
     share = np.sum(held.by_parameters[mine] ** 2, axis=1)
-    if held.how == LEFT_OUT:  # the share of the parameters is in the noise of a contact left out
+    if held.how == LEFT_OUT:  # `noise` includes the parameters here
         share = share + np.maximum(held.noise[mine] ** 2 - fit**2, 0.0)
     total = float(np.mean(square))
     excess = total - noise.sd**2 - float(np.mean(share))

@@ -1,4 +1,4 @@
-"""Margins: the residuals by target, joint, region, time and direction, every bin against noise alone."""
+"""Margins: residuals by target, joint, region, time and direction, each bin tested against noise only."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import VALIDATED, ValidationErrors, root
 
 AXES = "xyz"
-Bin = tuple[str, np.ndarray]  # a label and a mask (R,) of residuals
+Bin = tuple[str, str, np.ndarray]  # a label (of gap.json), the same as text, a mask (R,) of residuals
 
 
 @dataclass(frozen=True)
 class Residuals:
-    """Calibration and validation residuals r (R,) m; over their noise, r / noise has covariance 1 -+ S S'."""
+    """Calibration and validation residuals r (R,) m; r / noise has covariance 1 -+ S S'."""
 
-    residual: np.ndarray  # (R,) m, freed of the leverage that the fit had on them
-    white: np.ndarray  # (R,) over the noise, as they are
+    residual: np.ndarray  # (R,) m, corrected for their leverage in the fit
+    white: np.ndarray  # (R,) over the noise, not corrected
     spread: np.ndarray  # (R, F) S
-    fitted: np.ndarray  # (R,) bool: minus sign
+    fitted: np.ndarray  # (R,) bool: minus sign of S S'
     suspect: np.ndarray  # (R,) bool: rejected, or gross
     rows: np.ndarray  # (R,) of the session
     direction: np.ndarray  # (R, 3) in F0, in which the residual is measured
@@ -37,7 +37,7 @@ class Residuals:
 def margins(
     estimate: Estimate, held: ValidationErrors, noise: float | None = None, noise_dof: float | None = None
 ) -> dict[str, tuple[Margin, ...]]:
-    """Residuals of calibration and validation contacts, grouped by what they may depend on.
+    """Residuals of calibration and validation contacts, in groups by possible dependence.
 
     Parameters
     ----------
@@ -45,20 +45,21 @@ def margins(
     held : ValidationErrors
         Of the same model.
     noise : float, optional
-        Noise of one contact, m, where it is known better than by the fit; `noise_dof` is what it stands on.
+        Noise of a contact, m, if a better estimate than that of the fit exists, with `noise_dof` degrees of
+        freedom.
 
     Returns
     -------
     dict
         target, joint, region, time and direction; empty where the session does not record it. p-values are
-        those of Holm, over all bins looked at.
+        corrected by Holm's rule for all bins.
     """
     scene = estimate.model.scene
     r = residuals(estimate, held, noise, noise_dof)
     found: list[tuple[str, str, Margin]] = []
     for margin, bins in _bins(scene, r).items():
-        for family, (label, mask) in bins:
-            tested = margin_of(r, label, mask)
+        for family, (label, text, mask) in bins:
+            tested = margin_of(r, label, text, mask)
             if tested is not None:
                 found.append((margin, family, tested))
     corrected = holm(np.array([m.p_value for _, _, m in found]))
@@ -73,7 +74,7 @@ def margins(
 
 
 def _most_deviant(pairs: list[tuple[str, Margin]]) -> list[tuple[str, Margin]]:
-    """Of each family the bins with the smallest p, then the largest rms."""
+    """Of each family the bins with the smallest p-value, then the largest RMS."""
     out = []
     for family in dict.fromkeys(name for name, _ in pairs):
         own = sorted((p for p in pairs if p[0] == family), key=lambda p: (p[1].p_value, -p[1].rms))
@@ -133,7 +134,7 @@ def _directions(scene: Scene, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]
         each, number = np.unique(rows[mine], return_inverse=True)
         kind = scene.kind(int(t), each)
         _, u, _ = kind.linearise(np.zeros(len(kind.sd)), scene.points[each].T)
-        # of the same row the first residual in order is the first component
+        # the first residual of a row is its first component
         order = np.argsort(rows[mine], kind="stable")
         component = np.empty(len(mine), int)
         component[order] = np.arange(len(mine)) % kind.rows
@@ -142,9 +143,9 @@ def _directions(scene: Scene, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return out, signed
 
 
-def margin_of(r: Residuals, label: str, mask: np.ndarray) -> Margin | None:
-    """One bin, or None where it is too small; its p-value, uncorrected, is twice the smaller of two."""
-    # slips lie anywhere; where rejected contacts gather, they are what is looked for
+def margin_of(r: Residuals, label: str, text: str, mask: np.ndarray) -> Margin | None:
+    """A bin, or None where it is too small; its uncorrected p-value is twice the smaller of two tests."""
+    # slips may be anywhere; many rejected contacts in one bin are a sign of an effect and are counted
     if np.sum(r.suspect[mask]) < max(OUTCOME.gathered * np.sum(mask), 3):
         mask = mask & ~r.suspect
     contacts = len(np.unique(r.rows[mask]))
@@ -162,7 +163,7 @@ def margin_of(r: Residuals, label: str, mask: np.ndarray) -> Margin | None:
     if variance > OUTCOME.absorbed * len(e):
         p.append(2 * float(t_sf(abs(np.sum(e)) / np.sqrt(variance), r.dof)))
     rms, mean = float(np.sqrt(np.mean(r.residual[mask] ** 2))), float(np.mean(r.residual[mask]))
-    return Margin(label, contacts, rms, mean, min(2 * min(p), 1.0))
+    return Margin(label, text, contacts, rms, mean, min(2 * min(p), 1.0))
 
 
 def _bins(scene: Scene, r: Residuals) -> dict[str, list[tuple[str, Bin]]]:
@@ -170,7 +171,7 @@ def _bins(scene: Scene, r: Residuals) -> dict[str, list[tuple[str, Bin]]]:
     m = scene.dataset.measurements
     names = np.array([t.name for t in scene.dataset.targets])[m.target[r.rows]]
     return {
-        "target": [("", (str(name), names == name)) for name in dict.fromkeys(names)],
+        "target": [("", (str(name), str(name), names == name)) for name in dict.fromkeys(names)],
         "joint": list(_joints(scene, r.rows)),
         "region": [("", b) for b in _regions(scene.points[r.rows])],
         "time": [] if m.time is None else [("", b) for b in _times(m.time[r.rows])],
@@ -190,11 +191,12 @@ def _joints(scene: Scene, rows: np.ndarray) -> Iterator[tuple[str, Bin]]:
     readings = np.degrees(scene.dataset.measurements.readings[rows])
     for j, x in enumerate(readings.T, start=1):
         for low, high, mask in _cut(x, OUTCOME.joint_bins):
-            yield str(j), (f"joint {j}: {low:.0f} to {high:.0f} deg", mask)
+            ends = f"{low:.0f} to {high:.0f} deg"
+            yield str(j), (f"joint {j}: {ends}", f"J{j} from {ends}", mask)
 
 
 def _regions(points: np.ndarray) -> Iterator[Bin]:
-    """Octants of the workspace about the middle of the contacts."""
+    """Octants of the workspace about the median of the contacts."""
     low, middle, high = (1e3 * np.quantile(points, q, axis=0) for q in (0.0, 0.5, 1.0))
     halved = [k for k in range(3) if high[k] - low[k] > 1e3 * OUTCOME.smallest_span]
     for octant in range(2 ** len(halved)):
@@ -205,7 +207,8 @@ def _regions(points: np.ndarray) -> Iterator[Bin]:
             ends = (middle[k], high[k]) if upper else (low[k], middle[k])
             parts.append(f"{AXES[k]} {ends[0]:.0f} to {ends[1]:.0f}")
         if parts:
-            yield ", ".join(parts) + " mm", mask
+            label = ", ".join(parts) + " mm"
+            yield label, label, mask
 
 
 def _times(time: np.ndarray) -> Iterator[Bin]:
@@ -213,28 +216,30 @@ def _times(time: np.ndarray) -> Iterator[Bin]:
     unit, size = ("h", 3600.0) if span > 4 * 3600 else ("min", 60.0) if span > 4 * 60 else ("s", 1.0)
     digits = 0 if span / size > 4 * OUTCOME.time_bins else 1
     for low, high, mask in _cut(time - time.min(), OUTCOME.time_bins):
-        yield f"{low / size:.{digits}f} to {high / size:.{digits}f} {unit}", mask
+        label = f"{low / size:.{digits}f} to {high / size:.{digits}f} {unit}"
+        yield label, f"time {label}", mask
 
 
 def _contact_directions(r: Residuals) -> Iterator[Bin]:
-    """Base axis nearest to the normal that points out of a touched surface, or to a point's coordinate."""
+    """Base axis nearest to the outward normal of a surface, or to the coordinate of a point."""
     axis = np.argmax(np.abs(r.direction), axis=1)
     negative = np.take_along_axis(r.direction, axis[:, None], axis=1)[:, 0] < 0
     for k, name in enumerate(AXES):
         for sign, below in (("+", False), ("-", True)):
             mask = r.signed & (axis == k) & (negative == below)
             if np.any(mask):
-                yield f"touched from {sign}{name}", mask
+                yield f"touched from {sign}{name}", f"outward normal {sign}{name}", mask
         if np.any(~r.signed & (axis == k)):
-            yield f"along {name}", ~r.signed & (axis == k)
+            yield f"along {name}", f"coordinate {name}", ~r.signed & (axis == k)
 
 
 def _approaches(scene: Scene, rows: np.ndarray) -> Iterator[tuple[str, Bin]]:
-    """Sign of each joint's reading's velocity, where it came from both sides."""
+    """Direction of motion of each joint, where both directions occur."""
     velocity = scene.dataset.measurements.velocity
     if velocity is None:
         return
     for j, v in enumerate(velocity[rows].T, start=1):
         if np.any(v > 0) and np.any(v < 0):
-            yield str(j), (f"joint {j} turning +", v > 0)
-            yield str(j), (f"joint {j} turning -", v < 0)
+            text = f"direction of motion of J{j}"
+            yield str(j), (f"joint {j} turning +", f"{text}, positive", v > 0)
+            yield str(j), (f"joint {j} turning -", f"{text}, negative", v < 0)

@@ -44,9 +44,7 @@ def play_or_late(alone: tuple[CellFit, ...], pool: Pool, credible: tuple[str, ..
         out.append(
             (max(by_sign, by_speed), f"the error of {site} depends on its direction of motion; {says}")
         )
-    return tuple(
-        text for _, text in sorted(out, reverse=True)[:1]
-    )  # the others are partly caused by the first
+    return tuple(text for _, text in sorted(out, reverse=True)[:1])  # other errors may follow from this
 
 
 def cautions(dataset: Dataset) -> Iterator[str]:
@@ -71,7 +69,7 @@ def _noise(fitted: Estimate, held: ValidationErrors) -> np.ndarray:
 def warnings(
     before: Estimate, after: Estimate, first: ValidationErrors, last: ValidationErrors
 ) -> tuple[str, ...]:
-    """What limits the results."""
+    """Limitations of the results."""
     out = []
     model, fair = after.model, kept(first, last)
     expected, noise = _rms(first.sd[fair]), _rms(_noise(before, first)[fair])

@@ -35,7 +35,7 @@ def shrinkage(
     seed : int
         Of the bootstrap.
     noise_dof : float
-        Degrees of freedom that the noise stands on.
+        Degrees of freedom of the noise estimate.
     """
     rng = np.random.default_rng(seed)
     fair = kept(before, after)
@@ -44,7 +44,7 @@ def shrinkage(
         mine = fair & (before.kind == kind)
         if not np.any(mine):
             continue
-        # the noise as best known in place of the fit's, row by row in the fit's proportions
+        # replaces the noise of the fit by the best estimate, in the same proportions of rows
         main = mine & (after.group == after.main)
         fit = float(np.sqrt(np.mean(after.noise[main] ** 2))) if np.any(main) else NAN
         own = np.where(main, after.noise * (noise / fit), after.noise)[mine]
@@ -62,18 +62,18 @@ def shrinkage(
 
 
 def expects(before: np.ndarray, after: np.ndarray, sd: np.ndarray) -> tuple[float, float]:
-    """Rms errors that the refitted model expects of the baseline and of itself, m.
+    """RMS errors that the refitted model predicts for the baseline and for itself, m.
 
-    Were it right, the baseline would be off by what the two models say differently and, on top, by what it is
-    itself unsure of: E (y - a)^2 = (b - a)^2 + sd^2, for y ~ N(b, sd^2). What was measured falls out of
-    b - a, the difference of their residuals, to first order: both halves rest on fitted rows alone.
+    If the refitted model b is correct, the mean square error of the baseline a is
+    E (y - a)^2 = (b - a)^2 + sd^2, for y ~ N(b, sd^2). The measured values cancel in b - a, the difference
+    of the residuals, to first order: both terms depend on fitted rows only.
 
     Parameters
     ----------
     before, after : np.ndarray, shape (R,)
         Residuals of the baseline and of the refitted model on the same measurements, m.
     sd : np.ndarray, shape (R,)
-        That the refitted model predicts, m.
+        Predicted by the refitted model, m.
     """
     own = np.mean(sd**2)
     return float(np.sqrt(np.mean((before - after) ** 2) + own)), float(np.sqrt(own))
@@ -88,7 +88,7 @@ def of_blocks(
     noise_dof: float,
     rng: np.random.Generator,
 ) -> Shrinkage:
-    """The fraction of the excess variance that went from rows, by a paired block bootstrap.
+    """Share of the excess variance removed, for rows, by a paired block bootstrap.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def of_blocks(
         Squared errors before and after, expected ones, and the part of these that is noise, m2.
     block : np.ndarray, shape (R,)
     expected : tuple of float
-        Rms errors before and after that the refitted model expects, m.
+        RMS errors before and after that the refitted model predicts, m.
     noise_dof : float
     rng : np.random.Generator
     """
@@ -115,7 +115,7 @@ def of_blocks(
 def of_distances(
     old: CentreDistances, new: CentreDistances, noise_dof: float, rng: np.random.Generator
 ) -> Shrinkage:
-    """The fraction of the excess variance that went from certified distances, by `resampled_distances`."""
+    """Share of the excess variance removed, for certified distances, by `resampled_distances`."""
     predicted = new.predicted_sd()
     means = np.array([np.mean(old.error**2), np.mean(new.error**2), np.mean(predicted**2)])
     pairs = resampled_distances(old, new, rng)
@@ -132,7 +132,7 @@ def of_distances(
 
 
 def _noise(dof: float, rng: np.random.Generator) -> np.ndarray:
-    """Relative errors (RESAMPLES,) of a noise variance that is known by some degrees of freedom."""
+    """Relative errors (RESAMPLES,) of a noise variance with some degrees of freedom."""
     return dof / rng.chisquare(dof, RESAMPLES) - 1.0 if np.isfinite(dof) else np.zeros(RESAMPLES)
 
 
@@ -146,10 +146,10 @@ def _compared(
     expected: tuple[float, float],
     noise_dof: float,
 ) -> Shrinkage:
-    """Mean squares before, after and of the floor (3,), m2, with their draws (S, 3...), as one figure."""
+    """Reduction from mean squares (3,), m2: before, after, expected; and their draws (S, 3...)."""
     old, new, floor = means
     removed, ends = NAN, (NAN, NAN)
-    # where these rows could show no excess at all, the ratio would be one of two noises
+    # without a significant excess this would be a ratio of two noise variances
     if old > floor * f_isf(OUTCOME.no_excess, number, min(noise_dof, OUTCOME.many)):
         removed = min((old - new) / (old - floor), 1.0)
         excess = draws[:, 0] - draws[:, 2]

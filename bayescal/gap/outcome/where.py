@@ -1,4 +1,4 @@
-"""Where the gap lies: sites and drivers, how much lies there, and its probability."""
+"""Locations of the gap: sites and drivers, with their size and probability."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ def places(
     excess: float,
     size: int,
 ) -> tuple[Place, ...]:
-    """Places of what was named, then those of what is left, then the largest of what may be there.
+    """Locations of named effects, then significant further ones, then the largest of the others.
 
     Parameters
     ----------
     hypothesis : Hypothesis
-        What was named, fitted.
+        The named effects, fitted.
     pool : Pool
         Generic cells.
     named : sequence of Parameter
         The pool of named candidates.
     excess : float
-        Excess variance of a contact under the model as it stands, m2.
+        Excess variance of a contact under the baseline, m2.
     size : int
-        Number of the model's own parameters: a place is sized by what these leave of it, whatever the masses
-        might take up beside them.
+        Number of parameters of the model: the size of a location is what these do not absorb; the errors of
+        masses are not counted.
     """
     out = list(places_named(hypothesis, named, c, excess, size))
     state, tests = hypothesis.state, len(pool.sets)
     seen = {(p.site, p.driver) for p in out}
-    most = max(OUTCOME.places, len(out) + OUTCOME.places_left)  # what was named never hides what is left
+    most = max(OUTCOME.places, len(out) + OUTCOME.places_left)  # further locations are always listed
     while len(out) < most:
         ranked = sorted(cell_fits(state, pool), key=lambda f: -f.gain)
         ranked = [f for f in ranked if (pool.cells[f.cell].site, pool.cells[f.cell].driver) not in seen]
@@ -62,7 +62,7 @@ def places(
 
 
 def f_test(state: State, columns: np.ndarray) -> float:
-    """p-value that columns (R, k) add nothing to a state."""
+    """p-value of columns (R, k) under the hypothesis that their amplitude is zero."""
     projected = project(state, columns)
     information = projected.information(np.arange(columns.shape[1]))
     values, vectors = np.linalg.eigh(information)
@@ -78,12 +78,12 @@ def f_test(state: State, columns: np.ndarray) -> float:
 
 
 def visible(state: State, contribution: np.ndarray) -> np.ndarray:
-    """What of a whitened contribution (R,) the state cannot absorb, of lengths (L,), m."""
+    """Part of a whitened contribution (R,) that the state does not absorb, of lengths (L,), m."""
     return unabsorbed(state, contribution)[: state.problem.lengths] * state.problem.sigma
 
 
 def unabsorbed(state: State, contribution: np.ndarray) -> np.ndarray:
-    """What of a whitened contribution (R,) the state cannot absorb, of lengths and orientations (C,)."""
+    """Part of a whitened contribution (R,) not absorbed by the state, of lengths and orientations (C,)."""
     count = state.problem.count
     whiten = np.sqrt(state.weight)
     whiten[:count] /= state.kappa
@@ -130,7 +130,7 @@ def _of_cell(
 def places_named(
     hypothesis: Hypothesis, named: Sequence[Parameter], c: Circumstances, excess: float, size: int
 ) -> tuple[Place, ...]:
-    """The largest places of every effect of a hypothesis; see `places`."""
+    """The largest locations of every effect of a hypothesis; see `places`."""
     state, p = hypothesis.state, hypothesis.state.problem
     amplitudes = dict(zip(state.columns.tolist(), state.amplitudes, strict=True))
     out: list[Place] = []
@@ -139,7 +139,7 @@ def places_named(
         for k in member.variant.columns.tolist():
             groups.setdefault((named[k].site, named[k].driver), []).append(k)
         drivers = {driver for _, driver in groups}
-        if len(groups) > 1 and len(drivers) == 1:  # one cause all over the arm comes before its parts
+        if len(groups) > 1 and len(drivers) == 1:  # a common cause at all joints is listed before its parts
             groups = {(ARM, drivers.pop()): member.variant.columns.tolist()} | groups
         mine = []
         for (site, driver), own in groups.items():

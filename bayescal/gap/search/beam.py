@@ -1,4 +1,4 @@
-"""Which effects: a beam over sets of named effects, with 'nothing' and 'unknown' as their rivals."""
+"""Which effects: a beam search over sets of effects, against noise only and an unmodelled effect."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ COMPLIANCE = "compliance"
 
 @dataclass(frozen=True)
 class Member:
-    """An effect in a hypothesis: its best variant and scale, and what averaging over the others costs."""
+    """An effect in a hypothesis: its best variant and scale, and the cost of averaging over the others."""
 
     variant: Variant
     scale: float
-    averaging: float  # log of the mean over variants and scales, over the best
+    averaging: float  # log of the mean evidence over variants and scales, relative to the best
 
     @property
     def effect(self) -> str:
@@ -52,7 +52,7 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Scored:
-    """What one effect would add to a hypothesis."""
+    """The gain of one effect that is added to a hypothesis."""
 
     member: Member
     gain: float  # nats, averaged
@@ -60,18 +60,18 @@ class Scored:
 
 @dataclass
 class Search:
-    """The problem, its candidates, and every hypothesis that was looked at."""
+    """The problem, its candidates, and every hypothesis that was evaluated."""
 
     problem: Problem
     candidates: Candidates
     robust: bool = True
-    further: bool = False  # something was found before: all that is named now is more of it
+    further: bool = False  # an effect was named before: every effect named now is a further one
     unseen: tuple[str, ...] = ()
     bank: Bank | None = None
     hypotheses: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
 
     def prior(self, size: int) -> float:
-        """Log prior of a set of that many effects."""
+        """Log prior of a set with this number of effects."""
         count = max(len(self.candidates.variants), 1)
         if self.further:
             return float(size * np.log(SEARCH.further / count))
@@ -82,7 +82,7 @@ class Search:
     def hypothesis(
         self, members: Sequence[Member], starts: Sequence[np.ndarray | None] = (None,)
     ) -> Hypothesis:
-        """Fit a set of effects from several row weights, and keep the best."""
+        """Fit a set of effects from several initial row weights, and return the best fit."""
         columns = [m.variant.columns for m in members]
         scales = [np.full(len(m.variant.columns), m.scale) for m in members]
         at = np.concatenate([np.empty(0, int), *columns])
@@ -93,7 +93,7 @@ class Search:
         return Hypothesis(tuple(members), state, evidence, self.prior(len(members)))
 
     def additions(self, state: State, without: Sequence[str]) -> dict[str, Scored]:
-        """What each effect not in `without` would add to a state."""
+        """The gain of each effect not in `without` that is added to a state."""
         bayes = weigh_sets(state, self._bank())
         out, first = {}, 0
         for name, own in self.candidates.variants.items():
@@ -109,20 +109,20 @@ class Search:
         return out
 
     def _bank(self) -> Bank:
-        """All variants of all candidates, one after the other."""
+        """All variants of all candidates, in order."""
         if self.bank is None:
             sets = [v.columns for own in self.candidates.variants.values() for v in own]
             self.bank = Bank(self.problem.pool, tuple(sets), self.problem.count)
         return self.bank
 
     def allowed(self, names: Sequence[str]) -> bool:
-        """Whether a set has all that its effects require, as far as it can be had."""
+        """Whether a set contains all effects that its effects require, where these are candidates."""
         c, there = self.candidates, {*names, *self.candidates.partly}
         required = {r for n in names if n in EFFECTS for r in EFFECTS[n].requires}
         return not any(r in c.variants and r not in there for r in required)
 
     def extend(self, base: Hypothesis, least: float) -> list[Hypothesis]:
-        """Every hypothesis of one effect more that brings at least so many nats."""
+        """Every hypothesis with a further effect whose gain is at least this number of nats."""
         found = [(self.additions(base.state, base.names), base.state.weight)]
         if base.state.gross:
             whole = fit_state(self.problem, base.state.columns, base.state.scales, robust=False)
@@ -151,7 +151,7 @@ class Search:
         whole = fit_state(self.problem, state.columns, state.scales, robust=False)
         projected = project(whole, self.problem.pool)
         seen = np.sum(projected.weighted**2, axis=0) - np.sum(projected.across * projected.solved, axis=0)
-        seen *= (whole.kappa / state.kappa) ** 2  # at the noise that outliers do not inflate
+        seen *= (whole.kappa / state.kappa) ** 2  # at the noise without outliers
         most = {
             name: max(float(np.sum(seen[v.columns])) for v in variants)
             for name, variants in self.candidates.variants.items()

@@ -1,6 +1,6 @@
-"""Candidates: every effect that the baseline leaves out, in each setting, at all sites and at each alone.
+"""Candidates: every effect that the baseline lacks, in each setting, at all sites and at each single site.
 
-Of an effect that it has but for some parts, these are the candidate.
+If the baseline has an effect without some of its parts, these parts are the candidate.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from bayescal.effects.location import ARM, Driver, Site, words_of
 from bayescal.gap.settings import SEARCH
 from bayescal.model.parts import Part
 
-NOTHING = "nothing in this session varies with it"
+NOTHING = "its driver does not vary in this session"
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One form of an effect: its setting if any, its sites or () for all, its columns of the pool."""
+    """A form of an effect: its setting if any, its sites or () for all, its columns of the pool."""
 
     effect: str
     setting: Setting
@@ -32,15 +32,15 @@ class Variant:
 
     @property
     def site(self) -> str:
-        """Its sites in words, "" for all."""
+        """Its sites as text, "" for all."""
         return words_of(self.sites)
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """All variants by effect, their parameters as one pool, and what cannot be judged, with why.
+    """All variants by effect, their parameters as one pool, and effects not assessed, with the reason.
 
-    `partly` are effects that the baseline has but for the parts that are candidates.
+    `partly` are effects that the baseline has, except for parts that are candidates.
     """
 
     pool: tuple[Parameter, ...]
@@ -52,7 +52,7 @@ class Candidates:
 def candidates(
     circumstances: Circumstances, baseline: tuple[str, ...], without: Sequence[Part] = ()
 ) -> Candidates:
-    """List the candidates beside a baseline model, but for scans so wide that they are screened first."""
+    """List the candidates for a baseline model, except wide scans, which are screened first."""
     plain = {name.partition("@")[0] for name in baseline}
     out = Candidates((), {}, {})
     for effect in EFFECTS.values():
@@ -70,7 +70,7 @@ def candidates(
 
 
 def with_parts(known: Candidates, name: str, parts: Sequence[Part], c: Circumstances) -> Candidates:
-    """Candidates with parts of an effect that the baseline lacks: each alone, and all together."""
+    """Candidates with parts of an effect that the baseline lacks: each part alone, and all together."""
     effect, setting = named(name)
     parameters = [p for p in parameters_of((name,), c) if any(part.holds(p) for part in parts)]
 
@@ -103,7 +103,7 @@ def wide(effect: Effect, c: Circumstances) -> bool:
 def extended(
     known: Candidates, effect: Effect, settings: Sequence[float | None], c: Circumstances, lacks: str = ""
 ) -> Candidates:
-    """Candidates with some settings of one effect more; each weighs as one of all that the scan has."""
+    """Candidates with some settings of a further effect; each has the prior of one setting of the scan."""
     found = [(value, parameters) for value in settings if (parameters := effect.at(c, value))]
     if not found:
         return replace(known, missing=known.missing | {effect.name: lacks or NOTHING})
@@ -127,7 +127,7 @@ def extended(
 
 
 def _other_forms(effect: Effect, c: Circumstances) -> list[tuple[str, list[Parameter], set[Site]]]:
-    """Forms of an effect that differ from the usual one in a session: name, parameters, sites that differ."""
+    """Other forms of an effect in a session: name, parameters, sites that differ from the usual form."""
     usual = {p.name: p for p in effect.at(c)} if effect.forms else {}
     out = []
     for form in effect.forms:
@@ -139,7 +139,7 @@ def _other_forms(effect: Effect, c: Circumstances) -> list[tuple[str, list[Param
 
 
 def _same_motion(a: Parameter, b: Parameter) -> bool:
-    """Whether two parameters move the arm alike."""
+    """Whether two parameters displace the arm in the same way."""
     return len(a.terms) == len(b.terms) and all(
         (s.frame, s.axis) == (t.frame, t.axis) and np.allclose(s.driver, t.driver)
         for s, t in zip(a.terms, b.terms, strict=True)
@@ -147,7 +147,7 @@ def _same_motion(a: Parameter, b: Parameter) -> bool:
 
 
 def in_proportion(effect: Effect, parameters: Sequence[Parameter]) -> list[Parameter]:
-    """One parameter for several that physics keeps positive: all in proportion to what is usual, or none."""
+    """One common factor for several physically positive parameters, in proportion to their prior means."""
     if len(parameters) < 2 or not all(p.positive and p.mean for p in parameters):
         return []
     terms = tuple(
@@ -167,7 +167,7 @@ def _subsets(
     effect: Effect, value: Setting, parameters: list[Parameter], first: int, log_prior: float,
     own: Collection[Site] = (),
 ) -> list[Variant]:  # fmt: skip
-    """An effect at all sites and at each alone, or only at each of `own` where given."""
+    """An effect at all sites and at each single site, or only at each of `own` where given."""
     sites: dict[tuple[Site, Driver], list[int]] = {}
     for k, p in enumerate(parameters):
         sites.setdefault((p.site, p.driver), []).append(first + k)

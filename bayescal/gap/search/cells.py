@@ -1,7 +1,7 @@
-"""Generic cells: a smooth function of one coordinate at one site, for what no effect of ours explains.
+"""Generic cells: a smooth function of one coordinate at one site, for effects outside the vocabulary.
 
-They say where the gap lies before anyone says what it is, and together they are the rival 'unknown'. A cell
-is told in the same terms as an effect: a site displaced by parameters times drivers.
+They locate the gap independently of its cause. Together they are the hypothesis 'unknown'. A cell has the
+same form as an effect: a site is displaced by parameters times drivers.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from bayescal.gap.settings import CELLS
 
 @dataclass(frozen=True)
 class Cell:
-    """A site, a coordinate, and the sets of columns that stand for it: one smooth set, or many local ones."""
+    """A site, a coordinate, and its sets of columns: one smooth set, or many local ones."""
 
     site: Site
     driver: Driver
     sets: tuple[tuple[Parameter, ...], ...]
-    known: bool = False  # to the vocabulary, as this very function: no rival of its name
+    known: bool = False  # whether an effect of the vocabulary has this same function
 
 
 def smooth(x: np.ndarray, fitted: np.ndarray, waves: int = CELLS.waves) -> list[np.ndarray]:
@@ -44,27 +44,27 @@ def smooth(x: np.ndarray, fitted: np.ndarray, waves: int = CELLS.waves) -> list[
 
 
 def cells(c: Circumstances) -> list[Cell]:
-    """Every cell of a session."""
+    """All cells of a session."""
     return [
         cell
         for make in (_joints, _bending, _time, _sway, _probe, _region, _faces)
         for cell in make(c)
-        if any(cell.sets)  # a joint that stood still turns by no function of its angle
+        if any(cell.sets)  # a joint that did not move has no function of its angle
     ]
 
 
 def _at_joint(c: Circumstances, j: int, drivers: list[np.ndarray], side: str = LINK) -> tuple[Parameter, ...]:
-    """Turns of a joint's own link, or of all links that its reading moves."""
+    """Rotations of the link of a joint, or of all links that its reading moves."""
     return tuple(Parameter("", "rad", turned(c.robot, j, d, side), CELLS.angle) for d in drivers)
 
 
 def _moves(c: Circumstances, j: int) -> tuple[str, ...]:
-    """Sides of a joint from which an error turns different links: both where its reading moves several."""
+    """Sides of a joint where an error rotates different links: both where its reading moves several links."""
     return (LINK, READING) if np.count_nonzero(c.robot.link_from_reading[:, j - 1]) > 1 else (LINK,)
 
 
 def _passes(c: Circumstances, j: int) -> tuple[str, ...]:
-    """Sides of a joint past which different motions go: both where several readings move its link."""
+    """Sides of a joint with different motions: both where several readings move its link."""
     return (LINK, READING) if np.count_nonzero(c.robot.link_from_reading[j - 1]) > 1 else (LINK,)
 
 
@@ -104,7 +104,7 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
 
 
 def _beyond(x: np.ndarray, fitted: np.ndarray) -> Iterator[np.ndarray]:
-    """Lines that set in at one place of a coordinate x (N,), on either side of it."""
+    """Piecewise linear functions with a knee at a value of a coordinate x (N,), on either side of it."""
     for at in np.quantile(x[fitted], CELLS.bends):
         for side in (1.0, -1.0):
             line = np.maximum(side * (x - at), 0.0)
@@ -114,7 +114,7 @@ def _beyond(x: np.ndarray, fitted: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _past(c: Circumstances, load: np.ndarray) -> Iterator[np.ndarray]:
-    """How far a load (N,) that is remembered for a while lags behind the one that acts."""
+    """Difference between a low-pass filtered load (N,) and the present load."""
     if c.time is None or not np.ptp(c.time) > 0:
         return
     wait = np.maximum(np.diff(c.time, prepend=c.time[0]), 0.0)
@@ -128,7 +128,7 @@ def _past(c: Circumstances, load: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _bumps(c: Circumstances, j: int) -> Iterator[tuple[Parameter, ...]]:
-    """Local defects within a revolution: a Gaussian each, of the link-relative angle."""
+    """Local defects within a revolution: Gaussian functions of the link-relative angle."""
     angle = c.q[:, j - 1]
     mine = angle[c.fitted]
     for width in CELLS.bump_widths:
@@ -163,7 +163,7 @@ Mover = Callable[[np.ndarray], list[Parameter]]
 
 
 def movers(c: Circumstances) -> dict[Site, Mover]:
-    """Every site that may wander with time, and the parameters that a driver gives it."""
+    """Sites that may drift with time, and their parameters for a driver."""
 
     def frame(f: int, axes: tuple[str, ...]) -> Mover:
         return lambda d: [
@@ -208,7 +208,7 @@ def _time(c: Circumstances) -> Iterator[Cell]:
 
 
 def _sway(c: Circumstances) -> Iterator[Cell]:
-    """A base that swings, or tilts only, a few times to many times a session."""
+    """A base that oscillates, or only tilts, with several periods per session."""
     clock = np.arange(len(c.q), dtype=float) if c.time is None else c.time
     span = float(np.ptp(clock[c.fitted]))
     if not span > 0:

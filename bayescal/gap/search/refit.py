@@ -1,4 +1,4 @@
-"""The non-linear refit of a model with what was named."""
+"""The non-linear refit of a model with the named effects."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bayescal.model import ARM, with_parameters
 
 
 def model_name(member: Member) -> str:
-    """An effect as ``--model`` takes it: with its setting where it has one."""
+    """An effect in the form of ``--model``, with its setting where it has one."""
     setting = member.variant.setting
     if setting is None:
         return member.effect
@@ -22,7 +22,7 @@ def model_name(member: Member) -> str:
 
 
 def parameters_of_members(pool: Sequence[Parameter], members: Sequence[Member]) -> list[Parameter]:
-    """Parameters of the members' variants, with the prior scales that the data chose, about zero."""
+    """Parameters of the variants of members, with prior mean zero and the prior scales of the best fit."""
     return [
         replace(pool[k], sd=pool[k].sd * m.scale, mean=pool[k].nominal)
         for m in members
@@ -33,7 +33,7 @@ def parameters_of_members(pool: Sequence[Parameter], members: Sequence[Member]) 
 def refit(
     before: Estimate, pool: Sequence[Parameter], members: Sequence[Member], robust: bool = True
 ) -> Estimate:
-    """Fit a model again with the parameters of some effects beside its own."""
+    """Fit a model again with the parameters of some effects in addition to its own."""
     old = before.model
     extra = parameters_of_members(pool, members)
     effects = (*old.effects, *(model_name(m) for m in members))

@@ -1,4 +1,4 @@
-"""Scans too wide to carry along: the settings that explain most are kept, the others hardly count."""
+"""Screening of wide scans: only the settings that explain most become candidates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bayescal.gap.settings import SEARCH
 def screened(
     known: Candidates, slopes: Slopes, states: Sequence[State], c: Circumstances, baseline: tuple[str, ...]
 ) -> Candidates:
-    """Candidates with the leading settings of every wide scan, site by site, as several states see them."""
+    """Candidates with the leading settings of every wide scan, by site, from gains over several states."""
     plain = {name.partition("@")[0] for name in baseline}
     for effect in EFFECTS.values():
         if effect.name in plain or not wide(effect, c) or effect.scan is None:

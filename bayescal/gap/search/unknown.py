@@ -1,4 +1,4 @@
-"""Unmodelled effects: the evidence of generic cells beside a hypothesis, each with its own outliers."""
+"""Unmodelled effects: evidence of generic cells in addition to a hypothesis, each with its own outliers."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from bayescal.gap.settings import UNKNOWN
 
 @dataclass(frozen=True)
 class Pool:
-    """Cells and their columns (R, K): `sets` are columns, `owner` the cell of each set."""
+    """Cells and their columns (R, K): `sets` are indices of columns, `owner` is the cell of each set."""
 
     cells: tuple[Cell, ...]
     columns: np.ndarray
     sets: tuple[np.ndarray, ...]
     owner: np.ndarray
-    count: int  # rows that are contacts
+    count: int  # number of rows that are contacts
 
     @cached_property
     def bank(self) -> Bank:
-        """The sets, ready to be weighed."""
+        """The sets, prepared for the evaluation of their evidence."""
         return Bank(self.columns, self.sets, self.count)
 
     @cached_property
     def log_prior(self) -> np.ndarray:
-        """Log weight of every cell among what may be unknown, (cells,): -inf for what has a name."""
+        """Log prior of every cell as an unmodelled effect, (cells,): -inf for a form of the vocabulary."""
         kinds = [cell.site.kind for cell in self.cells]
         known = np.array([cell.known for cell in self.cells])
         weight = np.array([UNKNOWN.sites.get(k, UNKNOWN.faces) / kinds.count(k) for k in kinds])
@@ -42,7 +42,7 @@ class Pool:
 
     @classmethod
     def of(cls, cells: Sequence[Cell], columns: np.ndarray, count: int) -> Pool:
-        """Number the columns (R, K) of cells, which stand in their order; `count` rows are contacts."""
+        """Pool of cells whose columns (R, K) are in the order of the cells; `count` rows are contacts."""
         sets, owner, first = [], [], 0
         for i, cell in enumerate(cells):
             for own in cell.sets:
@@ -54,17 +54,17 @@ class Pool:
 
 @dataclass(frozen=True)
 class CellFit:
-    """One cell against a hypothesis: nats averaged over its sets and scales, its best set and scale."""
+    """The gain of a cell over a hypothesis: nats averaged over its sets and scales; best set and scale."""
 
     cell: int
     gain: float
-    best: int  # set of the pool
+    best: int  # index of the set in the pool
     scale: float
-    rival: bool = True  # of the named effects: not what has a name, nor the very place of one
+    rival: bool = True  # False for a form of the vocabulary, and at the site and driver of a named effect
 
 
 def cell_fits(state: State, pool: Pool) -> list[CellFit]:
-    """What every cell would add to a state; where that is much, by a fit of the leading cells' best sets."""
+    """Gain of every cell over a state; large gains are computed by a fit of the best set of the cell."""
     out = approximate_fits(state, pool)
     fitted: set[int] = set()
     while out:
@@ -77,14 +77,14 @@ def cell_fits(state: State, pool: Pool) -> list[CellFit]:
 
 
 def refitted(state: State, pool: Pool, f: CellFit, start: np.ndarray | None = None) -> CellFit:
-    """A cell with the nats that fits of its best set, scale by scale, bring over a state."""
+    """A cell with its gain by fits of its best set, scale by scale."""
     nats = np.array([with_set(state, pool, f.best, s, start).log_evidence for s in SCALES]) + SCALE_PRIOR
     gain = float(log_sum(nats)) - state.log_evidence - np.log(np.sum(pool.owner == f.cell))
     return replace(f, gain=float(gain), scale=float(SCALES[int(np.argmax(nats))]))
 
 
 def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
-    """What every cell would add to a state, without a fit of it."""
+    """Gain of every cell over a state, without fits."""
     bayes = weigh_sets(state, pool.bank) + SCALE_PRIOR
     out = []
     for i in range(len(pool.cells)):
@@ -97,7 +97,7 @@ def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
 
 
 def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray | None = None) -> State:
-    """A state with one set of a pool's columns added."""
+    """A state with a set of columns of a pool added."""
     p = state.problem
     own = pool.sets[at]
     width = p.pool.shape[1]
@@ -109,10 +109,10 @@ def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray 
 
 
 def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[CellFit]]:
-    """Log evidence of an unmodelled effect over a hypothesis, averaged over cells, and each cell's own.
+    """Log evidence of an unmodelled effect over a hypothesis, averaged over cells, and that of each cell.
 
-    Where the hypothesis leaves contacts out, the leading cells are tried on all of them: a defect at one
-    place looks like a handful of outliers.
+    If the hypothesis excludes contacts as outliers, the leading cells are also fitted to all contacts:
+    a local defect looks like a few outliers.
     """
     state = hypothesis.state
     cells = cell_fits(state, pool)
@@ -130,7 +130,7 @@ def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[CellFit]]:
 
 
 def same_place(hypothesis: Hypothesis, pool: Pool) -> np.ndarray:
-    """Cells (cells,) at the site and of the coordinate of a named effect: they fit its form, no more."""
+    """Cells (cells,) with the site and driver of a named effect: they only fit the form of that effect."""
     mine = {place for m in hypothesis.members for place in m.variant.places}
     return np.array(
         [

@@ -1,4 +1,4 @@
-"""The verdict: what all hypotheses together say, behind the gate of what is left unexplained."""
+"""The verdict: probabilities of all hypotheses, and the effects that are named."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from bayescal.gap.settings import SEARCH, VERDICT
 
 @dataclass(frozen=True)
 class Weighed:
-    """A hypothesis, perhaps with an unmodelled effect, and its probability."""
+    """A hypothesis, with or without an unmodelled effect, and its probability."""
 
     hypothesis: Hypothesis
-    cell: CellFit | None  # of an unmodelled effect, the best; None without
-    log_evidence: float  # over nothing
+    cell: CellFit | None  # best cell of the unmodelled effect; None without one
+    log_evidence: float  # relative to noise only
     score: float
     probability: float = 0.0
 
@@ -34,29 +34,29 @@ class Weighed:
 
 @dataclass(frozen=True)
 class Decision:
-    """What was decided, and on what."""
+    """The decision and its basis."""
 
     kind: str
-    hypothesis: Hypothesis  # of the effects that the verdict commits to
-    weighed: tuple[Weighed, ...]  # the weightiest first
+    hypothesis: Hypothesis  # of the named effects
+    weighed: tuple[Weighed, ...]  # the most probable first
     probability: Mapping[str, float]
     credible: tuple[str, ...]
-    alone: tuple[CellFit, ...]  # every cell beside nothing
+    alone: tuple[CellFit, ...]  # every cell over noise only
     footnotes: tuple[str, ...]
 
     @property
     def members(self) -> tuple[Member, ...]:
-        """The effects that the verdict commits to."""
+        """The named effects."""
         return self.hypothesis.members
 
     def lost(self, effect: str) -> float:
-        """Nats that the best set loses without an effect."""
+        """Log evidence, nats, that the best set loses without an effect."""
         rest = max((w.score for w in self.weighed if effect not in w.effects), default=-np.inf)
         return self.weighed[0].score - rest
 
 
 def decide(search: Search, pool: Pool) -> Decision:
-    """Weigh every hypothesis that was searched, with and without an unmodelled effect, and decide."""
+    """Compute the probability of every hypothesis, with and without an unmodelled effect, and decide."""
     weighed, alone = weigh(search, pool)
     probability = probabilities(weighed, list(search.candidates.variants))
     kind, names = verdict_of(weighed, probability)
@@ -71,7 +71,7 @@ def decide(search: Search, pool: Pool) -> Decision:
 
 
 def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[CellFit]]:
-    """All hypotheses with their probabilities, the weightiest first; and every cell beside nothing."""
+    """All hypotheses with their probabilities, the most probable first; and every cell over noise only."""
     ranked = sorted(search.hypotheses.values(), key=lambda h: -h.score)
     null = search.hypotheses[frozenset()]
     leaders = list({id(h): h for h in (null, *ranked[: VERDICT.leaders])}.values())
@@ -94,7 +94,7 @@ def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[CellFit
 
 
 def given_away(cell: Cell, ranked: Sequence[Hypothesis]) -> float:
-    """Share of its nats that a cell gives away to the forms that leading hypotheses have for its place."""
+    """Discount on the nats of a cell, by the effects of the leading hypotheses at its site and driver."""
     members = [m for h in ranked[: VERDICT.leaders + 1] for m in h.members]
     named = {(site, driver.course) for m in members for site, driver in m.variant.places}
     if (cell.site, cell.driver) in named:
@@ -103,10 +103,10 @@ def given_away(cell: Cell, ranked: Sequence[Hypothesis]) -> float:
 
 
 def softened(weighed: Sequence[Weighed]) -> list[Weighed]:
-    """Scores of sets that swap one effect of the leader for a confusable one, moved towards the leader's.
+    """Scores of sets that replace an effect of the leading set by a confusable one, softened.
 
-    An effect's form is known to 10 or 20 %: that is worth a few nats, and only form
-    distinguishes such effects.
+    The form of an effect is known to 10 or 20 %, which is equivalent to a few nats, and confusable effects
+    differ only in form. Their scores are therefore moved towards that of the leading set.
     """
     leader = max(weighed, key=lambda w: w.score)
 
@@ -117,7 +117,7 @@ def softened(weighed: Sequence[Weighed]) -> list[Weighed]:
 
 
 def confusable_sets(a: Weighed, b: Weighed) -> bool:
-    """Whether two sets differ by one effect in the place of a confusable one."""
+    """Whether two sets differ only in one effect, which is replaced by a confusable one."""
     swapped = set(a.effects) ^ set(b.effects)
     return len(swapped) == 2 and confusable(*swapped)
 
@@ -132,7 +132,7 @@ def probabilities(weighed: Sequence[Weighed], effects: Sequence[str]) -> dict[st
 
 
 def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
-    """Effects of the weightiest hypotheses that together hold 90 %, and confusable ones close behind."""
+    """Effects of the most probable hypotheses with 90 % in total, and confusable ones nearly as probable."""
     out: dict[str, None] = {}
     mass = 0.0
     for w in weighed:
@@ -147,7 +147,7 @@ def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
 
 
 def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
-    """Kind of verdict and the effects that it would commit to."""
+    """Kind of verdict and the effects to be named."""
     best = weighed[0]
     if probability["null"] >= VERDICT.null_enough:
         return "null", ()
@@ -162,7 +162,7 @@ def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> 
 
 
 def _survives(search: Search, best: Weighed, pool: Pool, effect: str) -> bool:
-    """Whether a name is still needed once the location of the unmodelled effect is in the model."""
+    """Whether a named effect is still needed with the unmodelled effect in the model."""
     assert best.cell is not None
     rest = [m for m in best.hypothesis.members if m.effect != effect]
     without = search.hypothesis(rest)
@@ -176,9 +176,9 @@ def _survives(search: Search, best: Weighed, pool: Pool, effect: str) -> bool:
 def _without_footnotes(
     search: Search, members: tuple[Member, ...]
 ) -> tuple[tuple[Member, ...], tuple[str, ...]]:
-    """Members that remove enough of the variance, the largest first, and the others in words.
+    """Members that explain enough of the variance, the largest first, and the others as text.
 
-    Enough of that of lengths, or of orientations: what turns the tool may hardly move its point.
+    Enough of the variance of lengths, or of orientations: a rotation of the tool may hardly move its point.
     """
     if len(members) < 2:
         return members, ()

@@ -129,7 +129,7 @@ def _margins(gap: Gap) -> Facts:
         groups += sorted((m for m in bins if m.p_value < SIGNIFICANT), key=lambda m: -m.rms)[:1]
     largest = sorted(groups, key=lambda m: -m.rms)[:MARGINS]
     if largest:
-        yield "largest groups", "; ".join(f"{m.label} ({um(m.rms)} µm)" for m in largest), ""
+        yield "largest groups", "; ".join(f"{m.text} ({um(m.rms)} µm)" for m in largest), ""
 
 
 def _which(gap: Gap) -> Facts:
