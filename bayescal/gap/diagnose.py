@@ -35,7 +35,7 @@ from bayescal.gap.result import Gap, Hypothetical, Named, Place, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Hypothesis, Member, Search
 from bayescal.gap.search.candidates import Candidates, candidates, wide
 from bayescal.gap.search.cells import cells
-from bayescal.gap.search.gate import worse
+from bayescal.gap.search.gate import confirmed
 from bayescal.gap.search.refit import model_name, refit
 from bayescal.gap.search.screen import screened
 from bayescal.gap.search.unknown import Pool
@@ -258,19 +258,23 @@ def _confirmed(
     e: Examined, before: ValidationErrors, robust: bool
 ) -> tuple[Examined, Estimate, ValidationErrors]:
     """The refit with the named effects, without those that increase the validation errors."""
-    d = e.decision
-    while d.members:
-        final = refit(e.fitted, e.candidates.pool, d.members, robust)
-        after = validation_errors(final)
-        spoilt = worse(before, after)
-        if not spoilt:
-            return replace(e, decision=d), final, after
-        *kept, last = d.members
-        withheld = f"{last.effect} explains the calibration rows but increases the validation error: {spoilt}"
-        kind = "ambiguous" if d.kind == "named" else d.kind if kept else "unknown"
-        footnotes = (*d.footnotes, withheld)
-        d = replace(d, kind=kind, hypothesis=e.search.hypothesis(kept), footnotes=footnotes)
-    return replace(e, decision=d), e.fitted, before
+
+    def fitted(members: Sequence[Member]) -> tuple[Estimate, ValidationErrors]:
+        if not members:
+            return e.fitted, before
+        final = refit(e.fitted, e.candidates.pool, members, robust)
+        return final, validation_errors(final)
+
+    found, d = confirmed(e.decision.members, fitted, before), e.decision
+    if found.withheld:
+        kind = "ambiguous" if d.kind == "named" else d.kind if found.members else "unknown"
+        withheld = (
+            f"{m.effect} explains the calibration rows but increases the validation error: {reason}"
+            for m, reason in found.withheld
+        )
+        hypothesis = e.search.hypothesis(found.members)
+        d = replace(d, kind=kind, hypothesis=hypothesis, footnotes=(*d.footnotes, *withheld))
+    return replace(e, decision=d), found.fitted, found.errors
 
 
 def _where(first: Examined, last: Examined, promoted: bool, noise: float) -> tuple[Place, ...]:

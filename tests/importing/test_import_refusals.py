@@ -17,11 +17,11 @@ ARM = "fanuc-lrmate200ic"
     [
         ("j1=A1", r"column `A1` of `j1` has no unit; write `j1=A1 deg`, or one of deg, rad, mrad"),
         ("j1=A1 mm", "`mm` is a unit of length, not of angle; give one of deg, rad, mrad"),
-        ("x=X furlong", "no unit is called `furlong`; give one of mm, m, cm, um, in"),
+        ("x=X furlong", "unknown unit `furlong`; give one of mm, m, cm, um, in"),
         ("j7=A7 deg", "`j7`, but the robot has 6 joints"),
         ("j1=A deg, j1=B deg", "`j1` is given twice"),
         ("xx=X mm", "unknown quantity `xx`"),
-        ("j1", "'j1' is no entry of a map"),
+        ("j1", "'j1' is not an entry of a map"),
         ("temperature=T", "`temperature` has no unit; write `temperature=T C`"),
     ],
 )
@@ -71,12 +71,12 @@ def test_quantities():
         (
             "alpha,b\n1,2\n",
             "x=Alpha mm",
-            r"log.csv:1: no column `Alpha`, which is to hold `x`; is it `alpha`",
+            r"log.csv:1: no column `Alpha` for `x`; is it `alpha`",
         ),
         ("a,b\n1,two\n", "x=b mm", r"log.csv:2: `x` is not a number: 'two'"),
         ("a;b\n1;1.000,5\n", "x=b mm", r"`x` is not a number: '1.000,5'"),
         ("a,b\n", "x=a mm", "no rows below the header"),
-        ("1,2\n", "x=#3 mm", "`x` is to be in column 3, but there are 2"),
+        ("1,2\n", "x=#3 mm", "`x` is mapped to column 3, but the file has 2 columns"),
         ("// nothing\n", "x=#3 mm", "no rows"),
     ],
 )
@@ -89,15 +89,18 @@ def test_logs(tmp_path, text, map_, words):
 @pytest.mark.parametrize(
     ("said", "words"),
     [
-        ({"robot": ""}, "--robot: which robot"),
-        ({"map": ""}, "log.csv: what do the columns hold.*columns are A1, A2, A3, A4, A5, A6, X, Y, Z"),
+        ({"robot": ""}, "--robot: the robot is not stated"),
+        (
+            {"map": ""},
+            "log.csv: the contents and units of the columns are not stated.* A1, A2, .*, Y, Z",
+        ),
         ({"format": "xlsx"}, "--format: 'xlsx' is not known; must be csv or robodk"),
-        ({"noise": ""}, "--noise: how well does the instrument measure"),
+        ({"noise": ""}, "--noise: the uncertainty of the instrument is not stated"),
         ({"noise": "0.03"}, "--noise: '0.03' is not 1 number and a unit of length"),
         ({"map": "j*=A* deg"}, "no points, and no template"),
         ({"map": "j*=A* deg, x=X mm"}, "`y` is not mapped, `x` is"),
         ({"map": "j1=A1 deg, x=X mm, y=Y mm, z=Z mm"}, "`j2` is not mapped, `j1` is"),
-        ({}, "2 points of `tracker` do not tell where it stands; give 6 or more"),
+        ({}, "2 points of `tracker` do not determine its position; give at least 6"),
     ],
 )
 def test_requests(tmp_path, said, words):
