@@ -186,9 +186,9 @@ def judged(model: Model, z: np.ndarray, weights: Weights, covariance: np.ndarray
         for b in blocks:
             at, count = linear.of_block[b.name], len(b.rows)
             r = linear.residual[at].reshape(-1, count).T * weights.scale[group]
-            slopes = linear.jacobian[at]
-            solved = (slopes @ covariance).reshape(-1, count, model.size)
-            leverage = np.einsum("icd,jcd->cij", solved, slopes.reshape(-1, count, model.size))
+            shape = (r.shape[1], count, model.size)  # a model without unknowns has no columns
+            solved = (linear.jacobian[at] @ covariance).reshape(shape)
+            leverage = np.einsum("icd,jcd->cij", solved, linear.jacobian[at].reshape(shape))
             parts.append((r, leverage, weights.row[b.name]))
         out[group] = Judged.of(parts)
     return out

@@ -1,4 +1,4 @@
-"""The gate: which named effects the validation data admit."""
+"""Which named effects the validation data admit, and which are withheld."""
 
 import numpy as np
 import pytest

@@ -138,7 +138,7 @@ def test_play_is_named_and_removed(loud, tmp_path, monkeypatch, capsys):
     assert rungs[-1]["distance_rms_um"] < 0.6 * rungs[-2]["distance_rms_um"]
     assert set(record["missing"]) <= {"latency", "ball-radius"}  # at one speed nothing tells them apart
     assert {p.name for p in out.glob("[!.]*")} == {
-        "gap.json", "gap-where.png", "gap-which.png", "gap-ladder.png", "gap-residuals.png",
+        "gap.json", "gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png",
     }  # fmt: skip
 
 
@@ -285,7 +285,7 @@ def test_points_of_an_instrument(tracker):
     gap = diagnose(tracker(seed=3, count=100).dataset)
     record = sane(gap)
     assert set(record["shrinkage"]) >= {"planes", "distances"}
-    assert "a coordinate" in printed(gap)
+    assert "per coordinate" in printed(gap)
     assert {"lobing", "ball-radius", "plane-form"} <= set(gap.verdict.missing)
 
 
