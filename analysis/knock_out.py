@@ -67,7 +67,7 @@ def whole(dataset: Dataset, folder: Path) -> Record:
     scene, effects = Scene(dataset), usual(dataset)
     gap, found = diagnose(dataset, effects), explain(scene, effects)
     members, after = found.last.decision.members, found.after
-    rungs = [("as drawn", estimate(with_parameters(scene, (), ())))]
+    rungs = [("nominal", estimate(with_parameters(scene, (), ())))]
     rungs += [(effects[k - 1], calibrated(scene, effects[:k])) for k in range(1, len(effects))]
     rungs += [(effects[-1], found.first.fitted)]
     for k, member in enumerate(members, start=1):

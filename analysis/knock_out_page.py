@@ -13,9 +13,9 @@ BEGIN, END = "<!-- knock-out: begin -->", "<!-- knock-out: end -->"
 SEEN = 30.0
 """Lambda from which on an effect is named more often than not."""
 MISSED = 1.02
-"""Factor on the whole model's held-out error from which on a part is missed there."""
+"""Factor on the validation error of the complete model from which on a part has an effect there."""
 MANY = 2.0
-"""Times the whole model's error from which on what a place claims can be held against what is possible."""
+"""Factor on the error of the complete model from which on evidence is compared with what is possible."""
 Record = dict[str, Any]
 
 
@@ -26,7 +26,7 @@ def right(r: Record) -> bool:
 
 
 def main_kind(r: Record) -> Record:
-    """Held-out errors of contacts where there are any, else of points."""
+    """Validation errors of contacts where there are any, else of points."""
     held = r["heldout"]
     return held.get("planes") or held["points"]
 
@@ -37,23 +37,21 @@ def _said(r: Record, words: str) -> bool:
 
 
 RULES: dict[str, Callable[[Record], bool]] = {
-    "nobody can see it": lambda r: bool(r["missing"]) or r["lambda"] < SEEN,
-    "named, and withheld: it spoilt what was held out": lambda r: _said(r, " explains"),
-    "a footnote beside greater effects": lambda r: _said(r, ": "),
-    "the place of something else claims more nats than there are": lambda r: (
+    "not detectable": lambda r: bool(r["missing"]) or r["lambda"] < SEEN,
+    "not named: it increased validation errors": lambda r: _said(r, " explains"),
+    "a footnote in addition to larger effects": lambda r: _said(r, ": "),
+    "an unmodelled effect has more evidence than possible": lambda r: (
         main_kind(r)["before_um"] > MANY * main_kind(r)["whole_um"] and r["claimed_nats"] > r["possible_nats"]
     ),
-    "not missed: held-out errors are as small without it": lambda r: (
-        main_kind(r)["before_um"] < MISSED * main_kind(r)["whole_um"]
-    ),
-    "other names take its place, held out too": lambda r: (
+    "no effect on validation errors": lambda r: main_kind(r)["before_um"] < MISSED * main_kind(r)["whole_um"],
+    "other effects explain it, on validation rows too": lambda r: (
         bool(r["named"]) and main_kind(r)["after_um"] < MISSED * main_kind(r)["whole_um"]
     ),
-    "other names are preferred": lambda r: bool(r["named"]),
-    f"{SEARCH.largest} others, as many names as a set may hold, explain more": lambda r: (
+    "other effects are preferred": lambda r: bool(r["named"]),
+    f"{SEARCH.largest} other effects, the maximum of a set, explain more": lambda r: (
         len(set(r["leading"]) - {"unknown"}) == SEARCH.largest
     ),
-    "put down to something else": lambda r: r["verdict"] == "unknown",
+    "attributed to an unmodelled effect": lambda r: r["verdict"] == "unknown",
 }
 """Why something was not named: the first rule that holds."""
 
@@ -62,7 +60,7 @@ def why(r: Record) -> str:
     """In words, why what was taken out was not named; "" where it was."""
     if right(r):
         return ""
-    return next((words for words, holds in RULES.items() if holds(r)), "left open")
+    return next((words for words, holds in RULES.items() if holds(r)), "not decided")
 
 
 def table(records: Sequence[Record]) -> str:
@@ -82,13 +80,14 @@ def _summary(first: Sequence[Record], again: dict[tuple[str, str], Record]) -> s
         named = sum(map(right, some))
         more = sum(not right(r) and (r["session"], r["without"]) in again
                    and right(again[r["session"], r["without"]]) for r in some)  # fmt: skip
-        return f"{named} of {len(some)} named, {more} more once the rest is in the model"
+        return f"{named} of {len(some)} named, {more} more with the other effects in the model"
 
     return "\n".join(
         [
-            f"- all that was taken out: {count(first)};",
-            f"- of it what the fitted rows show (lambda from {SEEN:.0f}): {count(seen)};",
-            f"- of that what is missed held out (error {100 * (MISSED - 1):.0f} % larger): {count(missed)};",
+            f"- all parts: {count(first)};",
+            f"- of these, detectable in the fitted rows (lambda from {SEEN:.0f}): {count(seen)};",
+            "- of these, with an effect on validation rows "
+            f"(error {100 * (MISSED - 1):.0f} % larger): {count(missed)};",
             _foreseen([r for r in first if right(r)]),
             "",
         ]
@@ -96,13 +95,13 @@ def _summary(first: Sequence[Record], again: dict[tuple[str, str], Record]) -> s
 
 
 def _foreseen(named: Sequence[Record]) -> str:
-    """How well the refits foresaw the held-out errors, before and after."""
+    """How well the refits predicted the validation errors, before and after."""
     words = []
     for when in ("before", "after"):
         ratios = [main_kind(r)[f"{when}_um"] / main_kind(r)[f"predicted_{when}_um"] for r in named]
         if ratios:
             words.append(f"{when} {median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})")
-    return f"- where it was named, held-out error over what the refit expects: {', '.join(words) or 'none'}."
+    return f"- where named, validation error over the prediction of the refit: {', '.join(words) or 'none'}."
 
 
 def _names(r: Record) -> str:
@@ -116,8 +115,8 @@ def _knocked(first: Sequence[Record], again: dict[tuple[str, str], Record]) -> l
         out += [
             f"### {session}",
             "",
-            "| taken out | largest, prior sd | seen, um (lambda) | found | P | named | before | after "
-            "| expected | whole |",
+            "| nominal part | largest, prior s.d. | visible, µm (lambda) | found | P | named | before "
+            "| after | expected | complete |",
             "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
         ]
         notes = []
@@ -126,7 +125,7 @@ def _knocked(first: Sequence[Record], again: dict[tuple[str, str], Record]) -> l
             later = again.get((session, r["without"]))
             if not right(r):
                 notes.append(
-                    f"- {r['without']}: {why(r)} (largest generic place: {r['place']}).{_later(later)}"
+                    f"- {r['without']}: {why(r)} (largest generic location: {r['place']}).{_later(later)}"
                 )
         out += ["", *notes, ""] if notes else [""]
     return out
@@ -153,16 +152,16 @@ def _later(r: Record | None) -> str:
     if r is None:
         return ""
     held = main_kind(r)
-    shrinks = f"{held['before_um']:.0f} -> {held['after_um']:.0f} um, whole {held['whole_um']:.0f}"
-    found = f"named, probability {r['probability']:.2f}" if right(r) else f"not named either ({why(r)})"
+    shrinks = f"{held['before_um']:.0f} -> {held['after_um']:.0f} µm, complete {held['whole_um']:.0f}"
+    found = f"named, probability {r['probability']:.2f}" if right(r) else f"also not named ({why(r)})"
     return f" With {', '.join(r['beside'])} in the model: {found}; {shrinks}."
 
 
 def _ladders(models: Sequence[Record]) -> list[str]:
     out = [
-        "### The whole ladder, held out, mm",
+        "### All model levels, validation errors, mm",
         "",
-        "| session | model | mean | rms | max | README: model | mean | rms | max |",
+        "| session | model | mean | RMS | maximum | README: model | mean | RMS | maximum |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for r in models:
@@ -191,9 +190,10 @@ def _quoted(k: int, quoted: list[Record]) -> list[str]:
 
 def _left(models: Sequence[Record]) -> list[str]:
     out = [
-        "### What remains",
+        "### Remaining errors",
         "",
-        "| session | verdict | noise, um | held out, um | largest unexplained place | um rms | share | p |",
+        "| session | verdict | noise, µm | validation, µm | largest unexplained location | µm RMS "
+        "| share | p |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for r in models:

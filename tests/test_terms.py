@@ -54,7 +54,6 @@ NOT_YET: tuple[str, ...] = (
     "bayescal/reporting/gap/record.py",
     "bayescal/reporting/shared/text.py",
     "bayescal/world",
-    "docs/knock_out.md",
 )
 """Files and folders not covered yet; empty when all are."""
 

@@ -46,7 +46,7 @@ def test_what_is_taken_out_is_found(run):
     whole, stiffness, joint = records.values()
     assert whole["verdict"] == "null"
     assert whole["joints"] == [1, 2, 3, 4, 5]
-    assert [step["adds"] for step in whole["ladder"]] == ["as drawn", "geometry", "compliance"]
+    assert [step["adds"] for step in whole["ladder"]] == ["nominal", "geometry", "compliance"]
     assert whole["yardsticks"][1] == {"model": "geometric", "mean": 0.2, "rms": 0.25, "max": 0.5}
     for r in (stiffness, joint):
         assert knock_out_page.right(r)
@@ -62,9 +62,9 @@ def test_page_keeps_what_is_around(run):
     assert text.startswith("before\n")
     assert text.endswith("after\n")
     assert "\nold\n" not in text
-    assert "all that was taken out: 2 of 2 named" in text
+    assert "all parts: 2 of 2 named" in text
     assert "| geometry at joint 4 | " in text
-    assert "| session, 40 planes | as drawn |" in text
+    assert "| session, 40 planes | nominal |" in text
 
 
 def test_an_interrupted_run_goes_on(run, monkeypatch):
@@ -96,23 +96,23 @@ OTHER = [{"effect": "eccentricity", "site": "joint 4", "probability": 0.9}]
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"lambda": 20.0}, "nobody can see it"),
-        ({"missing": "no contact would show it"}, "nobody can see it"),
-        ({"footnotes": ["geometry explains the fitted contacts but spoils"]}, "withheld"),
+        ({"lambda": 20.0}, "not detectable"),
+        ({"missing": "no contact would show it"}, "not detectable"),
+        ({"footnotes": ["geometry explains the fitted contacts but spoils"]}, "increased validation errors"),
         ({"footnotes": ["geometry: 3 um, 2 % of what was found"]}, "footnote"),
-        ({"footnotes": ["step: 3 um, 2 % of what was found"]}, "something else"),
+        ({"footnotes": ["step: 3 um, 2 % of what was found"]}, "unmodelled effect"),
         (
             {"claimed_nats": 101.0, "heldout": {"points": {"before_um": 130.0, "whole_um": 60.0}}},
-            "claims more nats than there are",
+            "more evidence than possible",
         ),
-        ({"heldout": {"points": {"before_um": 61.0, "whole_um": 60.0}}}, "not missed"),
+        ({"heldout": {"points": {"before_um": 61.0, "whole_um": 60.0}}}, "no effect on validation"),
         (
             {"named": OTHER, "heldout": {"points": {"before_um": 90.0, "after_um": 61.0, "whole_um": 60.0}}},
-            "take its place",
+            "other effects explain it",
         ),
         ({"named": OTHER}, "are preferred"),
-        ({"leading": [*"abcdef", "unknown"]}, "as many names as a set may hold"),
-        ({"verdict": "ambiguous"}, "left open"),
+        ({"leading": [*"abcdef", "unknown"]}, "the maximum of a set"),
+        ({"verdict": "ambiguous"}, "not decided"),
     ],
 )
 def test_a_miss_has_its_reason(more, words):
