@@ -1,1 +1,1 @@
-"""The blind check: sealed worlds, answers given before their truth is opened, and the score card."""
+"""The blind check: simulated test sessions with sealed ground truth, answers, and the score."""

@@ -101,7 +101,8 @@ def _said(gap: Mapping[str, Any], truth: Mapping[str, Any], answer: Mapping[str,
 def _sets(gap: Mapping[str, Any], named: Sequence[str]) -> list[tuple[list[str], float]]:
     """Sets of effects with their stated probabilities.
 
-    A diagnosis that found compliance missing weighed its sets beside it: they all hold it, and are no surer.
+    If a diagnosis added compliance to the model, all of its sets contain compliance, and their probabilities
+    are multiplied by that of compliance.
     """
     sets = [(list(h["effects"]), float(h["probability"])) for h in gap["hypotheses"]]
     promoted = COMPLIANCE in named and COMPLIANCE not in gap["baseline"]

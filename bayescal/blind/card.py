@@ -78,7 +78,7 @@ def span(ends: tuple[float, float]) -> str:
 
 
 def reliability(found: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
-    """Rows of the reliability table, a cell a bin."""
+    """Rows of the reliability table, a cell per bin."""
     bins = found["reliability"]
     return [
         ("count", [str(b["count"]) for b in bins]),
@@ -94,12 +94,12 @@ def _misses(found: Mapping[str, Any]) -> Iterable[tuple[str, str, str]]:
 
 
 def page(path: Path, found: Mapping[str, Any], about: Mapping[str, Any], folder: Path) -> None:
-    """Renew the tables between the marks of a Markdown page, and the pictures beside it.
+    """Replace the tables between the marks of a Markdown page, and its figures.
 
     Parameters
     ----------
     path : Path
-        The page; the pictures go to ``pictures/`` beside it.
+        The page; the figures are written to ``pictures/`` in its folder.
     found : Mapping
         As `score.figures` returns it.
     about : Mapping
@@ -121,7 +121,7 @@ def page(path: Path, found: Mapping[str, Any], about: Mapping[str, Any], folder:
 
 
 def between(path: Path, marks: tuple[str, str], text: str) -> None:
-    """Renew what stands between two marks of a page; what is around stays as it is.
+    """Replace the text between two marks of a page; the rest does not change.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def tables(found: Mapping[str, Any], about: Mapping[str, Any], pictures: Iterabl
 
 
 def origin(found: Mapping[str, Any], about: Mapping[str, Any]) -> str:
-    """Where the figures come from, in lines that can be checked."""
+    """Origin of the results, in lines that can be checked."""
     frozen = about.get("note") or "date of freezing the thresholds not recorded"
     software = ", ".join(f"{name} {version}" for name, version in about.get("software", {}).items())
     sums = ", ".join(f"{what} {_short(about, key)}" for what, key in SUMS.items())

@@ -1,4 +1,4 @@
-"""Tasks on the workers of a Dask cluster: the one module that knows `distributed`."""
+"""Tasks on the workers of a Dask cluster. Only this module uses `distributed`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bayescal.errors import BayescalError
 CONNECT = 10.0
 """Seconds to wait for the scheduler."""
 PATIENCE = 30.0
-"""Seconds to wait for a worker to come, or to come back."""
+"""Seconds to wait for a worker to connect, or to reconnect."""
 MISSING = "a scheduler and workers are started with `dask scheduler` and `dask worker ADDRESS --nthreads 1`"
 AGAIN = "the same command continues where it stopped"
 PACKAGE = "bayescal"
@@ -23,10 +23,10 @@ INSTALL = "install the same bayescal for its scheduler and workers"
 
 
 class Cluster:
-    """All workers of a cluster, one job for each of their threads, as many as there are at the time.
+    """All workers of a cluster, with one job for each of their current threads.
 
-    No worker then holds a job that it does not do: Dask counts a worker's death against all jobs it holds. It
-    gives them to others itself, until too many died.
+    No worker then has a waiting job: Dask counts the death of a worker against all of its jobs. Dask itself
+    gives lost jobs to other workers, until too many workers died.
     """
 
     def __init__(self, address: str) -> None:
@@ -39,7 +39,7 @@ class Cluster:
             ) from None
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported here
         self.address, self.jobs, self._killed = address, dict[Future[Any], Job](), KilledWorker
-        try:  # whether anybody listens there at all: a client would try again and again
+        try:  # test the address first: a client would retry for a long time
             socket.create_connection(get_address_host_port(address), CONNECT).close()
             self._client = Client(address, timeout=CONNECT, set_as_default=False)
         except (OSError, ValueError) as error:
@@ -53,7 +53,7 @@ class Cluster:
             raise
 
     def _check(self) -> None:
-        """Refuse workers without the package: what they cannot load would kill them, as a crash would."""
+        """Raise an error for workers without the package: a failed import would end them like a crash."""
         self._threads()
         try:
             self._client.run(version, PACKAGE)
@@ -66,7 +66,7 @@ class Cluster:
         Raises
         ------
         BayescalError
-            Where there is no worker, or no scheduler any more.
+                If there is no worker, or the scheduler was lost.
         """
         room = self._threads() - len(self.jobs)
         for _ in range(room):
@@ -99,7 +99,7 @@ class Cluster:
         try:
             return future.result()
         except self._killed as error:
-            return Lost(f"the workers that did it were killed, {error.allowed_failures + 1} of them")
+            return Lost(f"the workers of this task were killed, {error.allowed_failures + 1} of them")
         except CancelledError:
             raise self._gone() from None
         except (ImportError, RuntimeError) as error:

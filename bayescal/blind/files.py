@@ -43,11 +43,11 @@ def write_score(
     found : Mapping
         As `score.figures` returns it.
     about : Mapping
-        What was sealed, by which code; kept beside the figures.
+        Hashes and versions; written with the results.
     folder : Path
-        Where it goes; an earlier score there is replaced.
+        Output folder; an earlier score in it is replaced.
     pictures : bool
-        Draw the pictures too.
+        Also draw the figures.
 
     Returns
     -------

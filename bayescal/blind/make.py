@@ -19,7 +19,7 @@ from bayescal.errors import BayescalError
 from bayescal.folders import check_free, whole
 
 SEEDS = 2**48
-"""How many seeds there are to draw from."""
+"""Number of possible seeds."""
 NO_PINOCCHIO = BayescalError("simulating test sessions needs Pinocchio", "", "pip install 'bayescal[world]'")
 Notify = Callable[[str, float], None]
 
@@ -46,26 +46,25 @@ def make(
     Parameters
     ----------
     folder : Path
-        A new or empty one, or one whose worlds are being made.
+        A new or empty folder, or one with an interrupted simulation.
     worlds : int
-        How many.
+        Number of test sessions.
     seed : int, optional
-        One seed, one set of worlds; drawn at random by default, and then recorded in the ground truth only.
+        The same seed gives the same sessions; by default random, and recorded in the ground truth only.
     workers, dask
         See `workers.results`.
     notify : callable
-        Notify how many there are, in words and as a fraction.
+        Called with the progress as text and as a fraction.
 
     Returns
     -------
     str
-        SHA-256 of the sealed truth.
+        SHA-256 of the sealed ground truth.
 
     Raises
     ------
     BayescalError
-        Where the folder holds other files, or sessions of another seed or number; where Pinocchio is
-        missing.
+        If the folder contains other files, or sessions of another seed or number, or Pinocchio is missing.
     """
     if worlds < 1 or (seed is not None and seed < 0):
         raise BayescalError("the number of sessions must be positive and the seed not negative")
@@ -80,7 +79,7 @@ def make(
     with closing(results(built, ((plan.seed, k) for k in todo), workers, dask)) as found:
         for index, result in found:
             if isinstance(result, Lost):
-                raise BayescalError(f"could not be made: {result.words}", f"world {todo[index]}")
+                raise BayescalError(f"could not be simulated: {result.words}", f"world {todo[index]}")
             _keep(folder, todo[index], *result)
             done += 1
             notify(f"{done} of {plan.worlds}", done / plan.worlds)
@@ -88,7 +87,7 @@ def make(
 
 
 def built(task: tuple[int, int]) -> tuple[dict[str, str], dict[str, Any]]:
-    """The files of a world by name and its truth, from its seed and number, on a worker."""
+    """Files of a test session by name and its ground truth, from seed and number, on a worker."""
     try:  # imported here: the process that distributes the work does not need Pinocchio
         from bayescal.world.build import build
     except ImportError:
@@ -100,7 +99,7 @@ def built(task: tuple[int, int]) -> tuple[dict[str, str], dict[str, Any]]:
 
 
 def _made(folder: Path, worlds: int, seed: int | None) -> str:
-    """The seal of worlds that are all made, if they are the ones that are asked for."""
+    """The seal of a complete set of test sessions, if it is the requested one."""
     text = read(folder / TRUTH)
     sealed = seal.check_truth(folder, text)
     _tidy(folder)
@@ -110,7 +109,7 @@ def _made(folder: Path, worlds: int, seed: int | None) -> str:
 
 
 def _plan(folder: Path, worlds: int, seed: int | None) -> Plan:
-    """The plan of worlds that are being made, or a new one."""
+    """The plan of an interrupted simulation, or a new one."""
     path = folder / PLAN
     if not path.exists():
         check_free(folder, TRUTH)

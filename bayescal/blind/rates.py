@@ -41,7 +41,7 @@ def by_lambda(pairs: Iterable[tuple[float, bool]]) -> list[dict[str, Any]]:
 
 
 def ends(band: tuple[float, float]) -> list[float | None]:
-    """A band as JSON takes it: None for no end."""
+    """A band for JSON: None for an open end."""
     return [band[0], None if np.isinf(band[1]) else band[1]]
 
 

@@ -9,7 +9,7 @@ from bayescal.blind.assessed import CRASHED, FLAGGED, Record, false_names, leade
 from bayescal.effects import confusable
 
 WEAK = 30.0
-"""Lambda below which an effect is called weak: about half of these can be named."""
+"""Lambda below which an effect is weak: about half of such effects can be named."""
 
 
 class Reason(NamedTuple):
@@ -21,7 +21,7 @@ class Reason(NamedTuple):
 
 
 def reason(r: Record) -> tuple[str, str]:
-    """The kind of miss and its detail; ("", "") where name and place are right."""
+    """The kind of miss and its detail; ("", "") where name and location are correct."""
     found = next((k for k in REASONS if k.holds(r)), None)
     return ("", "") if found is None else (found.title, found.detail(r))
 
@@ -134,5 +134,5 @@ REASONS = (
 
 
 def _second(r: Record) -> float:
-    """Lambda of the strongest effect that was missed beside a named effect, else 0."""
+    """Lambda of the strongest effect that was missed in addition to a named effect, else 0."""
     return _strongest(r) if missing(r) else 0.0

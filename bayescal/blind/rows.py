@@ -11,11 +11,11 @@ from bayescal.blind.score import CLEAR, STRONG, SURE
 Found = Mapping[str, Any]
 NONE = "-"
 SHOWN = 2
-"""Sessions that are listed in a row before the rest is counted."""
+"""Maximum number of sessions that are listed in a row; the others are counted."""
 
 
 class Row(NamedTuple):
-    """A criterion as text and whether it is met; None where nothing is required or there are no cases."""
+    """A criterion as text and whether it is met; None without a requirement or without cases."""
 
     label: str
     found: str
@@ -59,7 +59,7 @@ def rows(f: Found) -> list[Row]:
 
 
 def by_lambda(f: Found) -> list[tuple[str, list[str]]]:
-    """Rows of shares, a cell a band of lambda."""
+    """Rows of shares, a cell per band of lambda."""
     single = f["single"]
     return [
         ("one effect: sessions", [str(b["count"]) for b in single["right"]]),

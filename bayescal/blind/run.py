@@ -56,23 +56,22 @@ def run(
 ) -> Answered:
     """Diagnose every session that has no answer yet, and seal the answers.
 
-    A world that was answered by other sources than these, or whose files have changed since, is answered
-    again.
+    A session that was answered with other sources, or whose files have changed since, is answered again.
 
     Parameters
     ----------
     folder : Path
-        Worlds of `make.make`. Their truth is not read: it may be elsewhere meanwhile.
+        Test sessions of `make.make`. Their ground truth is not read and may be stored elsewhere.
     workers, dask
-        See `workers.results`. The answers are the same, whoever gives them.
+        See `workers.results`. The answers do not depend on them.
     notify : callable
-        Notify how many are answered, in words and as a fraction.
+        Called with the progress as text and as a fraction.
 
     Raises
     ------
     BayescalError
-        Where there are no worlds, they are not all made, or their answers are sealed; where a worker has
-        other sources.
+        If there are no test sessions, the set is incomplete, its answers are sealed, or a worker has other
+        sources.
     """
     seal.check_unsealed(folder)
     truth = seal.truth_seal(folder)

@@ -32,15 +32,15 @@ def records(truths: Mapping[str, dict], answers: Mapping[str, dict]) -> list[Rec
     Parameters
     ----------
     truths : Mapping of str to dict
-        By world, as `bayescal.world.build.build` returns them.
+        By session, as `bayescal.world.build.build` returns them.
     answers : Mapping of str to dict
-        By world: ``{"world", "seconds", "gap"}``, the gap as in gap.json, or ``{"world", "error"}``. A world
-        without an answer counts as one that crashed.
+        By session: ``{"world", "seconds", "gap"}``, the gap as in gap.json, or ``{"world", "error"}``. A
+        session without an answer counts as a crash.
 
     Raises
     ------
     BayescalError
-        On an answer to no world, and on one that lacks what gap.json has.
+        If an answer has no session, or lacks keys of gap.json.
     """
     strangers = sorted(set(answers) - set(truths))
     if strangers:
@@ -152,7 +152,7 @@ def pairs(records: Sequence[Record]) -> dict[str, Any]:
 def reliability(records: Sequence[Record]) -> list[dict[str, Any]]:
     """Stated probabilities of effects, noise only and unmodelled, with observed frequencies by bin.
 
-    The band is binomial: where the share would lie were the stated probabilities right and independent.
+    The band is binomial, for correct and independent stated probabilities.
     """
     statements = [(p, _holds_true(r, name)) for r in records for name, p in r["probability"].items()]
     out = []

@@ -1,4 +1,4 @@
-"""Seals: the SHA-256 of a truth, of a session, of answers, and of the sources that gave them."""
+"""Seals: the SHA-256 of ground truth, sessions, answers, and the sources that computed them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TRUTHS, ANSWERED = "bayescal-blind-truth/1", "bayescal-blind-answers/1"
 """Schemas of the two sealed files."""
 PACKAGES = ("bayescal", "factors")
 TIMED = "seconds"
-"""The one thing of an answer that its seal does not cover: it differs from run to run."""
+"""The only key of an answer that its seal does not cover: it differs from run to run."""
 
 
 def of_text(text: str) -> str:
@@ -26,17 +26,17 @@ def of_text(text: str) -> str:
 
 
 def of_record(record: Any) -> str:
-    """SHA-256 of a record, however its JSON is laid out."""
+    """SHA-256 of a record, independent of the layout of its JSON."""
     return of_text(json.dumps(record, sort_keys=True, separators=(",", ":"), allow_nan=False))
 
 
 def of_world(texts: Mapping[str, str]) -> str:
-    """SHA-256 of a world's files, the model that it is to be diagnosed with among them."""
+    """SHA-256 of the files of a test session, including the model of its diagnosis."""
     return of_record({name: of_text(texts[name]) for name in FILES})
 
 
 def of_answer(answer: Mapping[str, Any]) -> str:
-    """SHA-256 of what an answer says."""
+    """SHA-256 of the content of an answer."""
     return of_record({key: value for key, value in answer.items() if key != TIMED})
 
 
@@ -44,7 +44,7 @@ def of_answer(answer: Mapping[str, Any]) -> str:
 def of_code() -> str:
     """SHA-256 of the installed sources: names and contents of all modules, and the built-in robots.
 
-    Taken once a process, as it begins to work.
+    Computed once per process, at its start.
     """
     found = {}
     for package in PACKAGES:
@@ -59,12 +59,12 @@ def of_code() -> str:
 
 
 def truth_seal(folder: Path) -> str:
-    """The seal of the truth as every world carries it; the truth itself stays closed.
+    """The seal of the ground truth as recorded with every session; the ground truth is not read.
 
     Raises
     ------
     BayescalError
-        Where there are no worlds, they are not all made, or their seals differ.
+        If there are no test sessions, the set is incomplete, or their seals differ.
     """
     if (folder / PLAN).exists():
         raise BayescalError("its worlds are not all made", str(folder), "run `bayescal blind make` again")
@@ -83,12 +83,12 @@ def truth_seal(folder: Path) -> str:
 
 
 def check_truth(folder: Path, text: str) -> str:
-    """The seal of a truth that was read, which is that of every world.
+    """The seal of a ground truth that was read, if it is that of every session.
 
     Raises
     ------
     BayescalError
-        Where it is not.
+        If the seals differ.
     """
     seal, found = truth_seal(folder), of_text(text)
     if found != seal:
@@ -99,12 +99,12 @@ def check_truth(folder: Path, text: str) -> str:
 
 
 def check_unsealed(folder: Path) -> None:
-    """Refuse a folder whose answers are sealed.
+    """Raise an error for a folder whose answers are sealed.
 
     Raises
     ------
     BayescalError
-        They are.
+        If the answers are sealed.
     """
     if (folder / SEALED).exists():
         raise BayescalError(

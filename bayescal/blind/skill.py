@@ -1,15 +1,16 @@
 """The log score: log probability that an answer gives to the ground truth, compared with base rates.
 
-An answer states a probability of every set of effects; what is scored is that of the event that is true:
+An answer states a probability of every set of effects. The score is the log of the probability of the true
+event:
 
-- nothing is hidden: that of 'nothing';
-- an effect outside the vocabulary: that of 'unknown', with or without names beside it;
-- effects: that of exactly this set. gap.json lists the weightiest sets; what they leave over is spread on all
-  other sets in proportion to the product of the stated marginals.
+- no hidden effect: the probability of noise only;
+- an effect outside the vocabulary: the probability of 'unknown', with or without named effects;
+- effects: the probability of exactly this set. gap.json lists the most probable sets; the remaining
+  probability is distributed over all other sets in proportion to the product of the stated marginals.
 
-These events exclude each other and their probabilities add up to one, so that the mean of the logs is a
-strictly proper score: on average nothing but what one believes does better. A probability under `CLIP` counts
-as `CLIP`; no answer at all does too.
+These events exclude each other and their probabilities add up to 1, so that the mean log probability is a
+strictly proper score: its expectation is largest for the true probabilities. A probability below `CLIP`
+counts as `CLIP`, and so does a missing answer.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ def independent(names: Iterable[str], marginals: Mapping[str, float]) -> float:
 def base_rates(records: Sequence[Record]) -> list[float]:
     """Probability by base rates: the share of a kind, divided evenly among the sets of that kind.
 
-    The shares are those of these very worlds, which no answer could know: a hard reference.
+    The shares are those of the scored sessions, which are not known to the answers: a demanding reference.
     """
     kinds = Counter(r["kind"] for r in records)
     said = chain.from_iterable((*r["probability"], *r["effects"]) for r in records)

@@ -1,4 +1,4 @@
-"""The truth, opened only once the answers are sealed and everything is as it was."""
+"""Read the ground truth, after a check that the answers are sealed and no file has changed."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ AFTER = "was changed after the answers were sealed"
 
 
 def opened(folder: Path) -> tuple[Records, Records, dict[str, Any]]:
-    """The truths and answers of a blind folder by world, and what is known of their making.
+    """Ground truth and answers of a blind folder by session, and their origin.
 
     Returns
     -------
     truths, answers : dict of str to dict
     about : dict
         ``seed``, ``worlds``, ``truth_sha256``, ``answers_sha256``, ``code_sha256``, ``software`` and
-        ``same_code``, whether the answers were given by the sources that are installed now.
+        ``same_code``, whether the answers were computed with the sources that are installed now.
 
     Raises
     ------
     BayescalError
-        Where the answers are not sealed; where the truth, a world or an answer is not what was sealed.
+        If the answers are not sealed, or ground truth, a session or an answer was changed since.
     """
     truth_sha256 = seal.truth_seal(folder)
     if not (folder / SEALED).is_file():
@@ -66,7 +66,7 @@ def opened(folder: Path) -> tuple[Records, Records, dict[str, Any]]:
 
 
 def _answers(folder: Path, sealed: dict[str, str]) -> Records:
-    """Answers, each of which is the one that was sealed."""
+    """Answers, after a check of their seals."""
     strangers = set(names(folder, ANSWERS)) - set(sealed)
     if strangers:
         where = str(answer_path(folder, min(strangers)))
@@ -90,7 +90,7 @@ def _truth(folder: Path) -> dict[str, Any]:
 
 
 def _check_worlds(folder: Path, truth: dict[str, Any], answers: Records) -> None:
-    """Refuse worlds that are not those that were made, or not those that were answered."""
+    """Raise an error for sessions that were changed after their simulation or after their answer."""
     for name, made in truth["sessions"].items():
         where = str(folder / WORLDS / name)
         if name not in answers:

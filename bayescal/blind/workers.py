@@ -1,4 +1,4 @@
-"""Independent tasks on worker processes, here or on a Dask cluster: a killed worker loses nothing."""
+"""Independent tasks on worker processes, local or on a Dask cluster; lost tasks are repeated."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from threading import Thread
 from typing import Any, Protocol
 
 KILLS = 3
-"""Processes that a task may take with it before it is given up."""
+"""Number of killed processes after which a task is abandoned."""
 DEPTH = 2
-"""Tasks that a process has: one under way, one in its queue."""
+"""Tasks of a process: one running, one queued."""
 GLANCE = 5.0
-"""Seconds after which a crew is looked at though nothing was done: workers of a cluster come and go."""
+"""Seconds between checks of a crew: workers of a cluster may connect and disconnect."""
 THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR")
 Work = Callable[[Any], Any]
 
 
 @dataclass(frozen=True)
 class Lost:
-    """What a task leaves behind that killed its workers, in words."""
+    """The result of a task that killed its workers, with the reason as text."""
 
     words: str
 
 
 @dataclass
 class Job:
-    """A task, its place among all, and the processes that died of it."""
+    """A task, its index, and the number of processes that it killed."""
 
     index: int
     task: Any
@@ -41,7 +41,7 @@ class Job:
 
 
 class Queue:
-    """Jobs to be done: those that came back first, then fresh ones, taken up only as they are needed."""
+    """Jobs to be done: returned ones first, then new ones, which are generated on demand."""
 
     def __init__(self, tasks: Iterable[Any]) -> None:
         self._fresh = (Job(k, task) for k, task in enumerate(tasks))
@@ -52,28 +52,28 @@ class Queue:
         return self._back.popleft() if self._back else next(self._fresh, None)
 
     def put_back(self, jobs: Iterable[Job]) -> None:
-        """Take jobs back, in their order."""
+        """Return jobs to the queue, in their order."""
         self._back.extendleft(reversed(list(jobs)))
 
 
 class Crew(Protocol):
-    """What does jobs: one process of our own, or a cluster."""
+    """Executor of jobs: a local process, or a cluster."""
 
     jobs: dict[Future[Any], Job]
     """Under way, in the order in which they were handed over."""
 
     def fill(self, work: Work, queue: Queue) -> None:
-        """Take up as many jobs as are to be under way."""
+        """Submit jobs up to the capacity."""
 
     def done(self, queue: Queue) -> Iterator[tuple[int, Any]]:
-        """Hand over what was done since; what was lost with a worker goes back into the queue."""
+        """Return finished jobs; jobs that were lost with a worker are queued again."""
 
     def close(self) -> None:
-        """Drop what is under way."""
+        """Cancel running jobs."""
 
 
 class Process:
-    """One process. It does jobs in their order, so the first that is not done is the one that killed it."""
+    """A local process. Jobs run in order, so the first unfinished job is the one that killed it."""
 
     def __init__(self) -> None:
         self.jobs: dict[Future[Any], Job] = {}
@@ -90,7 +90,7 @@ class Process:
                 self.jobs[self._pool.submit(work, job.task)] = job
             except BrokenExecutor:
                 queue.put_back([job])
-                if self.jobs:  # `done` sees to them first
+                if self.jobs:  # `done` handles them first
                     return
                 self._pool = self._start()
 
@@ -98,7 +98,7 @@ class Process:
         """See `Crew`."""
         ended = [future for future in self.jobs if future.done()]
         if any(_broken(future) for future in ended):
-            wait(self.jobs)  # those behind it break with it
+            wait(self.jobs)  # later jobs fail with it
             yield from self._buried(queue)
             return
         for future in ended:
@@ -112,26 +112,26 @@ class Process:
         queue.put_back(behind if given_up else [first, *behind])
         yield from ((job.index, future.result()) for future, job in jobs.items() if not _broken(future))
         if given_up:
-            yield first.index, Lost(f"the process that did it was killed {KILLS} times")
+            yield first.index, Lost(f"its process was killed {KILLS} times")
 
     def close(self) -> None:
-        """See `Crew`; the job under way is waited for."""
+        """See `Crew`; the running job is awaited."""
         self._pool.shutdown(cancel_futures=True)
 
 
 def results(
     work: Work, tasks: Iterable[Any], workers: int = 1, dask: str | None = None
 ) -> Generator[tuple[int, Any], None, None]:
-    """Do all tasks, and hand over each result as it comes.
+    """Execute all tasks, and yield each result when it is finished.
 
-    Close it (`contextlib.closing`) where it may be left early: what is under way then is dropped.
+    Use `contextlib.closing` where iteration may stop early: running tasks are then cancelled.
 
     Parameters
     ----------
     work : callable
-        Of a module's top level; what it raises is raised here.
+        A function at module level; its exceptions are raised here.
     tasks : iterable
-        Taken up as they are needed, so that few are in memory.
+        Iterated on demand, so that few are in memory.
     workers : int
         Processes on this machine, each with one thread of BLAS.
     dask : str, optional
@@ -141,13 +141,13 @@ def results(
     Yields
     ------
     tuple of int and object
-        The place of a task and its result, in the order in which they are done. The result is `Lost` where
-        the task killed its worker three times (on Dask, as often as the cluster's ``allowed-failures`` say).
+        Index and result of each task, in the order of completion. The result is `Lost` where the task killed
+        its worker three times (on Dask: ``allowed-failures`` of the cluster).
 
     Raises
     ------
     BayescalError
-        Where the cluster cannot be reached, or is lost.
+        If the cluster cannot be reached, or is lost.
     """
     queue = Queue(tasks)
     with ExitStack() as stack:
@@ -179,7 +179,7 @@ def _broken(future: Future[Any]) -> bool:
 
 
 def _settle() -> None:
-    """Begin a worker process: one thread of BLAS, deaf to Ctrl-C (its parent hears it), gone with that."""
+    """Initialise a worker process: one thread of BLAS, Ctrl-C ignored, ends with its parent."""
     os.environ |= {f"{library}_NUM_THREADS": "1" for library in THREADS}
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if (parent := parent_process()) is not None:

@@ -1,1 +1,1 @@
-"""Reports from results alone: fit.json, posterior.nc, and the terminal's summary."""
+"""Reports from results only: JSON, posterior.nc, figures, and the summary in the terminal."""

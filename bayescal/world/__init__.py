@@ -1,1 +1,1 @@
-"""Worlds of another making: rigid bodies in Pinocchio, in which something is wrong that is not disclosed."""
+"""Independent simulator of test sessions: rigid bodies in Pinocchio, with errors that are not disclosed."""

@@ -175,7 +175,7 @@ class Arm:
         return origin, turn
 
     def weigh(self, coordinates: np.ndarray, extra: float = 0.0) -> np.ndarray:
-        """Return the moment (n, coordinates) that gravity puts on every joint and hinge."""
+        """Return the gravity torque (n, coordinates) on every joint and hinge."""
         model, data, _ = self._built(extra)
         out = np.empty((len(coordinates), SIZE))
         for k, q in enumerate(coordinates):

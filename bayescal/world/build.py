@@ -26,12 +26,12 @@ def _outliers(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def build(seed: int, number: int, *, spared: bool = False) -> tuple[dict[str, str], dict]:
-    """Return the files of a world by name, and its truth.
+    """Return the files of a simulated test session by name, and its ground truth.
 
     Parameters
     ----------
     seed : int
-        One seed, one set of worlds.
+        The same seed gives the same set of sessions.
     number : int
         Which of them; no world depends on another.
     spared : bool

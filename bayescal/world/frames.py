@@ -40,7 +40,7 @@ def thermal_drift(rng: np.random.Generator, w: World) -> Act:
 
 
 def step(rng: np.random.Generator, w: World) -> Act:
-    """Return a base knocked at one moment of the session: moved and turned."""
+    """Return a base that shifts and rotates at one row of the session."""
     s = w.session
     when = np.quantile(s.time[s.phase == 0], rng.uniform(0.2, 0.8))
     shift = rng.standard_normal(3)

@@ -1,4 +1,4 @@
-"""Effects that the vocabulary has no name for; the right answer is 'unknown', at a place."""
+"""Effects outside the vocabulary; the correct answer is 'unknown', with a location."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def _place(site: str, driver: str, name: str, *also: str) -> list[dict]:
 
 
 def tooth(rng: np.random.Generator, w: World) -> Act:
-    """Return one damaged tooth: a steep side, a long side, and nothing elsewhere."""
+    """Return one damaged tooth: a steep side, a long side, and zero elsewhere."""
     j = rng.integers(6)
     link = w.session.start[w.session.phase == 0] @ LINK_FROM_READING[j]
     at, steep, long = (
@@ -128,7 +128,7 @@ def snag(rng: np.random.Generator, w: World) -> Act:
 
 
 def sway(rng: np.random.Generator, _w: World) -> Act:
-    """Return a floor that tilts to and fro with the cycles of a machine beside it."""
+    """Return a base that tilts periodically with the cycles of a machine nearby."""
     period, phase, bearing = rng.uniform(250, 1400), rng.uniform(0, 6.28), rng.uniform(0, 6.28)
 
     def move(seen: Seen, size: float, m: Moved) -> None:

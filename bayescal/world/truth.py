@@ -1,4 +1,4 @@
-"""What is written of a world apart from it: what is hidden, how visible, and what it does to distances."""
+"""The ground truth of a test session: hidden effects, their detectability, and the distance errors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bayescal.world.touch import World
 def told(
     world: World, model: visible.Fitted, found: list, quiet: np.ndarray, sigma: float, noise: np.ndarray
 ) -> dict:
-    """Return what is hidden, how visible it is, and what it does to distances."""
+    """Return hidden effects, their detectability, and the distance errors."""
     still, count = world.gap(quiet), int(np.sum(world.session.phase == 0))
     acts = [(act, size) for act, size, _ in found]
     shift = world.gap(quiet, acts) - still if acts else np.zeros(len(quiet))

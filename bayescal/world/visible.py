@@ -1,4 +1,4 @@
-"""What of an effect remains once the baseline is fitted: finite differences, projected."""
+"""The part of an effect that the baseline does not absorb: finite differences, projected."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PRIOR = {"a": 3e-4, "alpha": 1e-3, "d": 3e-4, "zero": 2e-3, "beta3": 1e-3}
 
 @dataclass
 class Fitted:
-    """Derivatives of every gap by what a baseline fits, at one set of readings."""
+    """Derivatives of every gap by the parameters of a baseline, at one set of readings."""
 
     columns: np.ndarray  # (n, m)
     normal: np.ndarray

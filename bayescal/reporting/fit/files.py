@@ -29,7 +29,7 @@ def fit_contents(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
 
 
 def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None:
-    """Write fit.json, posterior.nc and the calibrated robot.yaml, whole or not at all.
+    """Write fit.json, posterior.nc and the calibrated robot.yaml atomically.
 
     `compared` is what the sessions of a joint fit say of the arm each by itself.
     """

@@ -120,7 +120,7 @@ def _single(values: np.ndarray) -> np.ndarray:
 
 
 def _predictions(fit: Fit) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
-    """Sphere distances and held-out residuals: draws (chain, draw, ...), what was measured, labels."""
+    """Sphere distances and validation residuals: draws (chain, draw, ...), measured values, labels."""
     v = fit.final.validation
     scene = fit.final.estimate.model.scene
     ids, m = np.array(fit.dataset.measurements.ids), fit.dataset.measurements

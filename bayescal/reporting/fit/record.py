@@ -195,7 +195,7 @@ def ends(predicted: np.ndarray, factor: float) -> list[float]:
 
 
 def validation_record(nominal: Validation, calibrated: Validation) -> dict[str, Any]:
-    """The contract's ``validation``: held-out rows under the nominal and the calibrated arm."""
+    """``validation`` of the contract: validation rows under the nominal and the calibrated arm."""
     planes = [
         {
             "target": p.target,
@@ -256,7 +256,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def _points(nominal: tuple[PointCheck, ...], calibrated: tuple[PointCheck, ...]) -> dict[str, Any]:
-    """Lengths of the residual vectors of held-out points, all targets together."""
+    """Lengths of the residual vectors of validation points, of all targets."""
     if not calibrated:
         return {"count": 0}
     before = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in nominal])
@@ -279,7 +279,7 @@ def _points(nominal: tuple[PointCheck, ...], calibrated: tuple[PointCheck, ...])
 
 
 def _turns(checks: tuple[TurnCheck, ...]) -> dict[str, Any]:
-    """Angles of held-out orientations from the predicted ones, all targets together."""
+    """Angles between measured and predicted orientations of validation rows, of all targets."""
     if not checks:
         return {"count": 0}
     angles = np.concatenate([np.linalg.norm(c.residuals, axis=0) for c in checks])

@@ -20,7 +20,7 @@ MEASURES = ("planes", "distances")
 CURVES = 12
 """Locations, the largest first, whose curves are stored."""
 DIGITS = 4
-"""Decimals of curves and residuals, in um or the unit of the coordinate: below the resolution of a probe."""
+"""Decimals of curves and residuals, in µm or the unit of the coordinate: below the resolution of a probe."""
 
 
 def gap_record(gap: Gap) -> dict[str, Any]:

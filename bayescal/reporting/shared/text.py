@@ -41,7 +41,7 @@ def um2(value: float) -> str:
 
 
 def amplitude(value: float, unit: str) -> tuple[float, str]:
-    """The size of an error and its unit from SI: as in files, but lengths in um (ASCII, for JSON)."""
+    """The size of an error and its unit from SI: lengths in µm, unit `um` (ASCII, for JSON)."""
     name, factor = ("um", UM) if unit == "m" else UNITS[unit]
     return factor * value, name
 
