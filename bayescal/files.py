@@ -1,4 +1,4 @@
-"""Files that people write: YAML with the line of every value, keys with their unit, clear refusals."""
+"""Files that users write: YAML with the line of every value, keys with their unit, clear error messages."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from bayescal.errors import BayescalError
 UNITS = {"mm": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180} | dict.fromkeys(
     ("rad", "kg", "nm", "s", "c", "mps2", "rad_per_nm"), 1.0
 )
-"""Unit suffixes of keys and columns, and what one is in SI (degrees Celsius stay)."""
+"""Unit suffixes of keys and columns, and the factors to SI (degrees Celsius are kept)."""
 
 FOREIGN = ("m", "cm", "um", "in", "inch", "radps", "mrad", "urad", "g", "k", "ms", "n", "ncm", "mnm")
-"""Suffixes of units that no file uses: known so that the right one can be named."""
+"""Suffixes of units that no file uses; an error message then names the correct suffix."""
 
 ANGLES = ("deg", "rad", "mrad", "urad")
 
@@ -47,7 +47,7 @@ def si(key: str) -> float:
 
 
 def unknown(noun: str, key: str, known: Iterable[str]) -> tuple[str, str]:
-    """Tell of an unknown key or column: what is wrong, and the remedy."""
+    """Error and remedy for an unknown key or column."""
     known = list(known)
     stem, unit = stem_of(key)
     same = [k for k in known if stem_of(k)[0] == stem and stem_of(k)[1]]
@@ -128,10 +128,10 @@ class Document:
 
 
 def read_document(path: File) -> Document:
-    """Read a YAML file; refuse duplicate keys, and whatever is no mapping.
+    """Read a YAML file; refuse duplicate keys, and anything that is not a mapping.
 
-    Scalars stay text: a name such as ``on`` or ``12`` is not taken for something else, and the
-    model's numbers are parsed from it.
+    Scalars remain text: a name such as ``on`` or ``12`` is not converted to a boolean or a number. The
+    pydantic model parses numbers from the text.
     """
     text, content = decoded(path)
     lines: dict[Path, int] = {(): 1}

@@ -1,1 +1,1 @@
-"""What a result is worth: identifiability, directions probed, agreement of sessions, false comfort."""
+"""Assessment of a result: identifiability, probed directions, agreement of sessions, tests, warnings."""

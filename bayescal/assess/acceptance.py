@@ -1,8 +1,8 @@
-"""Does the model explain the machine? Tests of a fit, of its validation rows and of what was rejected.
+"""Tests of the model: residuals of a fit, its validation rows, and its rejected rows.
 
-Each test compares a figure with what the posterior predicted of it: noise, parameters, certificates, and all
-that they have in common. The tests share one chance of a false alarm (Bonferroni), so that a correct model
-fails any of them with a probability of `LEVEL` at most.
+Each test compares a figure with its posterior prediction from noise, parameters and certificates, including
+their correlations. The tests share a probability of a false alarm (Bonferroni), so that a correct model
+fails any of them with a probability of at most `LEVEL`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Agreement: what each of several sessions says of the arm by itself, and how far that is apart.
+"""Agreement of sessions: estimates of the arm from each session alone, and their differences.
 
-Two estimates of one truth under one prior are not independent: both are drawn towards the prior's mean. In
-units of prior standard deviations, with covariances C and what the data contribute A = 1 - C, the difference
-of the estimates has the covariance A + B - AB - BA, over data and truth (Gaussian, linear): C_A + C_B where
-the data decide, nothing where the prior does.
+Two estimates of the same arm under the same prior are not independent: both are shrunk towards the prior
+mean. Normalised by the prior standard deviations, with covariances C_A and C_B, and A = 1 - C_A, B = 1 - C_B,
+the difference of the estimates has the covariance A + B - AB - BA over data and true values (Gaussian,
+linear). This is C_A + C_B for identifiable directions, and zero for directions that are not identifiable.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from bayescal.estimate import Estimate, calibrated
 from bayescal.model.scene import Scene
 
 KNOWN = 1.0
-"""Information beyond the prior's that two sessions must share in a direction for it to be compared."""
+"""Information, relative to the prior's, that both sessions need in a direction for a comparison."""
 DISAGREE = 1e-3
-"""Probability of so great a difference by chance below which two sessions disagree."""
+"""Probability of the observed difference by chance, below which two sessions disagree."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two sessions beside each other."""
+    """Comparison of two sessions."""
 
     sessions: tuple[str, str]
     apart: np.ndarray  # (P,) differences (second minus first) in their standard deviations
@@ -39,13 +39,13 @@ class Pair:
 
     @property
     def disagree(self) -> bool:
-        """Whether this is no chance."""
+        """Whether the difference is significant."""
         return self.p_value < DISAGREE
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """The arm's shared parameters as every session alone finds them, and as all do together; SI."""
+    """The arm's shared parameters, estimated from every session alone and from all together; SI."""
 
     names: tuple[str, ...]  # (P,)
     units: tuple[str, ...]

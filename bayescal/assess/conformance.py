@@ -1,15 +1,15 @@
-"""Is a distance error within a tolerance? Probability, and the decision rule of ISO 14253-1.
+"""Conformance of a distance error to a tolerance: probability, and the decision rule of ISO 14253-1.
 
-The rule charges the uncertainty to whoever proves: with a measured error e, its expanded uncertainty
-U = 2 u (k = 2) and a tolerance X, conformance is proven where abs(e) + U <= X, nonconformance where
-abs(e) - U > X; in between nothing is decided. The edition of 2017 asks by default for a probability of
+In this rule the uncertainty counts against the party that proves: with a measured error e, its expanded
+uncertainty U = 2 u (k = 2) and a tolerance X, conformance is proven if abs(e) + U <= X, nonconformance if
+abs(e) - U > X; in between there is no decision. The edition of 2017 requires by default a probability of
 conformance of 95 %, which a guard band of 1.65 u gives where X is large beside u (one-sided; JCGM 106:2012,
 8.3). U with k = 2, the guard band of the editions before and of calibration certificates, is the stricter
 of the two (97.7 % one-sided), and is what this program uses.
 
-u is the predicted standard deviation of the error: noise of the contacts, parameters of the arm, what the
-model leaves unexplained, and the certificate. It is larger than that of the measurement alone, so that a
-decision errs to 'not decided'.
+u is the predicted standard deviation of the error: noise of the contacts, parameters of the arm, unexplained
+residuals, and the certificate. It is larger than that of the measurement alone, so that the rule is
+conservative: more results are 'not decided'.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Along which directions in space the fitted rows look: a residual sees the ball along its own alone."""
+"""Directions in space that the fitted rows probe: a residual measures the ball along one direction only."""
 
 from __future__ import annotations
 

@@ -17,24 +17,24 @@ def fit(
     datasets: list[Path] = typer.Argument(
         ...,
         metavar="DATASET...",
-        help="Dataset folder: dataset.yaml, measurements.csv and the robot. Several, sessions of one arm, "
-        "are fitted together.",
+        help="Dataset folder with dataset.yaml, measurements.csv and the robot. Several sessions of the same "
+        "arm are fitted together.",
     ),
-    model: str = typer.Option("geometry,compliance", help="Effects to fit, comma separated."),
+    model: str = typer.Option("geometry,compliance", help="Effects to fit, separated by commas."),
     samples: int = typer.Option(
         5000, min=0, help="Effective draws of every parameter; 0: Gaussian approximation."
     ),
-    seed: int = typer.Option(0, help="One seed, one result."),
+    seed: int = typer.Option(0, help="Random seed."),
     out: Path | None = typer.Option(
-        None, help="Run folder to write [default: runs/<dataset>-fit; of several, their names joined by +]."
+        None, help="Run folder to write [default: runs/<dataset>-fit; several names are joined by +]."
     ),
-    robust: bool = typer.Option(True, help="Find outliers and leave them out."),
-    prior_width: float = typer.Option(1.0, help="Factor on the widths of the arm's tolerance priors."),
+    robust: bool = typer.Option(True, help="Exclude outliers."),
+    prior_width: float = typer.Option(1.0, help="Factor on the standard deviations of the arm's prior."),
     latent_joints: bool = typer.Option(
-        False, "--latent-joints", help="Keep the joint readings as unknowns of the graph."
+        False, "--latent-joints", help="Estimate the errors of the joint readings as unknowns."
     ),
     remounted: bool = typer.Option(
-        False, "--remounted", help="Of several sessions: the tools were taken off in between."
+        False, "--remounted", help="The tools were remounted between the sessions."
     ),
     allow_xacro: AllowXacro = False,
     tolerance_mm: float | None = typer.Option(
@@ -44,7 +44,7 @@ def fit(
         False, "--verbose", "-v", help="Print all distances, all parameters, weak directions and the sampler."
     ),
 ) -> None:
-    """Calibrate an arm: its parameters, how sure they are, and what error to expect elsewhere."""
+    """Calibrate an arm: its parameters with uncertainty, and the expected distance error in its workspace."""
     from bayescal.cli.sessions import read_sessions
     from bayescal.folders import check_free
 

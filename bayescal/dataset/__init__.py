@@ -1,4 +1,4 @@
-"""What a measuring session leaves behind: the folder on disk and the `Dataset` in memory."""
+"""A measuring session: the folder on disk and the `Dataset` in memory."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Residuals of contacts at nominal geometry, and how far a target must move to explain them.
 
-Robust, to tell an impossible row from a loosely known target.
+The estimate is robust: it distinguishes an impossible row from an uncertain position of the target.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Several sessions of one arm as one `Dataset`, so that every later stage fits them together.
 
-Joined, the sessions share the arm, and tools that they state alike. What belongs to a session stays its own:
-its targets, certificates, ids, stops and repeats are called by it (``A:cube.+x``), its rows keep the noise
-that it states. Its clock is set to go on after that of the session before, so that rows are in the order of
-time; a drift is still told session by session (`effects.sessions`).
+The joined sessions share the arm, and tools with equal entries. Targets, certificates, ids, stops and repeats
+belong to a session and have its name as a prefix (``A:cube.+x``). Its rows keep the noise that it states. Its
+times are shifted to follow those of the session before, so that rows are in the order of time; a drift still
+has separate parameters for each session (`effects.sessions`).
 """
 
 from __future__ import annotations
@@ -132,8 +132,8 @@ def _fitted(session: Dataset) -> set[str]:
 def _certificates(sessions: Sequence[Dataset]) -> tuple[Certificate, ...]:
     """All certificates, those of one artefact that several sessions fit with their uncertainty widened.
 
-    One paper, one error: it does not average out over sessions. K ties with uncertainty u sqrt(K) say of
-    what they have in common what one says with u.
+    The error of a certificate is common to all sessions and does not average out. K constraints with
+    uncertainty u sqrt(K) have together the weight of a single constraint with u.
     """
     fitted = [_fitted(s) for s in sessions]
     copies = Counter(

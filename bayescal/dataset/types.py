@@ -1,4 +1,4 @@
-"""What a measuring session leaves behind, in SI units and checked."""
+"""Types of a measuring session, in SI units and checked."""
 
 from __future__ import annotations
 

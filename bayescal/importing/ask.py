@@ -1,4 +1,4 @@
-"""What is to be imported, and what is known beside the log: robot, tools, targets, noise."""
+"""The request of an import, and the data that the log does not contain: robot, tools, targets, noise."""
 
 from __future__ import annotations
 

@@ -71,15 +71,15 @@ def _tools(centres: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 def points_map(log: Log, unit: str) -> Map:
     """The map of a file whose rows are ``x y z``, or names and then ``x y z``.
 
-    Names of several parts (collection, group, target) are told by their last. A file in which the
-    numbers are not told from names, or from what follows z, is refused.
+    Of names with several parts (collection, group, target) the last part counts. A file is refused if it
+    is not clear which columns are x, y, z.
     """
     width = len(log.rows[0])
     texts = [i for i in range(width) if not all(is_number(row[i]) for row in log.rows)]
     start = width - 3
     if start < 0 or any(i >= start for i in texts) or (start > 1 and start - 1 not in texts):
-        what = f"cannot tell which of the {width} columns are x, y, z"
-        remedy = "say it in --points-map: `id=#1, x=#2 mm, y=#3 mm, z=#4 mm`"
+        what = f"it is not clear which of the {width} columns are x, y, z"
+        remedy = "state it in --points-map: `id=#1, x=#2 mm, y=#3 mm, z=#4 mm`"
         raise BayescalError(what, log.name, remedy)
     length = unit_of(unit, "length", "--points-map")
     map_ = {k: Column(f"#{start + i + 1}", length) for i, k in enumerate("xyz")}

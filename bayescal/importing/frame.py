@@ -1,4 +1,4 @@
-"""Where an instrument stood, and where on the flange its reflector sat: a rigid fit to the nominal arm."""
+"""Position of an instrument, and of its reflector on the flange: a rigid fit to the nominal arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blocks, the rows of one target, and constraints, what a certificate states, as residuals."""
+"""Residuals of blocks (the rows of one target) and of constraints (certificates)."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ ARM = "arm"
 
 @dataclass(frozen=True)
 class Block:
-    """The rows of one target: their motion and kind, ready for residuals.
+    """The rows of one target, with their motion and measurement kind.
 
-    `sigma` (C,) m is the stated uncertainty of a residual; `contact` (P', C) drives the residual
-    directly by the parameters `contact_index` (P',). `group` names the noise scale that it shares.
-    Residuals of `Turned` blocks are in rad, all else alike.
+    `sigma` (C,) m is the stated uncertainty of a residual. The parameters `contact_index` (P',) change the
+    residual directly, with the drivers `contact` (P', C). `group` is the name of its noise group.
+    Residuals of `Turned` blocks are in rad.
     """
 
     target: str
@@ -35,7 +35,7 @@ class Block:
 
     @property
     def name(self) -> str:
-        """By which weights are kept; the target's own, but for what else is read of it."""
+        """Key of its weights: the target's name, except for orientations."""
         return self.target
 
     @cached_property
@@ -71,11 +71,11 @@ class Block:
         return (by_state if self.size == by_state.shape[-1] else by_state[..., self.free]) * self.sd
 
     def seen(self, values: np.ndarray) -> np.ndarray:
-        """What the kind judges, at arm deviations (..., P): ball centres (..., 3, C), m."""
+        """The quantity that the kind measures, at arm deviations (..., P): ball centres (..., 3, C), m."""
         return self.motion.points(values)
 
     def columns(self, values: np.ndarray, seen: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Derivatives (P, C) of what is seen along u (3, C), at deviations (P,)."""
+        """Derivatives (P, C) of `seen` along u (3, C), at deviations (P,)."""
         return self.motion.columns(values, seen, u)
 
     def residual(self, values: np.ndarray, z: np.ndarray) -> np.ndarray:
@@ -86,11 +86,11 @@ class Block:
         return r
 
     def at_contact(self, values: np.ndarray) -> np.ndarray:
-        """What the model adds to residuals at the contact itself, (..., C), m, at deviations (..., P)."""
+        """Part of residuals from parameters that act at the contact, (..., C), m, at deviations (..., P)."""
         return values[..., self.contact_index] @ self.contact
 
     def touched(self, values: np.ndarray) -> Kind:
-        """The kind with balls as large as the model says that they are at each contact, at (P,)."""
+        """The kind with the model's effective ball radius at each contact, at deviations (P,)."""
         if not len(self.contact_index) or not hasattr(self.kind, "radius"):
             return self.kind
         return replace(self.kind, radius=self.kind.radius - self.at_contact(values))  # type: ignore[type-var]
@@ -99,7 +99,7 @@ class Block:
         """Residuals (R,), m, and gradients by the arm's deviations (R, P) and the target's z (R, size)."""
         p = self.seen(values)
         r, u, dx = self.kind.linearise(self.state(z), p)
-        # parameter after parameter, as the kernel gives and the solver takes them
+        # in order of the parameters, as in the kernel and the solver
         arm = [self.columns(values, p, u[k]) for k in range(self.kind.rows)]
         by_arm = arm[0] if len(arm) == 1 else np.concatenate(arm, axis=1)
         if len(self.contact_index):
@@ -125,10 +125,11 @@ class Block:
 
 @dataclass(frozen=True)
 class Turned(Block):
-    """The rows in which an instrument reads the tool's orientation too; shares the state of its points.
+    """The rows in which an instrument also reads the tool's orientation; shares the state of its points.
 
-    `frame` (C, 3, 3) is how each row's tool nominally stands on the flange; `turn` (P', 3, C) turns it by
-    the parameters `turn_index` (P',), by a rotation vector in its own frame. Residuals are in rad.
+    `frame` (C, 3, 3) is the nominal orientation of each row's tool on the flange. The parameters `turn_index`
+    (P',) rotate it by a rotation vector in its own frame, with the drivers `turn` (P', 3, C). Residuals are
+    in rad.
     """
 
     frame: np.ndarray
@@ -137,11 +138,11 @@ class Turned(Block):
 
     @property
     def name(self) -> str:
-        """Apart from the points of the same target."""
+        """Key of its weights; differs from that of the points of the same target."""
         return f"{self.target} (orientation)"
 
     def _vector(self, values: np.ndarray) -> np.ndarray:
-        """Turn of each row's tool beside its nominal frame, (..., C, 3), rad."""
+        """Rotation vector of each row's tool relative to its nominal frame, (..., C, 3), rad."""
         return np.einsum("...k,kac->...ca", values[..., self.turn_index], self.turn)
 
     def seen(self, values: np.ndarray) -> np.ndarray:
@@ -150,11 +151,11 @@ class Turned(Block):
         return np.moveaxis(flange @ self.frame @ turned(self._vector(values)), -3, -1)
 
     def columns(self, values: np.ndarray, seen: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Turns (P, C) of the tool about u (3, C) by each parameter, at deviations (P,)."""
+        """Rotations (P, C) of the tool about u (3, C) by each parameter, at deviations (P,)."""
         out = self.motion.turning_columns(values, u)
         if len(self.turn_index):
             v = self._vector(values)
-            # exp(v + dv) = exp(v) exp(J dv) with the left Jacobian of -v: a turn in the tool's frame
+            # exp(v + dv) = exp(v) exp(J dv) with the left Jacobian of -v: a rotation in the tool's frame
             own = np.einsum("ic,ijc->cj", u, seen)[:, None, :] @ left_jacobian(-v)
             out[self.turn_index] += np.einsum("cj,kjc->kc", own[:, 0], self.turn)
         return out
@@ -164,8 +165,8 @@ class Turned(Block):
 class Constraint:
     """A certificate between fitted targets: whitened residuals of their states.
 
-    `shift` (P', rows) is by how many of its stated uncertainties `u` (rows,) a unit of each of the
-    parameters `index` (P',) shifts what it states.
+    A unit of each of the parameters `index` (P',) shifts the certified value by `shift` (P', rows), in units
+    of its stated uncertainties `u` (rows,).
     """
 
     kind: str
@@ -182,7 +183,7 @@ class Constraint:
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """Names of the parts of z that it joins: the arm's too where a parameter shifts it."""
+        """Names of the parts of z on which it depends, including the arm's if a parameter shifts it."""
         return (ARM, *self.targets) if len(self.index) else self.targets
 
     def linearise(self, values: np.ndarray, *states: np.ndarray) -> certificate.Residual:

@@ -1,4 +1,4 @@
-"""Which residuals are lengths: those of contacts and points, not the turns that instruments read beside."""
+"""Blocks whose residuals are lengths: contacts and points, not the orientations that instruments read."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from bayescal.model import Block, Model, Turned
 
 
 def length_blocks(model: Model) -> tuple[Block, ...]:
-    """Blocks whose residuals are lengths, m; a model has them before those of orientations, rad."""
+    """Blocks whose residuals are lengths, m; in a model they precede those of orientations, rad."""
     return tuple(b for b in model.blocks if not isinstance(b, Turned))
 
 
 def main_group(model: Model) -> str:
-    """The noise group of most lengths: noise scales are told beside its own."""
+    """The noise group with most lengths: reports give other noise scales in addition to its scale."""
     count: dict[str, int] = {}
     for b in length_blocks(model):
         count[b.group] = count.get(b.group, 0) + b.residuals

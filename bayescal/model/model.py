@@ -33,14 +33,14 @@ ORIENTATION = "orientation"
 LENGTHS = ("parallel", "distance", "diameter")
 """Certificates that state a length."""
 KNOWN_PLACE = 1e-3
-"""Standard uncertainty, m, up to which two targets' places, or an uncertain certificate, define a length."""
+"""Standard uncertainty, m, up to which the positions of two targets, or a certificate, define a length."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """Parameters, blocks of contacts and certificates, over the rows that are fitted.
+    """Parameters, blocks of contacts, and certificates, for the fitted rows.
 
-    A target's first block is of its contacts or points; another of the same target shares its state.
+    A target's first block contains its contacts or points; a further block of the target shares its state.
     """
 
     scene: Scene
@@ -51,7 +51,7 @@ class Model:
 
     @cached_property
     def slices(self) -> Mapping[str, slice]:
-        """Where the arm and each target stand in z."""
+        """Slices of z for the arm and each target."""
         out = {ARM: slice(0, len(self.parameters))}
         at = len(self.parameters)
         for block in self.states:
@@ -61,7 +61,7 @@ class Model:
 
     @property
     def states(self) -> tuple[Block, ...]:
-        """The first block of every target: whose states make up z."""
+        """The first block of every target; z contains their states."""
         return tuple(self.block_of.values())
 
     @property
@@ -92,7 +92,7 @@ class Model:
 
     @cached_property
     def shift(self) -> np.ndarray:
-        """How far the prior means lie from nominal, (P,), SI."""
+        """Prior means minus nominal values, (P,), SI."""
         return np.array([p.centre - p.nominal for p in self.parameters])
 
     def deviations(self, z: np.ndarray) -> np.ndarray:
@@ -115,7 +115,7 @@ class Model:
 
     @property
     def knows_length(self) -> bool:
-        """Whether anything but the priors says how long the arm is."""
+        """Whether the data determine the size of the arm, and not only the priors."""
         stated = {t.name for t in self.scene.dataset.targets if t.u is not None and t.u <= KNOWN_PLACE}
         fitted = {b.target for b in self.blocks}
         return (
@@ -213,7 +213,7 @@ class Model:
 
 
 def check_asked(effects: tuple[str, ...], prior_width: float) -> None:
-    """Refuse what no model can be made of: priors of no width, an effect named twice, or held by another."""
+    """Refuse priors without width, an effect named twice, and an effect that is part of another."""
     if not 0 < prior_width < float("inf"):
         raise BayescalError(
             "a model without priors would shrink the arm to fit its contacts",
@@ -224,8 +224,8 @@ def check_asked(effects: tuple[str, ...], prior_width: float) -> None:
     if len(plain) < len(effects):
         raise BayescalError("an effect is named twice", "--model", "name it once")
     for name in plain & MODELS.keys():
-        if held := plain.intersection(MODELS[name].part_of):
-            what = f"{name} is part of {' and of '.join(sorted(held))}"
+        if others := plain.intersection(MODELS[name].part_of):
+            what = f"{name} is part of {' and of '.join(sorted(others))}"
             raise BayescalError(what, "--model", f"leave {name} out")
 
 
@@ -238,7 +238,7 @@ def build(
     ----------
     scene : Scene
     effects : tuple of str
-        Names of `effects.MODELS`; () leaves the nominal arm.
+        Names of `effects.MODELS`; () is the nominal arm.
     prior_width : float
         Factor on the prior standard deviations of the arm's parameters.
     without : sequence of Part
@@ -247,7 +247,7 @@ def build(
     Raises
     ------
     BayescalError
-        Without rows to fit, or where an effect lacks what it needs, or a part that it should be without.
+        If there are no rows to fit, the session lacks data for an effect, or an effect has no such part.
     """
     rows = _rows(scene)
     circumstances = scene.circumstances(rows)
@@ -257,12 +257,12 @@ def build(
 
 
 def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Parameter, ...]) -> Model:
-    """The model of a scene's `calibrate` rows with any parameters.
+    """The model of a scene's `calibrate` rows with the given parameters.
 
     Raises
     ------
     BayescalError
-        Without rows to fit.
+        If there are no rows to fit.
     """
     rows = _rows(scene)
     bare = Model(scene, effects, parameters, (), ())
@@ -291,7 +291,7 @@ def _rows(scene: Scene) -> np.ndarray:
 def _constraint(
     model: Model, number: int, entry: CertificateEntry, kinds: Mapping[str, Kind]
 ) -> Constraint | None:
-    """A certificate as a factor, or None where one of its targets is not fitted."""
+    """A certificate as a factor, or None if a target of it is not fitted."""
     if any(name not in kinds for name in entry.targets):
         return None
     stated = model.scene.stated(entry)

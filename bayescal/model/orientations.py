@@ -1,6 +1,6 @@
-"""Orientations that instruments read beside points: which rows have one, how sure, how the tools stand.
+"""Orientations that instruments read in addition to points: rows, uncertainties, tool frames.
 
-Pure functions of a session; `Scene` asks them where it is `oriented`.
+Pure functions of a session; `Scene` calls them if it is `oriented`.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Dataset
 
 USUAL = np.radians(0.01)
-"""rad, assumed noise of an orientation where none is stated: a six-degree probe of a laser tracker's."""
+"""rad, assumed noise of an orientation if none is stated: that of a laser tracker's 6-DoF probe."""
 
 
 def posed(dataset: Dataset) -> np.ndarray:
-    """Which rows read the tool's orientation too, (N,)."""
+    """Which rows also read the tool's orientation, (N,)."""
     rpy = dataset.measurements.rpy
     return np.zeros(len(dataset.measurements.ids), bool) if rpy is None else ~np.isnan(rpy).any(axis=1)
 
@@ -28,7 +28,7 @@ def read(dataset: Dataset, rows: np.ndarray) -> np.ndarray:
 
 
 def sigma(dataset: Dataset, count: int) -> np.ndarray:
-    """Stated standard uncertainty of a turn about one axis, (count,), rad; `USUAL` where none is."""
+    """Stated standard uncertainty of a rotation about each axis, (count,), rad; default `USUAL`."""
     stated = dataset.noise.orientation
     return np.full(count, USUAL if stated is None else stated)
 
@@ -36,8 +36,8 @@ def sigma(dataset: Dataset, count: int) -> np.ndarray:
 def tool_frames(dataset: Dataset, flange: np.ndarray) -> np.ndarray:
     """Nominal orientation of every tool on the flange, (tools, 3, 3).
 
-    Where a tool states none, the mean of what its rows read, with nominal arm and instruments; flange
-    (N, 3, 3) in F0.
+    If a tool states none, it is the mean over its rows' readings, with the nominal arm and instruments.
+    `flange` (N, 3, 3) is in F0.
     """
     m, measured = dataset.measurements, posed(dataset)
     out = np.tile(np.eye(3), (len(dataset.tools), 1, 1))

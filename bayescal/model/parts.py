@@ -1,4 +1,4 @@
-"""A part of an effect, what it has at one place, left out of a model as if it were unknown."""
+"""A part of an effect, its parameters at one site, that a model omits as if it were unmodelled."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ OPTION = "--without"
 
 @dataclass(frozen=True)
 class Part:
-    """Parameters of one effect at one site; a joint is told with the link behind it.
+    """Parameters of one effect at one site; a joint includes the link that it moves.
 
     'geometry at joint 4' is theta4 and d4, and a4, alpha4 (and beta4) of the link that joint 4 moves, in
-    Craig's subscripts: a row of a standard DH table; in a modified one a4 and alpha4 stand in the row after
-    it. 'geometry at link 4' is the link alone.
+    Craig's subscripts. This is a row of a standard DH table; in a modified table a4 and alpha4 are in the
+    next row. 'geometry at link 4' is only the link.
     """
 
     effect: str
@@ -29,9 +29,9 @@ class Part:
         effect, _, site = (" ".join(w.split()) for w in words.partition(" at "))
         if not effect or not site:
             raise BayescalError(
-                f"'{words.strip()}' is no effect at a place",
+                f"'{words.strip()}' is not an effect at a site",
                 OPTION,
-                "say, for example, 'geometry at joint 4'",
+                "write, for example, 'geometry at joint 4'",
             )
         return cls(effect, Site.read(site))
 
@@ -44,12 +44,12 @@ class Part:
 
 
 def parts_of(words: Sequence[str], effects: Sequence[str]) -> tuple[Part, ...]:
-    """Read what a model is to lack, each part once.
+    """Read the parts that a model omits, each part once.
 
     Raises
     ------
     BayescalError
-        For what is no effect at a place, or an effect that the model does not have.
+        For a text that is not an effect at a site, or an effect that the model does not have.
     """
     parts = tuple(dict.fromkeys(map(Part.of, words)))
     plain = dict.fromkeys(name.partition("@")[0] for name in effects)
@@ -66,12 +66,12 @@ def kept(parameters: Sequence[Parameter], without: Sequence[Part]) -> tuple[Para
     Raises
     ------
     BayescalError
-        Where an effect is there and has nothing at the place named.
+        If the model has an effect, but the effect has no parameters at the site.
     """
     for part in without:
         own = [p for p in parameters if p.effect == part.effect]
         if own and not any(map(part.holds, own)):
             sites = dict.fromkeys(str(site) for p in own for site in p.site.also)
-            what = f"{part.effect} has nothing at '{part.site}'"
-            raise BayescalError(what, OPTION, f"it has: {', '.join(sites)}")
+            what = f"{part.effect} has no parameters at '{part.site}'"
+            raise BayescalError(what, OPTION, f"its sites are: {', '.join(sites)}")
     return tuple(p for p in parameters if not any(part.holds(p) for part in without))

@@ -38,20 +38,20 @@ STATED: dict[str, dict[Relation, tuple[tuple[str, str], ...]]] = {
     },
     "distance": {off_plane: (("distance", "m"),), apart: (("distance", "m"),)},
 }
-"""What a certificate that joins two targets states, a residual each, and in which unit, by its relations."""
+"""Values that a certificate of two targets states, one residual each, and their units, by relation."""
 
 
 def u_of(entry: Certificate, stated: Sequence[tuple[str, str]]) -> np.ndarray:
-    """Standard uncertainties, rad and m, of all that a certificate states."""
+    """Standard uncertainties, rad and m, of all values of a certificate."""
     return np.array([entry.u_angle if unit == "rad" else entry.u_distance for _, unit in stated], float)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A dataset, and what follows from it before anything is fitted.
+    """A dataset, and the quantities that follow from it before a fit.
 
-    `delta` (N, n + 2, 6) says where the frames were found to stand relative to nominal, for the statics.
-    `oriented` says that the orientations that instruments read count, beside the points.
+    `delta` (N, n + 2, 6) are the fitted displacements of the frames from nominal, for the statics.
+    `oriented`: orientations that instruments read are used, in addition to the points.
     """
 
     dataset: Dataset
@@ -75,7 +75,7 @@ class Scene:
 
     @cached_property
     def moments(self) -> np.ndarray | None:
-        """Gravity moments (N, n + 1, 3), N m, or None where the robot file gives no masses."""
+        """Gravity moments (N, n + 1, 3), N m, or None if the robot file states no masses."""
         robot = self.dataset.robot
         if robot.masses is None:
             return None
@@ -91,14 +91,14 @@ class Scene:
 
     @cached_property
     def _load_centre(self) -> np.ndarray:
-        """Centre of mass of the load in the flange frame, (N, 3), m; the ball where none is stated."""
+        """Centre of mass of the load in the flange frame, (N, 3), m; default: the ball's centre."""
         tools = self.dataset.tools
         centres = [t.centre if t.centre_of_mass is None else t.centre_of_mass for t in tools]
         return np.array(centres)[self.dataset.measurements.tool]
 
     @cached_property
     def q(self) -> np.ndarray:
-        """Nominal link angles (N, n), rad, with the sag of compliances that the robot file knows."""
+        """Nominal link angles (N, n), rad, with the deflection of compliances in the robot file."""
         known = self.dataset.robot.compliance
         if known is None or not np.any(known):
             return self._rigid_angles
@@ -125,7 +125,7 @@ class Scene:
 
     @cached_property
     def posed(self) -> np.ndarray:
-        """Which rows tell how the tool is turned, (N,)."""
+        """Which rows have an orientation of the tool that is used, (N,)."""
         return orientations.posed(self.dataset) & self.oriented
 
     @cached_property
@@ -142,7 +142,7 @@ class Scene:
         return rows[self.dataset.measurements.target[rows] == target]
 
     def circumstances(self, fitted: np.ndarray) -> Circumstances:
-        """What drivers may vary with, for a model fitted to the rows `fitted`."""
+        """The circumstances of the effects, for a model fitted to the rows `fitted`."""
         d, m = self.dataset, self.dataset.measurements
         used = tuple(int(k) for k in np.unique(m.tool[fitted]))
         targets = [d.targets[k] for k in np.unique(m.target[fitted])]
@@ -180,7 +180,7 @@ class Scene:
 
     @cached_property
     def _inward(self) -> np.ndarray:
-        """Inward normal of the nominal surface at each contact, (N, 3) in F0; nan where there is none."""
+        """Inward normal of the nominal surface at each contact, (N, 3) in F0; nan if there is no surface."""
         target = self.dataset.measurements.target
         out = np.full((len(target), 3), np.nan)
         for t in np.unique(target):
@@ -218,26 +218,26 @@ class Scene:
             mine = place[self.rows_of(int(t), fitted)]
             low, high = mine.min(axis=0), mine.max(axis=0)
             place = (place - 0.5 * (low + high)) / np.maximum(0.5 * (high - low), 1e-6)
-            # a later contact a little outside is judged at the edge: polynomials run away beyond it
+            # validation contacts slightly outside are evaluated at the edge: polynomials diverge beyond it
             place = np.where(touching[:, None], np.clip(place, -1.1, 1.1), 0.0)
             name = d.targets[t].name
             out.append(Face(name, touching.astype(float), place, stated.get(name)))
         return tuple(out)
 
     def forms(self, entry: Certificate) -> tuple[str, str]:
-        """What both targets of a certificate are to it: of `factors.certificate.FORMS`."""
+        """Forms of both targets of a certificate, of `factors.certificate.FORMS`."""
         kinds = {t.name: t for t in self.dataset.targets}
         return forms_of([kinds[name] for name in entry.targets])
 
     def stated(self, entry: Certificate) -> tuple[tuple[str, str], ...]:
-        """What a certificate states of its targets, a residual each, and in which unit; () of a form."""
+        """Values of a certificate, one residual each, and their units; () for a form error."""
         if entry.kind not in RELATIONS:
             return (("diameter", "m"),) if entry.kind == "diameter" else ()
         relations = RELATIONS[entry.kind][ordered(self.forms(entry))]
         return tuple(words for r in relations for words in STATED[entry.kind][r])
 
     def _certified_values(self, fitted: set[str]) -> tuple[CertifiedValue, ...]:
-        """All values stated of the targets of these names."""
+        """All certified values of the targets with these names."""
         out: list[CertifiedValue] = []
         for number, entry in enumerate(self.dataset.certificates):
             if not fitted.issuperset(entry.targets):
@@ -248,7 +248,7 @@ class Scene:
         return tuple(out)
 
     def _sessions(self, fitted: Sequence[Target]) -> tuple[Session, ...]:
-        """The sessions joined in this one, and whether fitted targets tie the base of each."""
+        """The joined sessions, and whether a fitted target of each has a stated position."""
         of_row = np.array([t.session for t in self.dataset.targets])[self.dataset.measurements.target]
         return tuple(
             Session(s.name, of_row == s.name, _tied([t for t in fitted if t.session == s.name]))
@@ -256,7 +256,7 @@ class Scene:
         )
 
     def group(self, target: int) -> str:
-        """Which stated noise, and so which noise scale, a target's residuals have: contact or point."""
+        """Noise group of a target's residuals, with a common stated noise and scale: contact or point."""
         item = self.dataset.targets[target]
         group = self.declared[target].noise
         return f"{group} of {item.noise}" if item.noise else group
@@ -271,16 +271,16 @@ class Scene:
         return stated
 
     def orientation(self, target: int, rows: np.ndarray) -> Orientation:
-        """What an instrument reads of the tool's orientation in some of its rows."""
+        """Orientation readings of an instrument in some of its rows."""
         of, d = self.kind(target, rows), self.dataset
         assert isinstance(of, Instrument)
         return Orientation(of.frame, orientations.read(d, rows), of.sd)
 
     def kind(self, target: int, rows: np.ndarray) -> Kind:
-        """The measurement kind of a target, as seen by some of its rows.
+        """The measurement kind of a target, for some of its rows.
 
-        The pivot about which it tilts follows from all rows of the target that are fitted (or, where
-        none is, from all), so that one state serves every choice of rows.
+        The pivot about which it tilts is computed from all fitted rows of the target (from all its rows if
+        none is fitted), so that the same state applies to every choice of rows.
         """
         m, item = self.dataset.measurements, self.dataset.targets[target]
         mine = np.flatnonzero(m.target == target)
@@ -290,5 +290,5 @@ class Scene:
 
 
 def _tied(targets: Sequence[Target]) -> bool:
-    """Whether a target's place in F0 is stated."""
+    """Whether a target's position in F0 is stated."""
     return any(t.u is not None or t.u_angle is not None for t in targets)

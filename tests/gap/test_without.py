@@ -110,10 +110,10 @@ def test_nothing_wrong_there_is_not_named():
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("geometry", "'geometry' is no effect at a place"),
+        ("geometry", "'geometry' is not an effect at a site"),
         ("bending at link 2", "bending is not in the model; the model has: geometry, compliance"),
-        ("geometry at joint 6", "geometry has nothing at 'joint 6'; it has: joint 1, link 1, joint 2"),
-        ("compliance at link 2", "compliance has nothing at 'link 2'; it has: joint 2"),
+        ("geometry at joint 6", "geometry has no parameters at 'joint 6'; its sites are: joint 1, link 1"),
+        ("compliance at link 2", "compliance has no parameters at 'link 2'; its sites are: joint 2"),
     ],
 )
 def test_refusals_are_one_line(words, told, dataset, tmp_path, monkeypatch, capsys):

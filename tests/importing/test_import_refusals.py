@@ -122,7 +122,7 @@ def test_which_columns_are_points(tmp_path, row, columns):
     (tmp_path / "p.txt").write_text(f"{row}\n{row}\n", encoding="utf-8")
     log = read_log(tmp_path / "p.txt")
     if columns is None:
-        with pytest.raises(BayescalError, match="cannot tell which of the 5 columns are x, y, z"):
+        with pytest.raises(BayescalError, match="it is not clear which of the 5 columns are x, y, z"):
             points_map(log, "mm")
         return
     got = columns_of(log, points_map(log, "mm"))

@@ -36,7 +36,7 @@ def seen(dataset: Dataset, p: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def away(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
-    """How far every row is off its target as it is drawn, (N,) m."""
+    """Distance of every row from its target at nominal geometry, (N,) m."""
     p, out = nominal(dataset, readings), np.zeros(len(readings))
     for index, target in enumerate(dataset.targets):
         at = np.flatnonzero(dataset.measurements.target == index)

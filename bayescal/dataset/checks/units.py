@@ -32,7 +32,7 @@ ANGLES = tuple(sorted({k for f in (180 / np.pi, 1e3, np.pi / 0.18) for k in (f, 
 """Ratios of units of angle: deg, rad and mrad."""
 
 LENGTHS = tuple(sorted({k for f in (1e3, 10.0, 25.4, 1e6, 39.37007874015748, 100.0) for k in (f, 1 / f)}))
-"""Ratios of units of length: m, cm, mm, um and in."""
+"""Ratios of units of length: m, cm, mm, µm and in."""
 
 
 @dataclass(frozen=True)
