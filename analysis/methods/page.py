@@ -48,7 +48,7 @@ def _simulated(sorts: dict[str, list[Record]]) -> str:
         return ""
     heads = [f"{sort} ({sum('methods' in r for r in own)})" for sort, own in sorts.items()]
     found = [methods_of(own) for own in sorts.values()]
-    lines = [_line("held out, um (sessions)", *heads, "seconds"), _line(*["---"] * (len(heads) + 2))]
+    lines = [_line("validation error, µm (sessions)", *heads, "seconds"), _line(*["---"] * (len(heads) + 2))]
     for name in found[0]:
         seconds = [m["seconds"] for each in found for m in each[name]]
         lines.append(
@@ -59,7 +59,7 @@ def _simulated(sorts: dict[str, list[Record]]) -> str:
         values = [m["heldout"]["predicted_distance_sd_um"] for m in f.get("bayescal", ())]
         told = [v for v in values if v is not None]
         sds.append(f"{np.sqrt(np.mean(np.square(told))):.1f}" if told else "-")
-    lines.append(_line("bayescal's predicted sd", *sds, ""))
+    lines.append(_line("predicted standard deviation (bayescal)", *sds, ""))
     return "\n".join(lines)
 
 
@@ -67,7 +67,7 @@ def _real(sessions: dict[str, Record]) -> str:
     if not sessions:
         return ""
     names = [m["name"] for m in next(iter(sessions.values()))["methods"]]
-    lines = [_line("held out, um: mean / max", *sessions), _line(*["---"] * (len(sessions) + 1))]
+    lines = [_line("validation error, µm: mean / maximum", *sessions), _line(*["---"] * (len(sessions) + 1))]
     for k, name in enumerate(names):
         lines.append(_line(name, *(_cell(r["methods"][k]) for r in sessions.values())))
     return "\n".join(lines)
@@ -78,7 +78,7 @@ def _cell(method: Record) -> str:
         return "-"
     h = method["heldout"]
     out = [f"{h['points_mean_um']:.0f} / {h['points_max_um']:.0f}"] if h["points"] else []
-    out += [f"planes rms {h['planes_rms_um']:.0f}"] if h["plane_contacts"] else []
+    out += [f"planes RMS {h['planes_rms_um']:.0f}"] if h["plane_contacts"] else []
     return ", ".join(out)
 
 

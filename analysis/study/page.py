@@ -31,14 +31,14 @@ def table(found: dict[str, Any]) -> str:
         ("z-scores, pooled: mean", f"{z['mean']:+.3f}", _span(z["mean_band95"]), "0"),
         ("z-scores, pooled: standard deviation", f"{z['sd']:.3f}", _span(z["sd_band95"]), "1"),
         (
-            f"least and largest standard deviation of {len(sds)} quantities",
+            f"minimum and maximum standard deviation of {len(sds)} quantities",
             f"{min(sds):.2f}, {max(sds):.2f}",
             "",
-            f"each within {_span(z['expected_sd_of_one95'], 2)}, one in twenty outside",
+            f"each within {_span(z['expected_sd_of_one95'], 2)}, one in twenty beyond",
         ),
-        ("Kolmogorov-Smirnov, scores made independent", f"p = {free['ks_p_value']:.2f}", "", "uniform p"),
+        ("Kolmogorov-Smirnov, decorrelated scores", f"p = {free['ks_p_value']:.2f}", "", "uniform p"),
         (
-            "Kolmogorov-Smirnov by quantity, least p times their number",
+            "Kolmogorov-Smirnov by quantity, minimum p times their number",
             f"{z['least_ks_p_value_times_quantities']:.2f}",
             "",
             "not small",
@@ -48,13 +48,13 @@ def table(found: dict[str, Any]) -> str:
         expected = f"95 %; {_percent(c['binomial95_if_independent'])} of {c['count']} independent ones"
         rows.append(
             (
-                f"95 % intervals that hold: {name}",
+                f"coverage of 95 % intervals: {name}",
                 f"{100 * c['inside']:.1f} %",
                 _percent(c["band95"]),
                 expected,
             )
         )
-    lines = ["| | found | 95 % band, over sessions | expected |", "| --- | --- | --- | --- |"]
+    lines = ["| | result | 95 % band over sessions | expected |", "| --- | --- | --- | --- |"]
     lines += [f"| {' | '.join(row)} |" for row in rows]
     lines += ["", *_errors(found), "", _remarks(found)]
     return "\n".join(lines)
@@ -62,8 +62,8 @@ def table(found: dict[str, Any]) -> str:
 
 def _errors(found: dict[str, Any]) -> list[str]:
     lines = [
-        f"| largest distance error of a session, mm | median of {found['sessions']} | least | largest "
-        "| the paper's arm |",
+        f"| maximum distance error of a session, mm | median of {found['sessions']} | minimum | maximum "
+        "| arm of Joubair and Bonev |",
         "| --- | --- | --- | --- | --- |",
     ]
     for rung in RUNGS:
@@ -78,14 +78,14 @@ def _remarks(found: dict[str, Any]) -> str:
     least = min(found["identified"], key=found["identified"].get)
     said = [
         f"{found['sessions']} sessions of {found['contacts']} plane contacts each.",
-        f"Data decide all {len(found['identified'])} quantities: of the worst told, {least}, at most "
-        f"{100 * (1 - found['identified'][least]):.1f} % of the prior variance is left in any session.",
-        f"Predicted standard deviation of a sphere distance: {sd['median']:.1f} um "
+        f"All {len(found['identified'])} quantities are identifiable: "
+        f"for the least identifiable, {least}, at most "
+        f"{100 * (1 - found['identified'][least]):.1f} % of the prior variance remains in any session.",
+        f"Predicted standard deviation of a sphere distance: {sd['median']:.1f} µm "
         f"({sd['least']:.1f} to {sd['most']:.1f}).",
-        f"Contacts rejected as outliers, none being one: {rejected} of "
-        f"{found['sessions'] * found['contacts']}.",
-        f"Sessions with a false alarm: {found['false_alarms']['uneven_face']} of an uneven face, "
-        f"{found['false_alarms']['unexplained_error']} of an unexplained error.",
+        f"Contacts rejected without being outliers: {rejected} of {found['sessions'] * found['contacts']}.",
+        f"Sessions with a false alarm: {found['false_alarms']['uneven_face']} for an uneven face, "
+        f"{found['false_alarms']['unexplained_error']} for an unexplained error.",
     ]
     if found["refused"]:
         said.append(f"Seeds whose session could not be laid out: {found['refused']}.")
@@ -95,8 +95,10 @@ def _remarks(found: dict[str, Any]) -> str:
         low, high = (f(r for e in every for r in e["sd_ratio"]) for f in (min, max))
         d_low, d_high = (f(r for e in every for r in e["distance_sd_ratio"]) for f in (min, max))
         said.append(
-            f"emcee on {len(every)} of them: means within {shift:.2f} sd of the Gaussian's, standard "
-            f"deviations {low:.2f} to {high:.2f} times its (of a predicted distance {d_low:.2f} to "
+            f"emcee on {len(every)} of them: means within {shift:.2f} standard "
+            f"deviations of the Gaussian approximation, standard "
+            f"deviations {low:.2f} to {high:.2f} times those of the "
+            f"approximation (of a predicted distance {d_low:.2f} to "
             f"{d_high:.2f}), at least {min(e['least_ess'] for e in every):.0f} effective draws, R-hat up to "
             f"{max(e['largest_rhat'] for e in every):.4f}."
         )

@@ -51,7 +51,7 @@ def test_page_pools_sessions_and_keeps_the_rest(tmp_path):
 def test_page_has_a_column_for_a_real_session():
     text = page.tables([record("motoman", normals=None, bayescal=4.0)])
     assert "| normals | - |" in text
-    assert "planes rms 5" in text
+    assert "planes RMS 5" in text
 
 
 @pytest.mark.parametrize("holds", ["nothing", "something"])
