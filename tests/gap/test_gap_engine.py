@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gap_problems import BASELINE, Bench, of_every_kind, unsolved, with_orientations
 from scipy.integrate import quad
+from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import multivariate_normal
 
 from bayescal.arm.statics import gravity_moments
@@ -233,7 +234,7 @@ def test_state_is_the_linear_fit_of_the_rows_that_it_kept():
 
 
 @pytest.mark.parametrize("rows", [100, 5000, 50000])
-@pytest.mark.parametrize("amplitude", [0.0, 0.1, 2.5])
+@pytest.mark.parametrize("amplitude", [0.0, 0.1, 2.5, 6.0])
 def test_evidence_is_the_integral_over_the_noise_however_many_contacts(rows, amplitude):
     """By a fine grid around the mode: to 0.05 nats of up to tens of thousands."""
     p = random_problem(rows=rows, constraints=0, amplitude=amplitude)
@@ -255,7 +256,7 @@ def test_evidence_is_the_integral_over_the_noise_however_many_contacts(rows, amp
                 out += 0.5 * (a * scale**2 * y**2 / (1 + b * y) - np.log1p(b * y))
             return out
 
-        grid = np.linspace(-2.0, 4.0, 60001)
+        grid = np.linspace(-2.0, 6.0, 60001)
         middle = grid[np.argmax(density(grid))]
         grid = middle + np.linspace(-12.0, 12.0, 4001) / np.sqrt(state.dof / 2)
         most = np.max(density(grid))
@@ -263,6 +264,59 @@ def test_evidence_is_the_integral_over_the_noise_however_many_contacts(rows, amp
 
     exact = [integral(scale) - integral(0.0) for scale in SCALES]
     np.testing.assert_allclose(table, exact, rtol=0, atol=0.05)
+
+
+def without_rows(p, gone):
+    """A problem of contacts of one row each without some of them."""
+    keep = np.setdiff1d(np.arange(len(p.residual)), gone)
+    count = p.count - len(gone)
+    at = np.arange(count)
+    by = {name: getattr(p, name)[keep] for name in ("residual", "jacobian", "pool")}
+    return replace(p, **by, contact=at, rows=at, sigma=p.sigma[:count])
+
+
+def test_contacts_left_out_count_as_if_they_were_not_there(state):
+    """But for what an outlier costs: as much as a good contact just not rejected, once in 100 sessions."""
+    gone = np.flatnonzero(state.weight == 0)
+    rest = fit_state(without_rows(state.problem, gone), state.columns, state.scales, robust=False)
+    assert state.kappa == pytest.approx(rest.kappa, rel=1e-9)
+    sets = [np.array([0]), np.array([1, 2])]
+    found, exact = (log_bayes(project(s, s.problem.pool), sets) for s in (state, rest))
+    np.testing.assert_allclose(found, exact, atol=1e-7)
+    cost = -0.5 * chi2_distribution.isf(0.01 / state.problem.count, 1)
+    assert state.log_evidence - rest.log_evidence == pytest.approx(len(gone) * cost, abs=1e-6)
+
+
+def test_contacts_that_are_rejected_late_leave_the_fit():
+    """Of contacts that all start with full weight, too, the fit is that of those it kept."""
+    p = random_problem()
+    residual = p.residual.copy()
+    residual[[8, 30]] += [60.0, -45.0]
+    p = replace(p, residual=residual)
+    found = fit_state(p, [0], [1.0], np.ones(len(residual)))
+    assert np.all(found.weight[[8, 30]] == 0)
+    design, residual, _ = augmented(found)
+    step = np.linalg.lstsq(design, -residual, rcond=None)[0]
+    np.testing.assert_allclose(found.step, step, atol=1e-8)
+
+
+def test_many_columns_lose_by_the_noise_that_they_leave_unknown():
+    """Evidences of a state of few and of many parameters differ by the integrals over the noise."""
+    p = random_problem(rows=40, constraints=0, size=2, pool=20)
+    few, many = (fit_state(p, range(k), np.ones(k), robust=False) for k in (0, 20))
+
+    def density(log_noise, values, square, at):
+        noise = np.exp(log_noise)
+        own = -0.5 * np.sum(np.log(values + noise**2) + square / (values + noise**2))
+        return np.exp(own - STATED_WORTH * log_noise - 0.5 * STATED_WORTH / noise**2 - at)
+
+    exact = []
+    for state in (few, many):
+        values, vectors = np.linalg.eigh(state.design @ state.design.T)
+        square = (vectors.T @ (p.residual - p.jacobian @ p.z)) ** 2
+        at = np.log(density(np.log(state.kappa), values, square, 0.0))
+        exact.append(at + np.log(quad(density, -2.0, 2.0, args=(values, square, at))[0]))
+    assert many.log_evidence - few.log_evidence == pytest.approx(exact[1] - exact[0], abs=0.08)
 
 
 @pytest.mark.parametrize("columns", [[0], [1], [0, 3]])
