@@ -110,7 +110,7 @@ def test_a_wild_row_does_not_carry_the_frame_away(tracked, tmp_path):
 WRONG = [
     ("rad", "deg", "mm", "mm", "`j1` to `j6` cannot be in deg: the numbers are 57 times too small; in rad"),
     ("deg", "rad", "mm", "mm", "`j1` to `j6` cannot be in rad: the numbers are 57 times too large; in deg"),
-    ("deg", "mrad", "mm", "mm", "`j1` to `j6` cannot be in mrad: .* as deg"),
+    ("deg", "mrad", "mm", "mm", "`j1` to `j6` cannot be in mrad: .* in deg"),
     ("deg", "deg", "m", "mm", "`x` to `z` cannot be in mm: the numbers are 1000 times too small; in m"),
     ("deg", "deg", "mm", "m", "`x` to `z` cannot be in m: the numbers are 1000 times too large; in mm"),
     ("deg", "deg", "in", "mm", "`x` to `z` cannot be in mm: the numbers are 25 times too small; in in"),
@@ -149,7 +149,7 @@ def test_contacts_with_a_template(cube, tmp_path):
     assert got.certificates == data.certificates
     with pytest.raises(BayescalError, match="cannot be in deg: the numbers are 57 times too small"):
         convert_and_write(tmp_path / "other", map=said("deg") + ", target=face", **usual)
-    with pytest.raises(BayescalError, match=r"which target is each row of.*cube.-x"):
+    with pytest.raises(BayescalError, match=r"the target of the rows is not stated.*cube.-x"):
         convert(Request(map=said("rad"), **usual))
 
 
@@ -164,7 +164,7 @@ def test_points_of_a_tracker_paired_by_id(tracked, tmp_path):
     log = table(data, tmp_path / "log.csv")
     usual = {"log": log, "map": said("deg"), "points": points, "robot": ARM, "noise": NOISE}
     draft = convert(Request(points_map="m", pair="id", **usual))
-    assert draft.notes[0] == "left out: 3 rows of log.csv without a partner"
+    assert draft.notes[0] == "excluded: 3 rows of log.csv without a partner"
     kept = np.sort(order)
     np.testing.assert_allclose(draft.dataset.measurements.xyz, data.measurements.xyz[kept], atol=1e-7)
     np.testing.assert_allclose(
@@ -201,7 +201,7 @@ def test_robodk(tracked, tmp_path, pose):
     log = robodk(both, tmp_path / "dk.csv", at[both.measurements.tool], pose, lost=(3, 8))
     draft = convert(Request(log, format="robodk", robot=ARM, noise=NOISE))
     got = draft.dataset
-    assert draft.notes[0] == "2 rows of dk.csv left out: not measured (0, 0, 0)"
+    assert draft.notes[0] == "2 rows of dk.csv excluded: not measured (0, 0, 0)"
     assert [t.name for t in got.tools] == ["tcp1", "tcp2"]
     np.testing.assert_allclose([t.centre for t in got.tools], at, atol=1e-9)
     np.testing.assert_allclose(got.targets[0].values["xyz"], [2, 1, 0], atol=1e-6)
@@ -225,7 +225,7 @@ def test_on_the_command_line(tracked, tmp_path):
     words = ["import", str(log), "--map", str(map_), "--robot", ARM, "--noise", NOISE, "--out"]
     done = CliRunner().invoke(app, [*words, str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
-    assert re.search(r"instrument `leica` found at .*\n.*median", done.output)
+    assert re.search(r"instrument `leica` located at .*\n.*median", done.output)
     again = CliRunner().invoke(app, [*words, str(tmp_path / "out")])
     assert isinstance(again.exception, BayescalError)
     assert "not empty" in again.exception.what

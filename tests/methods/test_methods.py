@@ -95,7 +95,7 @@ def test_without_a_certified_length_the_peers_refuse():
     bare = replace(touched(), certificates=tuple(c for c in touched().certificates if c.kind == "distance"))
     why = {row.method.name: row.why for row in compare(bare, EFFECTS).rows if row.result is None}
     assert set(why) == {"normals", "known planes", "linear steps", "inverse", "open loop"}
-    assert "shrink" in why["linear steps"]
+    assert "scale of the arm is not identifiable" in why["linear steps"]
     assert "do not tell lengths" in why["normals"]
     assert "not stated" in why["known planes"]
 
@@ -221,4 +221,4 @@ def test_report_says_all(tmp_path):
     console.print(comparison_summary(comparison))
     text = console.export_text()
     assert all(m.name in text for m in METHODS)
-    assert "no row to calibrate with is read by an instrument" in text
+    assert "no calibration row is measured by an instrument" in text
