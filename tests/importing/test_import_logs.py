@@ -210,7 +210,7 @@ def test_robodk(tracked, tmp_path, pose):
     assert stops[2] == ""  # its neighbour was lost
     assert draft.line.tolist()[:4] == [1, 2, 3, 5]
     write(draft, tmp_path / "out")
-    with pytest.raises(BayescalError, match="columns are no RoboDK table of 6 joints"):
+    with pytest.raises(BayescalError, match="columns do not match a RoboDK table of 6 joints"):
         convert(Request(table(data, tmp_path / "log.csv"), format="robodk", robot=ARM, noise=NOISE))
 
 

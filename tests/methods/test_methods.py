@@ -96,7 +96,7 @@ def test_without_a_certified_length_the_peers_refuse():
     why = {row.method.name: row.why for row in compare(bare, EFFECTS).rows if row.result is None}
     assert set(why) == {"normals", "known planes", "linear steps", "inverse", "open loop"}
     assert "scale of the arm is not identifiable" in why["linear steps"]
-    assert "do not tell lengths" in why["normals"]
+    assert "do not determine lengths" in why["normals"]
     assert "not stated" in why["known planes"]
 
 
