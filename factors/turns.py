@@ -17,12 +17,14 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 def turned(v: np.ndarray) -> np.ndarray:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), rad."""
-    return Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix().reshape(*v.shape, 3)
+    flat = np.array(v, float).reshape(-1, 3)  # a copy: SciPy takes no read-only array
+    return Rotation.from_rotvec(flat).as_matrix().reshape(*v.shape, 3)
 
 
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     """Rotation vectors (..., 3), rad, of rotation matrices (..., 3, 3): the inverse of `turned`."""
-    return Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_rotvec().reshape(matrix.shape[:-1])
+    flat = np.array(matrix, float).reshape(-1, 3, 3)
+    return Rotation.from_matrix(flat).as_rotvec().reshape(matrix.shape[:-1])
 
 
 def left_jacobian(v: np.ndarray) -> np.ndarray:

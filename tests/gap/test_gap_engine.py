@@ -401,3 +401,12 @@ def test_screening_finds_the_ratio_of_a_gear(session):
     assert [(m.effect, m.variant.setting, m.variant.site) for m in found.members] == [
         ("gear-mesh", 77.0, "joint 3")
     ]
+
+
+@pytest.mark.parametrize("rows", [100, 5000])
+def test_columns_explain_no_more_than_the_residuals(rows):
+    """An effect 40 times the noise, of which the model's prior holds a part: the evidence stays bounded."""
+    state = fit_state(random_problem(rows=rows, constraints=0, amplitude=40.0), (), (), robust=False)
+    found = log_bayes(project(state, state.problem.pool), [np.array([0])])[0]
+    chi2 = float(np.sum(state.residual[:rows] ** 2)) + STATED_WORTH
+    assert np.all(found < 0.5 * state.dof * np.log(chi2 / STATED_WORTH))

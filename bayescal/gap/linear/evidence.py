@@ -130,6 +130,10 @@ def _factors(state: State, information: np.ndarray, score: np.ndarray) -> np.nda
     # the columns explain at most chi2 minus the share of the stated noise, which bounds the noise from below
     seen = values > 1e-12 * np.max(values, axis=2, keepdims=True, initial=1e-300)
     explained = np.sum(np.divide(along, values, where=seen, out=np.zeros_like(along)), axis=2)
+    # what columns take from the model's prior is no part of chi2: without this limit the integral diverges
+    most = chi2 - min(worth, chi2)
+    along = along * np.minimum(1.0, most / np.maximum(explained, 1e-300))[..., None]
+    explained = np.minimum(explained, most)
     lowest = np.log(dof / chi2)
     highest = np.log(dof / np.maximum(chi2 - explained, min(worth, chi2)))
     tried = lowest + (highest - lowest)[..., None] * np.linspace(0.0, 1.0, TRIED)  # (B, 1, U)
