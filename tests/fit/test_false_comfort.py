@@ -131,7 +131,7 @@ def test_the_summary_leads_with_the_distance_error(fits, tmp_path):
     console.print(fit_summary(fits["too few"]))
     lines = console.export_text().splitlines()
     assert lines[1].startswith("verdict")
-    assert any(line.startswith("predicted") and "distance error" in line for line in lines[:8])
+    assert any(line.startswith("distance error") and "predicted" in line for line in lines[:8])
     assert any(line.startswith("validation") and "none" in line for line in lines[:12])
 
 
