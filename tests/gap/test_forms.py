@@ -41,7 +41,7 @@ def test_the_side_of_a_coupled_axis_is_found(bench, effect, joint, side):
     c = bench.circumstances
     truth = Parameter("truth", "rad", terms_of(c, effect, joint, side), 1e-4)
     column = bench.slopes.columns([truth])
-    decision, _ = bench.decided(bench.made_up(1, bench.visible(column, 400.0, 1)))
+    decision, _ = bench.decided(bench.made_up(1, bench.visible(column, 800.0, 1)))
     (member,) = decision.members
     assert (member.effect, member.variant.site) == (effect, f"joint {joint}")
     usual = named(model_name(member))[1] or "link"

@@ -134,6 +134,6 @@ def test_what_is_kept_and_what_is_refused(scene):
     own = build(scene, BASE).parameters
     assert kept(own, ()) == own
     assert kept(own, [Part("bending", link(2))]) == own  # no such effect here: nothing to take
-    with pytest.raises(BayescalError, match="nothing at 'wrist'"):
+    with pytest.raises(BayescalError, match="no parameters at 'wrist'"):
         kept(own, [Part.of("geometry at wrist")])
     assert parts_of(("geometry  at  joint 4", "geometry at joint 4"), BASE) == (Part("geometry", joint(4)),)
