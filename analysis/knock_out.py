@@ -23,7 +23,8 @@ from analysis.knock_out_page import right, table, update
 from analysis.records import Record, completed, stored
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.estimate import Estimate, calibrated, estimate
-from bayescal.gap.diagnose import Explained, diagnose, explain
+from bayescal.gap.diagnose import diagnose
+from bayescal.gap.explain import Explained, explain
 from bayescal.gap.outcome.shrinkage import expects
 from bayescal.gap.search.refit import model_name, refit
 from bayescal.model import with_parameters

@@ -11,7 +11,9 @@ from bayescal.effects import Circumstances
 from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.masses import masses
-from bayescal.gap.linear.problem import Problem, Slopes, State, fit_state, of_certificate
+from bayescal.gap.linear.problem import Problem
+from bayescal.gap.linear.slopes import Slopes, of_certificate
+from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, candidates
 from bayescal.gap.search.cells import cells

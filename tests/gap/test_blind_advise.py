@@ -12,7 +12,8 @@ from bayescal.gap.design.blind_spots import blind_spots, distances, located, sea
 from bayescal.gap.design.candidate_contacts import SPHERES, possibilities
 from bayescal.gap.design.interventions import AGAIN, turns, widened
 from bayescal.gap.linear.evidence import project
-from bayescal.gap.linear.problem import fit_state, problem
+from bayescal.gap.linear.slopes import problem
+from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.candidates import candidates
 from bayescal.gap.settings import DESIGN

@@ -17,7 +17,9 @@ from bayescal.estimate import STATED_WORTH, linearise
 from bayescal.gap.linear import evidence
 from bayescal.gap.linear import masses as mass_errors
 from bayescal.gap.linear.evidence import SCALES, log_bayes, project
-from bayescal.gap.linear.problem import Problem, Slopes, fit_state, of_certificate, problem, without_nuisance
+from bayescal.gap.linear.problem import Problem, without_nuisance
+from bayescal.gap.linear.slopes import Slopes, of_certificate, problem
+from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.candidates import candidates
 from bayescal.gap.search.screen import screened
 from bayescal.gap.settings import LINEAR

@@ -5,7 +5,8 @@ import pytest
 from scipy.optimize import brentq
 
 from bayescal.effects.location import Driver, joint
-from bayescal.gap.linear.problem import Problem, fit_state
+from bayescal.gap.linear.problem import Problem
+from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, Variant
 from bayescal.gap.search.cells import Cell

@@ -14,7 +14,8 @@ import numpy as np
 from bayescal.effects import Parameter, Site
 from bayescal.estimate import Estimate
 from bayescal.gap.linear.evidence import Projected, project
-from bayescal.gap.linear.problem import Problem, State
+from bayescal.gap.linear.problem import Problem
+from bayescal.gap.linear.state import State
 from bayescal.gap.result import BlindSpot
 from bayescal.gap.search.candidates import Candidates
 from bayescal.gap.settings import DESIGN

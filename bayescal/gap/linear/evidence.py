@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from bayescal.estimate import STATED_WORTH
-from bayescal.gap.linear.problem import State
+from bayescal.gap.linear.state import State
 from bayescal.gap.settings import LINEAR
 
 SCALES = np.array(LINEAR.scales)

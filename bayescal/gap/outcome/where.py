@@ -10,7 +10,8 @@ from bayescal.distributions import f_sf
 from bayescal.effects import Circumstances, Driver, Parameter, Site
 from bayescal.effects.location import ARM
 from bayescal.gap.linear.evidence import project
-from bayescal.gap.linear.problem import State, fit_state, without_nuisance
+from bayescal.gap.linear.problem import without_nuisance
+from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.result import Curve, Place
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.unknown import CellFit, Pool, cell_fits, with_set

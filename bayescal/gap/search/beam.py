@@ -9,7 +9,8 @@ import numpy as np
 
 from bayescal.effects import EFFECTS
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, project, weigh_sets
-from bayescal.gap.linear.problem import Problem, State, fit_state
+from bayescal.gap.linear.problem import Problem
+from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.candidates import Candidates, Variant
 from bayescal.gap.settings import SEARCH
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from bayescal.effects import EFFECTS, Circumstances
 from bayescal.gap.linear.evidence import Bank, weigh_sets
-from bayescal.gap.linear.problem import Slopes, State
+from bayescal.gap.linear.slopes import Slopes
+from bayescal.gap.linear.state import State
 from bayescal.gap.search.candidates import Candidates, extended, wide
 from bayescal.gap.settings import SEARCH
 

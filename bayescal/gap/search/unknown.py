@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_sets
-from bayescal.gap.linear.problem import State, fit_state
+from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.cells import Cell
 from bayescal.gap.settings import UNKNOWN

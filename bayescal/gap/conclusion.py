@@ -1,0 +1,46 @@
+"""The verdict of a diagnosis in its final form, from the decisions of its searches."""
+
+from __future__ import annotations
+
+from bayescal.effects import EFFECTS
+from bayescal.gap.examine import Examined
+from bayescal.gap.outcome.notes import cautions, play_or_late
+from bayescal.gap.result import Hypothetical, Named, Verdict
+from bayescal.gap.search.beam import COMPLIANCE
+from bayescal.gap.search.refit import model_name
+from bayescal.gap.search.verdict import Decision
+from bayescal.gap.settings import VERDICT
+
+UNSEEN = "not detectable with these contacts at any plausible amplitude"
+
+
+def concluded(e: Examined, without: Decision | None) -> Verdict:
+    """The verdict; `without` is the decision for the model without compliance, if that was missing."""
+    d = e.decision
+    probability = dict(d.probability)
+    named = [_named(m, d, e) for m in d.members]
+    kind, credible = d.kind, d.credible
+    if without is not None:
+        sure = without.probability[COMPLIANCE]
+        probability |= {COMPLIANCE: sure, "null": without.probability["null"]}
+        compliance = Named(COMPLIANCE, COMPLIANCE, (), "", sure, without.lost(COMPLIANCE))
+        named = [compliance, *named]
+        # without any further effect, no effect is confounded with it
+        credible = (COMPLIANCE,) if kind == "null" else (COMPLIANCE, *credible)
+        kind = {"null": "named", "unknown": "named+unexplained"}.get(kind, kind)
+    return Verdict(
+        kind,
+        tuple(named),
+        probability,
+        credible,
+        tuple(Hypothetical(w.effects, w.probability, w.log_evidence) for w in d.weighed[: VERDICT.listed]),
+        d.footnotes,
+        e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
+        (*play_or_late(d.alone, e.pool, d.credible), *cautions(e.fitted.model.scene.dataset)),
+    )
+
+
+def _named(member, d: Decision, e: Examined) -> Named:
+    v = member.variant
+    setting = EFFECTS[v.effect].words(v.setting)
+    return Named(v.effect, model_name(member), v.sites, setting, d.probability[v.effect], d.lost(v.effect))

@@ -1,0 +1,121 @@
+"""A baseline and all effects that it lacks: fit, candidates, search, decision."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.effects import EFFECTS, Circumstances, Parameter
+from bayescal.effects.base_compliance import BASE_COMPLIANCE
+from bayescal.effects.bending import BENDING
+from bayescal.effects.compliance import expected
+from bayescal.estimate import Estimate, calibrated
+from bayescal.gap.linear.masses import masses
+from bayescal.gap.linear.problem import Problem
+from bayescal.gap.linear.slopes import Slopes, of_certificate
+from bayescal.gap.linear.state import fit_state
+from bayescal.gap.search.beam import COMPLIANCE, Search
+from bayescal.gap.search.candidates import Candidates, candidates, wide
+from bayescal.gap.search.cells import cells
+from bayescal.gap.search.refit import refit
+from bayescal.gap.search.screen import screened
+from bayescal.gap.search.unknown import Pool
+from bayescal.gap.search.verdict import Decision, decide
+from bayescal.gap.settings import VERDICT
+from bayescal.model import ORIENTATION
+from bayescal.model.length_blocks import main_group
+from bayescal.model.parts import Part
+from bayescal.model.scene import Scene
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A baseline and all hypotheses that were evaluated with it."""
+
+    fitted: Estimate
+    circumstances: Circumstances
+    candidates: Candidates
+    problem: Problem
+    pool: Pool
+    search: Search
+    decision: Decision
+
+
+def with_compliance(c: Circumstances, fitted: Estimate) -> Circumstances:
+    """Circumstances with the fitted compliances: other effects act through them."""
+    known = expected(c.robot).copy()
+    values = fitted.model.physical(fitted.z)
+    for value, p in zip(values, fitted.model.parameters, strict=False):
+        if p.effect == COMPLIANCE:
+            known[p.site.number - 1] = max(value, 0.2 * p.centre)
+    yields = {
+        p.name: value
+        for value, p in zip(values.tolist(), fitted.model.parameters, strict=False)
+        if p.effect in (BENDING.name, BASE_COMPLIANCE.name)
+    }
+    return replace(c, compliance=known, yields=yields)
+
+
+def examine(
+    scene: Scene,
+    effects: tuple[str, ...],
+    robust: bool,
+    prior_width: float,
+    without: Sequence[Part] = (),
+    further: bool = False,
+) -> Examined:
+    """Fit a baseline at the deflected pose of the arm, and evaluate all effects that it lacks.
+
+    `further`: an effect was named before.
+    """
+    fitted = calibrated(scene, effects, prior_width, robust, without)
+    stands = fitted.model.scene
+    c = with_compliance(stands.circumstances(stands.rows("calibrate")), fitted)
+    nuisance = masses(c, stands.delta) if COMPLIANCE in effects else []
+    known = candidates(c, effects, without)
+    found = _weighed(fitted, fitted, c, known, nuisance, robust, further)
+    members = found.decision.members
+    if members and ORIENTATION in fitted.weights.scale:
+        final = refit(fitted, found.candidates.pool, members, robust)
+        if not _alike(fitted, final):
+            found = _weighed(fitted, final, c, known, nuisance, robust, further)
+    return found
+
+
+def _weighed(
+    fitted: Estimate, noise: Estimate, c: Circumstances, known: Candidates, nuisance: Sequence[Parameter],
+    robust: bool, further: bool,
+) -> Examined:  # fmt: skip
+    """Evaluate all effects that a fit lacks, with the noise ratio of orientations to lengths of `noise`."""
+    effects, generic = fitted.model.effects, cells(c)
+    scale = dict(fitted.weights.scale)
+    if ORIENTATION in scale:
+        main = main_group(fitted.model)
+        scale[ORIENTATION] = scale[main] * _looseness(noise)
+    slopes = Slopes.of(
+        replace(fitted, weights=replace(fitted.weights, scale=scale)),
+        [p for p in known.pool if of_certificate(p)],
+    )
+    p = slopes.problem(fitted.z, known.pool, nuisance)
+    if any(wide(effect, c) for effect in EFFECTS.values()):
+        states = [fit_state(p, (), (), robust=r) for r in ((True, False) if robust else (False,))]
+        known = screened(known, slopes, states, c, effects)
+        p = slopes.problem(fitted.z, known.pool, nuisance)
+    pool = Pool.of(
+        generic, slopes.columns([q for cell in generic for own in cell.sets for q in own]), p.count
+    )
+    search = Search(p, known, robust, further)
+    search.run()
+    return Examined(fitted, c, known, p, pool, search, decide(search, pool))
+
+
+def _looseness(fitted: Estimate) -> float:
+    """Noise scale of the orientations over that of the lengths."""
+    return fitted.weights.scale[ORIENTATION] / fitted.weights.scale[main_group(fitted.model)]
+
+
+def _alike(a: Estimate, b: Estimate) -> bool:
+    """Whether the noise ratio is equal in both: an error of orientations only first looks like noise."""
+    return bool(abs(np.log(_looseness(a) / _looseness(b))) < np.log(VERDICT.alike))

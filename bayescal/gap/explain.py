@@ -1,0 +1,92 @@
+"""Effects named and confirmed: baseline, compliance where it was missing, refit, validation errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from bayescal.estimate import Estimate
+from bayescal.gap.conclusion import concluded
+from bayescal.gap.examine import Examined, examine
+from bayescal.gap.result import Verdict
+from bayescal.gap.search.beam import COMPLIANCE, Member
+from bayescal.gap.search.gate import confirmed
+from bayescal.gap.search.refit import refit
+from bayescal.gap.settings import VERDICT
+from bayescal.model.parts import Part
+from bayescal.model.scene import Scene
+from bayescal.predict.crossvalidation import ValidationErrors, validation_errors
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Explained:
+    """A baseline, the named effects, and the validation residuals of both models."""
+
+    first: Examined
+    last: Examined  # the same, or with compliance in the model where that was `promoted`
+    promoted: bool
+    before: ValidationErrors  # of the baseline
+    final: Estimate  # with the named effects
+    after: ValidationErrors
+
+    @property
+    def verdict(self) -> Verdict:
+        """Which effect."""
+        return concluded(self.last, self.first.decision if self.promoted else None)
+
+
+def explain(
+    scene: Scene,
+    effects: tuple[str, ...],
+    robust: bool = True,
+    prior_width: float = 1.0,
+    without: Sequence[Part] = (),
+    progress: Progress = lambda stage, fraction: None,
+) -> Explained:
+    """Name effects that a baseline lacks, if validation measurements confirm them; see `diagnose`."""
+    progress("estimate", 0.0)
+    first = examine(scene, effects, robust, prior_width, without)
+    progress("search", 0.3)
+    last, promoted = first, COMPLIANCE not in effects and _promoted(first)
+    if promoted:
+        last = examine(scene, (*effects, COMPLIANCE), robust, prior_width, without, further=True)
+    progress("refit", 0.6)
+    before = validation_errors(first.fitted)
+    last, final, after = _confirmed(last, validation_errors(last.fitted) if promoted else before, robust)
+    return Explained(first, last, promoted, before, final, after)
+
+
+def _confirmed(
+    e: Examined, before: ValidationErrors, robust: bool
+) -> tuple[Examined, Estimate, ValidationErrors]:
+    """The refit with the named effects, without those that increase the validation errors."""
+
+    def fitted(members: Sequence[Member]) -> tuple[Estimate, ValidationErrors]:
+        if not members:
+            return e.fitted, before
+        final = refit(e.fitted, e.candidates.pool, members, robust)
+        return final, validation_errors(final)
+
+    found, d = confirmed(e.decision.members, fitted, before), e.decision
+    if found.withheld:
+        kind = "ambiguous" if d.kind == "named" else d.kind if found.members else "unknown"
+        withheld = (
+            f"{m.effect} explains the calibration rows but increases the validation error: {reason}"
+            for m, reason in found.withheld
+        )
+        hypothesis = e.search.hypothesis(found.members)
+        d = replace(d, kind=kind, hypothesis=hypothesis, footnotes=(*d.footnotes, *withheld))
+    return replace(e, decision=d), found.fitted, found.errors
+
+
+def _promoted(first: Examined) -> bool:
+    """Whether compliance is added to a model without it: many effects act through compliance."""
+    if COMPLIANCE not in first.candidates.variants:
+        return False
+    sets = first.search.hypotheses
+    own = sets.get(frozenset((COMPLIANCE,)))
+    best = max(sets.values(), key=lambda h: h.score)
+    gained = own is not None and own.score - sets[frozenset()].score > VERDICT.promoted
+    return gained and COMPLIANCE in best.names

@@ -1,0 +1,149 @@
+"""A hypothesis fitted to a linear problem: its noise scale, its outliers, its evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from bayescal.estimate import STATED_WORTH
+from bayescal.estimate.outliers import Judged, scale, student_weights
+from bayescal.gap.linear.problem import Problem
+from bayescal.gap.settings import LINEAR
+
+
+@dataclass(frozen=True)
+class State:
+    """A hypothesis fitted to a problem: the model and scaled columns of the pool, with its own outliers."""
+
+    problem: Problem
+    columns: np.ndarray  # (k,) of the pool
+    scales: np.ndarray  # (k,) prior scale of each
+    weight: np.ndarray  # (R,) 0 for rows left out; constraints 1
+    kappa: float  # noise scale
+    residual: np.ndarray  # (R,) at the optimum
+    step: np.ndarray  # (D + k,) from the linearisation
+    design: np.ndarray  # (R, D + k)
+    covariance: np.ndarray  # (D + k, D + k)
+    effective_dof: float  # degrees of freedom that the fit takes up
+    log_evidence: float
+    robust: bool  # whether outliers were searched for
+
+    @property
+    def gross(self) -> int:
+        """Number of excluded contacts."""
+        return len(np.unique(self.problem.contact[self.weight[: self.problem.count] == 0]))
+
+    @property
+    def dof(self) -> float:
+        """Degrees of freedom of the noise, including its prior."""
+        return float(np.sum(self.weight[: self.problem.count])) - self.effective_dof + STATED_WORTH
+
+    @property
+    def amplitudes(self) -> np.ndarray:
+        """Fitted amplitudes of the columns, (k,), in units of their prior standard deviations."""
+        return self.step[len(self.problem.z) :] * self.scales
+
+
+def fit_state(
+    p: Problem,
+    columns: np.ndarray | Sequence[int],
+    scales: np.ndarray | Sequence[float],
+    start: np.ndarray | None = None,
+    robust: bool = True,
+) -> State:
+    """Fit a hypothesis. Each has its own outliers: rows that support it are no outliers of it.
+
+    Parameters
+    ----------
+    columns, scales : np.ndarray, shape (k,)
+        Columns of the pool in the hypothesis, and factors on their prior standard deviations.
+    start : np.ndarray, shape (R,), optional
+        Initial row weights; full weights if not given.
+    robust : bool
+        Search for outliers.
+    """
+    columns, scales = np.asarray(columns, int), np.asarray(scales, float)
+    design = np.column_stack([p.jacobian, p.pool[:, columns] * scales])
+    pull = np.concatenate([p.z, np.zeros(len(columns))])
+    count = p.count
+    weight = np.ones(len(p.residual)) if start is None else start.copy()
+    fixed = np.eye(design.shape[1]) + design[count:].T @ design[count:]
+    push = design[count:].T @ p.residual[count:] + pull
+    size = np.bincount(p.contact)
+
+    gram, score = np.zeros_like(fixed), np.zeros(len(pull))
+    of = np.zeros(count)  # the row weights of these two
+
+    def solve(w: np.ndarray, kappa: float):
+        nonlocal gram, score, of
+        changed = np.flatnonzero(w[:count] != of)
+        if 4 * len(changed) < count:  # only a few rows changed: update instead of a full evaluation
+            some = design[changed]
+            weighted = some * (w[changed] - of[changed])[:, None]
+            gram, score = gram + weighted.T @ some, score + weighted.T @ p.residual[changed]
+        else:
+            root = np.sqrt(w[:count])
+            half = design[:count] * root[:, None]
+            gram, score = half.T @ half, half.T @ (root * p.residual[:count])
+        of = w[:count].copy()
+        info = gram / kappa**2
+        factor = cho_factor(info + fixed, lower=True)
+        step = -cho_solve(factor, score / kappa**2 + push)
+        return step, p.residual + design @ step, info, factor
+
+    def judged(r: np.ndarray, kappa: float, factor) -> Judged:
+        slopes = solve_triangular(factor[0], design[:count].T, lower=True).T / kappa
+        return Judged.of(
+            [(r[at], slopes[at] @ np.swapaxes(slopes[at], 1, 2), weight[at[:, 0]]) for at in p.by_size]
+        )
+
+    kappa = 1.0
+    if robust and start is None:
+        for k in range(LINEAR.rounds):  # Student t, with a scale from the median of the chi-squares
+            step, r, info, factor = solve(weight, kappa)
+            square = np.bincount(p.contact, r[:count] ** 2)
+            taken = float(np.trace(cho_solve(factor, info)))
+            before, kappa = kappa, scale(square, size, taken)
+            weight[:count] = student_weights(square, size, kappa)[p.contact]
+            if k > 2 and abs(np.log(kappa / before)) < 3e-3:
+                break
+    for _ in range(LINEAR.rounds):
+        step, r, info, factor = solve(weight, kappa)
+        effective_dof = float(np.trace(cho_solve(factor, info)))
+        chi2 = float(np.sum(weight[:count] * r[:count] ** 2))
+        kept = float(np.sum(weight[:count]))
+        dof = max(kept - effective_dof, 0.0) + STATED_WORTH
+        old = weight.copy()
+        if robust:
+            good = np.split(~judged(r, kappa, factor).outliers(), p.ends)
+            for at, own in zip(p.by_size, good, strict=True):
+                weight[at] = own[:, None]
+        before, kappa = kappa, float(np.sqrt((chi2 + STATED_WORTH) / dof))
+        if abs(np.log(kappa / before)) < 1e-4 and np.array_equal(old, weight):
+            break
+    step, r, info, factor = solve(weight, kappa)
+    chi2 = float(np.sum(weight[:count] * r[:count] ** 2))
+    kept = float(np.sum(weight[:count]))
+    effective_dof = float(np.trace(cho_solve(factor, info)))
+    z = pull + step
+    lost = np.unique(p.contact[weight[:count] == 0])
+    log_evidence = (
+        -(kept + STATED_WORTH) * np.log(kappa)
+        - 0.5 * (chi2 + STATED_WORTH) / kappa**2
+        - 0.5 * (r[count:] @ r[count:] + z @ z)
+        - float(np.sum(np.log(np.diag(factor[0]))))
+        + float(np.sum(p.gross[lost]))
+        - 0.5 * np.log(2.0 * (kept - effective_dof + STATED_WORTH))
+    )
+    covariance = cho_solve(factor, np.eye(len(z)))
+    return State(
+        p, columns, scales, weight, kappa, r, step, design, covariance, effective_dof, log_evidence, robust
+    )
+
+
+def again(state: State, p: Problem) -> State:
+    """A state of another form of its problem, with the same row weights."""
+    return fit_state(p, state.columns, state.scales, state.weight, robust=False)
