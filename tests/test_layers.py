@@ -30,19 +30,20 @@ def test_contracts_are_kept():
 
 
 BREACHES = [
-    ("bayescal/model.py", "", ""),  # none: the copy itself is sound
+    ("bayescal/model/model.py", "", ""),  # none: the copy itself is sound
     ("bayescal/arm/chain.py", "from bayescal.errors import BayescalError\nimport bayescal.model", "floors"),
-    ("bayescal/estimate.py", "def late():\n    import bayescal.cli", "floors"),
+    ("bayescal/estimate/estimate.py", "def late():\n    import bayescal.cli", "floors"),
     ("bayescal/effects/tool.py", "from bayescal.dataset import Tool", "floors"),
     ("bayescal/nowhere.py", "", "floors"),
     ("factors/kind.py", "from bayescal.errors import BayescalError", "factors"),
     ("bayescal/arm/statics.py", "from factors.kind import dot", "arm"),
     ("bayescal/effects/geometry.py", "import gtsam", "arm"),
-    ("bayescal/estimate.py", "import gtsam", "graph"),
+    ("bayescal/estimate/estimate.py", "import gtsam", "graph"),
     ("factors/plane.py", "import gtsam", "graph"),
-    ("bayescal/model.py", "import arviz", "sampler"),
-    ("bayescal/estimate.py", "def late():\n    import emcee.moves", "sampler"),
+    ("bayescal/model/model.py", "import arviz", "sampler"),
+    ("bayescal/estimate/estimate.py", "def late():\n    import emcee.moves", "sampler"),
     ("bayescal/blind/workers.py", "def late():\n    import distributed", "dask"),
+    ("bayescal/cli/fit.py", "def late():\n    from bayescal.calibration import fit", "commands"),
 ]
 
 

@@ -1,11 +1,35 @@
-"""Options that several commands share."""
+"""Arguments and options that several commands share."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+Datasets = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="DATASET...",
+        help="Dataset folder with dataset.yaml, measurements.csv and the robot. Several sessions of the same "
+        "arm are evaluated together.",
+    ),
+]
+"""Sessions of one arm."""
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Run folder to write [default: runs/<dataset>-<command>; several names are joined by +]."
+    ),
+]
+"""The run folder; see `output.run_folder`."""
+Model = Annotated[str, typer.Option(help="Effects of the calibrated model, separated by commas.")]
+Seed = Annotated[int, typer.Option(help="Random seed.")]
+Robust = Annotated[bool, typer.Option(help="Exclude outliers.")]
+PriorWidth = Annotated[float, typer.Option(help="Factor on the standard deviations of the arm's prior.")]
+Remounted = Annotated[
+    bool, typer.Option("--remounted", help="The tools were remounted between the sessions.")
+]
 AllowXacro = Annotated[
     bool, typer.Option("--allow-xacro", help="Execute a robot's xacro file: it is a program.")
 ]

@@ -44,16 +44,16 @@ def simulate(
     import math
 
     from bayescal.folders import check_free
-    from bayescal.simulation import Options
-    from bayescal.simulation import simulate as run
-    from bayescal.simulation.folder import TRUTH, summary, write
+    from bayescal.public.functions import simulate as run
+    from bayescal.simulation.folder import TRUTH
 
     check_free(out, TRUTH)
-    options = Options(
-        robot=robot,
-        effects=tuple(part.strip() for part in effects.split(",") if part.strip()),
-        name=name or out.resolve().name,
+    session = run(
+        robot,
+        effects,
         seed=seed,
+        allow_xacro=allow_xacro,
+        name=name or out.resolve().name,
         error_scale=error_scale,
         contacts=contacts,
         later=later,
@@ -67,7 +67,6 @@ def simulate(
         payload=payload,
         arm_seed=arm_seed,
     )
-    simulation = run(options, allow_xacro)
-    write(simulation, out)
-    typer.echo(summary(simulation))
+    session.save(out)
+    typer.echo(str(session))
     typer.echo(f"written to {out}")

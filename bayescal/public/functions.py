@@ -69,6 +69,7 @@ def fit(
     latent_joints: bool = False,
     remounted: bool = False,
     tolerance_mm: float | None = None,
+    allow_xacro: bool = False,
     progress: Progress = silent,
 ) -> FitResult:
     """Calibrate an arm: its parameters with their uncertainty, and the error to expect.
@@ -93,6 +94,8 @@ def fit(
         Of several sessions: the tools were remounted in between.
     tolerance_mm : float, optional
         mm; decide whether distance errors are within it (ISO 14253-1).
+    allow_xacro : bool
+        As of `read_dataset`, where `dataset` is a path.
     progress : callable
         Called with the stage and its completed fraction.
 
@@ -119,7 +122,7 @@ def fit(
     from bayescal.assess.agreement import agreement
     from bayescal.calibration import fit as run
 
-    effects, session = _names(model), _session(dataset, remounted, own_noise=True)
+    effects, session = _names(model), _session(dataset, remounted, True, allow_xacro)
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
     found = run(session, effects, samples, seed, robust, prior_width, latent_joints, progress, tolerance)
     if not session.sessions:
@@ -133,20 +136,22 @@ def diagnose(
     model: Sequence[str] | str = MODEL,
     seed: int = 0,
     *,
-    without: Sequence[str] = (),
+    without: Sequence[str] | str = (),
     robust: bool = True,
     prior_width: float = 1.0,
     remounted: bool = False,
+    allow_xacro: bool = False,
     progress: Progress = silent,
 ) -> GapResult:
     """Diagnose the difference between model and machine: size, location, effect, improvement.
 
     Parameters
     ----------
-    dataset, model, seed, robust, prior_width, remounted, progress
+    dataset, model, seed, robust, prior_width, remounted, allow_xacro, progress
         As of `fit`.
-    without : sequence of str
-        Parts of the effects that the model lacks and that are candidates: 'geometry at joint 4'.
+    without : sequence of str, or str
+        Parts of the effects that the model lacks and that are candidates: 'geometry at joint 4'; comma
+        separated if in one string.
 
     Returns
     -------
@@ -166,14 +171,28 @@ def diagnose(
     >>> gap.verdict in ("null", "named", "named+unexplained", "unknown", "ambiguous")
     True
     """
+    from bayescal.assess.agreement import agreement
+    from bayescal.estimate import calibrated
     from bayescal.gap.diagnose import diagnose as run
+    from bayescal.model.scene import Scene
 
-    session = _session(dataset, remounted, own_noise=False)
-    return GapResult(run(session, _names(model), seed, robust, prior_width, progress, tuple(without)))
+    # the sessions share a noise scale, so that their residuals are comparable
+    effects, session = _names(model), _session(dataset, remounted, False, allow_xacro)
+    found = run(session, effects, seed, robust, prior_width, progress, _names(without))
+    if not session.sessions:
+        return GapResult(found)
+    progress("compare", 1.0)
+    together = calibrated(Scene(session), effects, prior_width, robust)
+    return GapResult(found, agreement(together, effects, prior_width, robust))
 
 
 def simulate(
-    robot: str = "fanuc-lrmate200ic", effects: Sequence[str] | str = MODEL, *, seed: int = 0, **options: Any
+    robot: str = "fanuc-lrmate200ic",
+    effects: Sequence[str] | str = MODEL,
+    *,
+    seed: int = 0,
+    allow_xacro: bool = False,
+    **options: Any,
 ) -> SimulatedSession:
     """Simulate a session on a cube and spheres, in memory.
 
@@ -185,6 +204,8 @@ def simulate(
         Effects of the true arm.
     seed : int
         The same seed gives the same session.
+    allow_xacro : bool
+        Expand a robot that is given as xacro, which can read files and run programs.
     **options
         Any other field of `bayescal.simulation.Options`: `contacts` to calibrate with, `later` to validate,
         `spheres`, `noise` (m), `joint_noise` (rad), `payload` (kg), ...
@@ -215,17 +236,23 @@ def simulate(
     if unknown := [name for name in options if name not in known]:
         what = f"there is no option {', '.join(unknown)}"
         raise BayescalError(what, "simulate", f"known: {', '.join(known)}")
-    return SimulatedSession(run(Options(robot=robot, effects=_names(effects), seed=seed, **options)))
+    asked = Options(robot=robot, effects=_names(effects), seed=seed, **options)
+    return SimulatedSession(run(asked, allow_xacro))
 
 
 def compare(
-    dataset: Source, model: Sequence[str] | str = MODEL, seed: int = 0, *, progress: Progress = silent
+    dataset: Source,
+    model: Sequence[str] | str = MODEL,
+    seed: int = 0,
+    *,
+    allow_xacro: bool = False,
+    progress: Progress = silent,
 ) -> ComparisonResult:
     """Calibrate a session by every method, and compare the results on the same validation rows.
 
     Parameters
     ----------
-    dataset, model, seed, progress
+    dataset, model, seed, allow_xacro, progress
         As of `fit`.
 
     Returns
@@ -247,7 +274,8 @@ def compare(
     """
     from bayescal.methods import compare as run
 
-    return ComparisonResult(run(_session(dataset), _names(model), seed, progress=progress))
+    session = _session(dataset, allow_xacro=allow_xacro)
+    return ComparisonResult(run(session, _names(model), seed, progress=progress))
 
 
 def _names(effects: Sequence[str] | str) -> tuple[str, ...]:
@@ -256,8 +284,13 @@ def _names(effects: Sequence[str] | str) -> tuple[str, ...]:
     return tuple(name.strip() for name in each if name.strip())
 
 
-def _session(source: Source | Sequence[Source], remounted: bool = False, own_noise: bool = True) -> Dataset:
-    """A single session, or several sessions of the same arm joined."""
+def _session(
+    source: Source | Sequence[Source],
+    remounted: bool = False,
+    own_noise: bool = True,
+    allow_xacro: bool = False,
+) -> Dataset:
+    """A single session, or several sessions of the same arm joined (`dataset.join`)."""
     from bayescal.dataset import Dataset
     from bayescal.dataset.join import joined
 
@@ -269,7 +302,7 @@ def _session(source: Source | Sequence[Source], remounted: bool = False, own_noi
         elif isinstance(own, SimulatedSession):
             read.append(own.dataset)
         elif isinstance(own, str | PathLike):
-            read.append(read_dataset(own))
+            read.append(read_dataset(own, allow_xacro))
         else:
             what = f"{type(own).__name__} is no dataset"
             raise BayescalError(what, "dataset", "give a Dataset, a simulated session or a path")

@@ -89,9 +89,18 @@ class FitResult(FitTables):
 
 @dataclass(frozen=True, repr=False)
 class GapResult(GapTables):
-    """A diagnosis; `print` shows its summary. `data` is the complete result, in SI."""
+    """A diagnosis; `print` shows its summary.
+
+    Attributes
+    ----------
+    data : Gap
+        The complete result, in SI.
+    agreement : Agreement or None
+        Comparison of separate fits, where several sessions were diagnosed.
+    """
 
     data: Gap
+    agreement: Agreement | None = None
 
     @cached_property
     def record(self) -> Json:
@@ -102,9 +111,14 @@ class GapResult(GapTables):
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.gap.summary import gap_summary
+        from rich.console import Group
 
-        return gap_summary(self.data)
+        from bayescal.reporting.fit.agreement import verdicts
+        from bayescal.reporting.gap.summary import gap_summary
+        from bayescal.reporting.shared.text import facts
+
+        summary = gap_summary(self.data)
+        return summary if self.agreement is None else Group(summary, "", facts(verdicts(self.agreement)))
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
         """Write gap.json, and the figures where `pictures`, to a run folder; return the names."""

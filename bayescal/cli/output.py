@@ -1,0 +1,37 @@
+"""The run folder of a command, and what the command prints at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+
+def run_folder(out: Path | None, datasets: Sequence[Path], command: str) -> Path:
+    """The folder that a command will write: `out`, or runs/<datasets>-<command>.
+
+    Checked before a long computation, so that its result can be written.
+
+    Raises
+    ------
+    BayescalError
+        If the folder contains files other than an earlier run of the command.
+    """
+    from bayescal.folders import check_free
+
+    names = "+".join(folder.resolve().name for folder in datasets)
+    folder = out or Path("runs") / f"{names}-{command}"
+    check_free(folder, f"{command}.json")
+    return folder
+
+
+def show(report: RenderableType, folder: Path, written: Sequence[str]) -> None:
+    """Print a result, and the names of the files that were written to its run folder."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.print(report)
+    console.print(f"[dim]written          [/dim]{folder}/{', '.join(written)}", soft_wrap=True)
