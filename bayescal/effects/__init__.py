@@ -15,6 +15,7 @@ from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.coupling import COUPLING
+from bayescal.effects.deflection import compliances
 from bayescal.effects.eccentricity import ECCENTRICITY
 from bayescal.effects.encoder_scale import ENCODER_SCALE
 from bayescal.effects.gear_mesh import GEAR_MESH
@@ -100,6 +101,7 @@ __all__ = [
     "Setting",
     "Site",
     "Term",
+    "compliances",
     "confusable",
     "describe",
     "named",

@@ -92,13 +92,13 @@ class Circumstances:
     time: np.ndarray | None = None  # (N,) s
     temperature: np.ndarray | None = None  # (N,) degC, of the arm or the air; None if of the artefact
     faces: tuple[Face, ...] = ()
-    compliance: np.ndarray | None = None  # (n,) rad/(N m), if fitted
     certified_values: tuple[CertifiedValue, ...] = ()
     sessions: tuple[Session, ...] = ()  # if several are fitted together
     turned_tools: tuple[int, ...] = ()  # tools whose orientation fitted rows read
     tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation
-    yields: Mapping[str, float] = field(default_factory=dict)
-    """Fitted compliances of bearings, links and stand, by the names of their parameters, SI."""
+    delta: np.ndarray | None = None  # (N, n + 2, 6) displacements of the frames from nominal, if known
+    compliances: Mapping[str, float] = field(default_factory=dict)
+    """Known compliances of joints, bearings, links and the base, by the names of their parameters, SI."""
 
     @property
     def touching(self) -> np.ndarray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.arm.chain import link_angles
+from bayescal.effects import compliances
 from bayescal.estimate.checks import check_converged, check_length, check_within_reach
 from bayescal.estimate.linear import Linear, linearise
 from bayescal.estimate.noise import rescaled_weights
@@ -76,12 +77,12 @@ def settled(fitted: Estimate) -> Scene:
 
 
 def standing(model: Model, values: np.ndarray) -> Scene:
-    """The scene with its gravity moments at the pose of the arm for deviations (P,), SI."""
+    """The scene with its gravity moments and compliances at the pose of the arm for deviations (P,), SI."""
     scene = model.scene
     delta = model.motion(np.arange(len(scene.q))).displacements(values)
     # the model's reference includes the deflection by the robot file's compliances; the statics' does not
     delta[:, 1:-1, 0] += scene.q - link_angles(scene.dataset.robot, scene.dataset.measurements.readings)
-    return replace(scene, delta=delta)
+    return replace(scene, delta=delta, compliances=compliances(model.parameters, values))
 
 
 def estimate(

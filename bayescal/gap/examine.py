@@ -8,10 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.effects import EFFECTS, Circumstances, Parameter
-from bayescal.effects.base_compliance import BASE_COMPLIANCE
-from bayescal.effects.bending import BENDING
-from bayescal.effects.compliance import expected
 from bayescal.estimate import Estimate, calibrated
+from bayescal.gap.linear.known import with_compliances
 from bayescal.gap.linear.masses import masses
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.slopes import Slopes, of_certificate
@@ -43,21 +41,6 @@ class Examined:
     decision: Decision
 
 
-def with_compliance(c: Circumstances, fitted: Estimate) -> Circumstances:
-    """Circumstances with the fitted compliances: other effects act through them."""
-    known = expected(c.robot).copy()
-    values = fitted.model.physical(fitted.z)
-    for value, p in zip(values, fitted.model.parameters, strict=False):
-        if p.effect == COMPLIANCE:
-            known[p.site.number - 1] = max(value, 0.2 * p.centre)
-    yields = {
-        p.name: value
-        for value, p in zip(values.tolist(), fitted.model.parameters, strict=False)
-        if p.effect in (BENDING.name, BASE_COMPLIANCE.name)
-    }
-    return replace(c, compliance=known, yields=yields)
-
-
 def examine(
     scene: Scene,
     effects: tuple[str, ...],
@@ -72,8 +55,8 @@ def examine(
     """
     fitted = calibrated(scene, effects, prior_width, robust, without)
     stands = fitted.model.scene
-    c = with_compliance(stands.circumstances(stands.rows("calibrate")), fitted)
-    nuisance = masses(c, stands.delta) if COMPLIANCE in effects else []
+    c = with_compliances(stands.circumstances(stands.rows("calibrate")), fitted)
+    nuisance = masses(c) if COMPLIANCE in effects else []
     known = candidates(c, effects, without)
     found = _weighed(fitted, fitted, c, known, nuisance, robust, further)
     members = found.decision.members

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -50,13 +50,15 @@ def u_of(entry: Certificate, stated: Sequence[tuple[str, str]]) -> np.ndarray:
 class Scene:
     """A dataset, and the quantities that follow from it before a fit.
 
-    `delta` (N, n + 2, 6) are the fitted displacements of the frames from nominal, for the statics.
+    `delta` (N, n + 2, 6) are the fitted displacements of the frames from nominal, for the statics, and
+    `compliances` are the fitted compliances by parameter (SI), through which added masses act.
     `oriented`: orientations that instruments read are used, in addition to the points.
     """
 
     dataset: Dataset
     delta: np.ndarray | None = None
     oriented: bool = False
+    compliances: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def chain(self) -> Chain:
@@ -176,6 +178,8 @@ class Scene:
             sessions=self._sessions(targets),
             turned_tools=turned,
             tool_u_angle=tuple(tool.u_angle for tool in d.tools),
+            delta=self.delta,
+            compliances=self.compliances,
         )
 
     @cached_property

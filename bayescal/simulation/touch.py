@@ -40,7 +40,7 @@ class World:
         scene, true = Scene(dataset), replace(dataset, targets=self.targets)
         for _ in range(SETTLING):
             parameters = parameters_of(self.effects, scene.circumstances(scene.rows("calibrate")))
-            model = Model(Scene(true, scene.delta), self.effects, parameters, (), ())
+            model = Model(replace(scene, dataset=true), self.effects, parameters, (), ())
             if scene.moments is None:
                 break
             before, scene = scene, replace(standing(model, self.deviations(model)), dataset=dataset)

@@ -155,9 +155,10 @@ def test_a_payload_loads_the_stand_and_the_bearings(session, mount):
     """A kilogram more does what its own weight does at every place that yields, not at the joints alone."""
     dataset = mounted(session, mount)
     scene = Scene(dataset)
-    c = replace(scene.circumstances(scene.rows("calibrate")), compliance=np.zeros(6))
+    c = scene.circumstances(scene.rows("calibrate"))
+    rigid = {f"compliance {name}": 0.0 for name in dataset.robot.joint_names}
     (a, first), (b, second) = horizontal(dataset.gravity)
-    c = replace(c, yields={f"base-compliance {a}": 2e-6, f"base-compliance {b}": 1e-6})
+    c = replace(c, compliances=rigid | {f"base-compliance {a}": 2e-6, f"base-compliance {b}": 1e-6})
     pose = frames(scene.chain, scene.q)[:, -1]
     where = pose[:, :3, :3] @ dataset.tools[0].centre_of_mass + pose[:, :3, 3]
     moment = np.cross(where - PLACE, dataset.gravity)
@@ -169,7 +170,7 @@ def test_a_payload_loads_the_stand_and_the_bearings(session, mount):
         delta[:, t.frame, AXES.index(t.axis)] += t.driver
     np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), expected, atol=1e-9)
     bearing = np.zeros_like(delta)
-    (p,) = EFFECTS["payload"].parameters(replace(c, yields={"bending J2 bearing": 3e-6}))
+    (p,) = EFFECTS["payload"].parameters(replace(c, compliances=rigid | {"bending J2 bearing": 3e-6}))
     for t in p.terms:
         bearing[:, t.frame, AXES.index(t.axis)] += t.driver
     frame = frames(scene.chain, scene.q)[:, 2]

@@ -16,6 +16,7 @@ from bayescal.estimate import Estimate
 from bayescal.gap.design.blind_spots import located
 from bayescal.gap.design.interventions import Intervention, widened
 from bayescal.gap.linear.evidence import project
+from bayescal.gap.linear.known import with_compliances
 from bayescal.gap.search.beam import Hypothesis, Member
 from bayescal.gap.search.candidates import Candidates, in_proportion
 from bayescal.gap.settings import DESIGN
@@ -107,7 +108,7 @@ def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]
     model = fitted.model
     dataset, interventions = widened(model.scene, _poses(fitted))
     scene = Scene(dataset, _stands(model.scene, interventions), model.scene.oriented)
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = with_compliances(scene.circumstances(scene.rows("calibrate")), fitted)
     own = _again(model.parameters, parameters_of(model.effects, c))
     fresh: dict[int, Parameter] = {}
     for effect, setting in dict.fromkeys((m.effect, m.variant.setting) for m in members):

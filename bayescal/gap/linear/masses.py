@@ -11,41 +11,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.arm.chain import frames
-from bayescal.arm.motion import Term
+from bayescal.arm.chain import frames, link_angles
 from bayescal.effects import Circumstances, Parameter
-from bayescal.effects.compliance import expected
-from bayescal.effects.joints import carries
+from bayescal.effects.deflection import deflections
 from bayescal.gap.settings import LINEAR
 
 
-def masses(c: Circumstances, delta: np.ndarray | None = None) -> list[Parameter]:
-    """Errors of masses and centres of mass as rotations of the loaded joints: of each link and of the load.
-
-    Parameters
-    ----------
-    c : Circumstances
-    delta : np.ndarray, shape (N, n + 2, 6), optional
-        Displacements of the frames from nominal.
-    """
+def masses(c: Circumstances) -> list[Parameter]:
+    """Errors of masses and centres of mass, of each link and of the load, as deflections of all sites."""
     robot, n = c.robot, c.robot.n
     if robot.masses is None or robot.centres_of_mass is None or c.moments is None:
         return []
-    compliance = expected(robot) if c.compliance is None else c.compliance
-    pose = frames(c.chain, c.q, delta)
-    axes, origins = pose[:, 1 : n + 1, :3, 2], pose[:, 1 : n + 1, :3, 3]
-    turn = np.cross(c.gravity, axes)  # (N, n, 3): a kilogram at x loads an axis with turn . (x - origin)
+    pose = frames(c.chain, link_angles(robot, c.readings), c.delta)
+    about = pose[:, : n + 1].copy()
+    about[:, 0] = c.chain.base  # the base deflects about its undisplaced origin
+    turned, origins = about[..., :3, :3], about[..., :3, 3]
     out: list[Parameter] = []
 
     def add(name: str, body: int, kilograms: np.ndarray, lever: np.ndarray) -> None:
-        """Add a parameter: kilograms (N,) at levers (N, n, 3), m, carried by the joints up to `body`."""
-        torque = np.sum(turn * lever, axis=2) * kilograms[:, None]
-        terms = tuple(
-            Term(j, "rz", compliance[j - 1] * torque[:, j - 1])
-            for j in range(1, body + 1)
-            if compliance[j - 1] > 0 and carries(torque[:, j - 1])
-        )
-        if terms:
+        """Add a parameter: kilograms (N,) at levers (N, n + 1, 3), m, carried by the frames up to `body`."""
+        moments = np.cross(lever, kilograms[:, None, None] * c.gravity)
+        moments = (np.swapaxes(turned, -1, -2) @ moments[..., None])[..., 0]
+        moments[:, body + 1 :] = 0.0
+        if terms := deflections(c, moments):
             out.append(Parameter(name, "1", terms, 1.0))
 
     def add_body(name: str, body: int, place: np.ndarray, centre: np.ndarray, mass: np.ndarray) -> None:

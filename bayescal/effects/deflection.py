@@ -1,0 +1,42 @@
+"""Deflection by an added mass: its gravity moments act on every compliant site, not on the joints alone.
+
+A site that the model contains deflects by its fitted (or true) compliance: joints, bearings, links and the
+base. A joint of unknown compliance has the value of the robot file, or a typical one; any other site whose
+compliance is unknown is rigid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bayescal.arm.motion import Term
+from bayescal.effects.base_compliance import BASE_COMPLIANCE
+from bayescal.effects.bending import BENDING
+from bayescal.effects.compliance import COMPLIANCE
+from bayescal.effects.vocabulary import Circumstances, Parameter
+
+COMPLIANT = (COMPLIANCE, BENDING, BASE_COMPLIANCE)
+"""Effects whose parameters are compliances: displacement = value x gravity moment."""
+
+
+def compliances(parameters: Sequence[Parameter], deviations: np.ndarray) -> Mapping[str, float]:
+    """Values (SI) of all compliances among P parameters, by name, at deviations (P,) from nominal."""
+    names = {effect.name for effect in COMPLIANT}
+    pairs = zip(parameters, deviations.tolist(), strict=True)
+    return {p.name: p.nominal + value for p, value in pairs if p.effect in names}
+
+
+def deflections(c: Circumstances, moments: np.ndarray) -> tuple[Term, ...]:
+    """Displacements of all compliant sites by added gravity moments (N, n + 1, 3), N m, of frames 0 to n."""
+    added, out = replace(c, moments=moments), []
+    for effect in COMPLIANT:
+        if effect is not COMPLIANCE and not any(k.startswith(f"{effect.name} ") for k in c.compliances):
+            continue
+        for p in effect.parameters(added):
+            value = c.compliances.get(p.name, p.centre if effect is COMPLIANCE else 0.0)
+            if value:
+                out += [replace(term, driver=value * np.asarray(term.driver)) for term in p.terms]
+    return tuple(out)

@@ -1,0 +1,87 @@
+"""An added mass acts on every compliant site: against a heavier tool, which the statics know."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayescal.arm.chain import link_angles
+from bayescal.arm.statics import gravity_moments
+from bayescal.estimate import calibrated
+from bayescal.gap.linear.masses import masses
+from bayescal.gap.settings import LINEAR
+from bayescal.model.scene import Scene
+from bayescal.simulation import Options, simulate
+from bayescal.simulation.touch import World
+
+EFFECTS = ("geometry", "compliance", "bending", "base-compliance")
+MORE = 0.4  # kg
+
+
+def values(model, mass):
+    """Deviations of a simulated arm: the prior means of its compliances, and a payload error."""
+    out = model.shift.copy()
+    for k, p in enumerate(model.parameters):
+        out[k] = mass if p.effect == "payload" else 3e-7 if "slide" in p.name else out[k]
+    return out
+
+
+def ball(dataset, effects, mass=0.0):
+    """Ball centres (3, N) of the simulated arm at the equilibrium of its statics, m."""
+    world = World(effects, lambda model: values(model, mass), dataset.targets)
+    model = world.model(dataset)
+    return model.motion(np.arange(len(dataset.measurements.readings))).points(values(model, mass))
+
+
+@pytest.mark.parametrize("stated", [False, True])
+@pytest.mark.parametrize("convention", ["mdh", "dh"])
+def test_a_payload_error_is_a_heavier_tool(cube, convention, stated):
+    """With and without compliances that the robot file states, whose deflection is nominal."""
+    dataset = cube(seed=3, count=24).dataset
+    known = np.array([0.0, 2e-5, 1e-4, 1e-3, 1e-3, 1e-3]) if stated else None
+    dataset = replace(dataset, robot=replace(dataset.robot, convention=convention, compliance=known))
+    (tool,) = dataset.tools
+    heavier = replace(dataset, tools=(replace(tool, mass=tool.mass + MORE),))
+    before, moved = ball(dataset, EFFECTS), ball(dataset, (*EFFECTS, "payload"), MORE)
+    expected = ball(heavier, EFFECTS)
+    assert np.max(np.linalg.norm(expected - before, axis=0)) > 1e-4
+    np.testing.assert_allclose(moved, expected, atol=2e-7 if stated else 1e-9)
+
+
+def test_an_error_of_a_mass_moves_every_compliant_site(cube):
+    """By differences of the gravity moments of all frames, times the compliances of the sites."""
+    scene = Scene(cube(seed=3, count=24).dataset)
+    delta = 1e-3 * np.random.default_rng(0).standard_normal((24, 8, 6))
+    c = scene.circumstances(scene.rows("calibrate"))
+    rigid = {f"compliance {name}": 0.0 for name in c.robot.joint_names}
+    q = link_angles(c.robot, c.readings)
+    heavier = c.robot.masses.copy()
+    heavier[2] *= 1 + LINEAR.mass_share
+
+    def moments(kilograms):
+        robot = replace(c.robot, masses=kilograms)
+        return gravity_moments(robot, c.chain, q, c.gravity, c.load_mass, c.load_centre, delta)
+
+    added = moments(heavier) - moments(c.robot.masses)
+    for site, frame, axis in (("base-compliance x", 0, "rx"), ("bending J2 bearing", 2, "ry")):
+        now = replace(c, delta=delta, compliances=rigid | {site: 2e-5})
+        (p,) = (p for p in masses(now) if p.name == "mass of link 3")
+        driver = {(t.frame, t.axis): t.driver for t in p.terms}[frame, axis]
+        component = "xyz".index(axis[1])
+        np.testing.assert_allclose(driver, 2e-5 * added[:, frame, component], atol=1e-12, err_msg=site)
+        assert np.max(np.abs(driver)) > 1e-8
+
+
+def test_a_fit_finds_a_mass_that_was_not_stated():
+    """A tool 0.3 kg heavier than stated, on an arm whose base deflects too, beside rows with 2 kg more."""
+    effects = ("geometry", "compliance", "base-compliance")
+    options = Options(seed=2, contacts=160, repeats=0, later=0, placements=0, noise=2e-6, payload=2.0)
+    dataset = simulate(replace(options, effects=effects)).dataset
+    (tool,) = dataset.tools
+    stated = replace(dataset, tools=(replace(tool, mass=tool.mass - 0.3),))
+    found = calibrated(Scene(stated), (*effects, "payload"))
+    k = found.model.names.index("payload mass")
+    sd = found.sd[k] * found.model.sd[k]
+    assert sd < 0.01
+    assert abs(found.model.physical(found.z)[k] - 0.3) < 4 * sd
+    assert found.weights.scale["contact"] < 1.15
