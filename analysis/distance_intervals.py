@@ -1,9 +1,9 @@
 """Coverage of the interval of the excess variance removed from distances that share spheres.
 
-Run from the top of the project: ``python -m analysis.distance_intervals``. Spheres err by 20 um a coordinate;
-a second model keeps a share of each error and adds some of its own. The interval should hold the share of the
-excess variance that the second model removes 95 times out of 100. Beside it: the same distances resampled as
-if they were independent.
+Run from the top of the project: ``python -m analysis.distance_intervals``. Spheres have an error of 20 µm per
+coordinate; a second model keeps a share of each error and adds its own error. The interval should contain the
+share of the excess variance that the second model removes in 95 of 100 cases. For comparison: the same
+distances resampled as if they were independent.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The README's picture of a gap: a session with play in its gears, diagnosed by a model without.
+"""The figure of a diagnosis in the README: a session with backlash, diagnosed with a model that lacks it.
 
 Run from the top of the project: ``python analysis/gap_picture.py``.
 """

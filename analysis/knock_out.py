@@ -34,6 +34,8 @@ from bayescal.predict.crossvalidation import ValidationErrors, kept, validation_
 
 RUNS = Path(__file__).parents[1] / "runs" / "knock-out"
 UM, MM = 1e6, 1e3
+TABLE = "held out"
+"""First heading of the table of validation errors in the README of a session."""
 
 
 class Task(NamedTuple):
@@ -50,7 +52,7 @@ class Task(NamedTuple):
 
 
 def usual(dataset: Dataset) -> tuple[str, ...]:
-    """The model that is calibrated: with stiffness where the robot file gives masses."""
+    """The model that is calibrated: with compliance where the robot file gives masses."""
     return ("geometry",) if dataset.robot.masses is None else ("geometry", "compliance")
 
 
@@ -64,15 +66,15 @@ def made(task: Task) -> Record:
 
 
 def whole(dataset: Dataset, folder: Path) -> Record:
-    """A session's ladder from the drawing up to what is named, and what remains."""
+    """Model levels of a session from nominal to all named effects, and the remaining error."""
     scene, effects = Scene(dataset), usual(dataset)
     gap, found = diagnose(dataset, effects), explain(scene, effects)
     members, after = found.last.decision.members, found.after
-    rungs = [("nominal", estimate(with_parameters(scene, (), ())))]
-    rungs += [(effects[k - 1], calibrated(scene, effects[:k])) for k in range(1, len(effects))]
-    rungs += [(effects[-1], found.first.fitted)]
+    levels = [("nominal", estimate(with_parameters(scene, (), ())))]
+    levels += [(effects[k - 1], calibrated(scene, effects[:k])) for k in range(1, len(effects))]
+    levels += [(effects[-1], found.first.fitted)]
     for k, member in enumerate(members, start=1):
-        rungs.append((model_name(member), refit(found.last.fitted, found.last.candidates.pool, members[:k])))
+        levels.append((model_name(member), refit(found.last.fitted, found.last.candidates.pool, members[:k])))
     left = next((w for w in gap.where if not w.explained_by), None)
     geometry = [p for p in found.first.fitted.model.parameters if p.effect == "geometry"]
     joints = [j for j in range(1, dataset.robot.n + 1) if any(_row(j).holds(p) for p in geometry)]
@@ -83,9 +85,9 @@ def whole(dataset: Dataset, folder: Path) -> Record:
         "named": [model_name(m) for m in members],
         "verdict": gap.verdict.kind,
         "footnotes": list(gap.verdict.footnotes),
-        "ladder": [{"adds": name} | sizes(validation_errors(fitted)) for name, fitted in rungs],
+        "levels": [{"adds": name} | sizes(validation_errors(fitted)) for name, fitted in levels],
         "noise_um": UM * gap.magnitude.noise,
-        "heldout_um": UM * _rms(after.residual[kept(after) & (after.group == after.main)]),
+        "validation_um": UM * _rms(after.residual[kept(after) & (after.group == after.main)]),
         "left": None if left is None else {
             "place": f"{left.site}, {left.driver}",
             "rms_um": UM * left.rms,
@@ -101,7 +103,7 @@ def _row(joint: int) -> Part:
 
 
 def sizes(held: ValidationErrors) -> Record:
-    """Mean, rms and largest error of all held-out contacts (their size) and points (their length), mm."""
+    """Mean, RMS and maximum of the validation errors of contacts (size) and points (length), mm."""
     out = {}
     for kind in np.unique(held.kind):
         mine = held.kind == kind
@@ -117,7 +119,7 @@ def sizes(held: ValidationErrors) -> Record:
 
 
 def yardsticks(readme: Path) -> list[Record]:
-    """The table of held-out errors, mm, that a session's README quotes; empty where there is none."""
+    """The table of validation errors, mm, in the README of a session; empty where there is none."""
     if not readme.exists():
         return []
     cells = [
@@ -125,7 +127,7 @@ def yardsticks(readme: Path) -> list[Record]:
         for line in readme.read_text(encoding="utf-8").splitlines()
         if line.startswith("|")
     ]
-    first = next((k for k, row in enumerate(cells) if row[0].startswith("held out")), len(cells))
+    first = next((k for k, row in enumerate(cells) if row[0].startswith(TABLE)), len(cells))
     rows = [dict(zip(cells[first], row, strict=False)) for row in cells[first + 2 :]]
     label = cells[first][0] if rows else ""
     return [{"model": row.pop(label)} | {k: float(v) for k, v in row.items()} for row in rows]
@@ -163,7 +165,7 @@ def knocked(dataset: Dataset, without: str, beside: Sequence[str] = ()) -> Recor
         "leading": list(leader.effects),
         "claimed_nats": leader.log_evidence if leader.effects == ("unknown",) else 0.0,
         "possible_nats": possible(known, found),
-        "heldout": heldout(known, found),
+        "validation": reductions(known, found),
     }
 
 
@@ -187,8 +189,8 @@ def possible(known: Estimate, found: Explained) -> float:
     return null.problem.count * float(np.log(null.kappa / scale))
 
 
-def heldout(known: Estimate, found: Explained) -> Record:
-    """Held-out rms errors, um: before, after, of the whole model; and those that the refit expects."""
+def reductions(known: Estimate, found: Explained) -> Record:
+    """RMS validation errors, µm: before, after, of the complete model; and those that the refit expects."""
     whole, before, after = validation_errors(known), found.before, found.after
     fair = kept(whole, before, after)
     out = {}
@@ -243,10 +245,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def parts_out(model: Record, only: set[int]) -> list[str]:
-    """What is taken out of a whole model: its stiffness, and the geometry of one joint after another."""
+    """Parts to take out of a complete model: the compliance, and the geometry of each joint."""
     joints = [j for j in model["joints"] if not only or j in only]
-    stiffness = [e for e in model["model"] if e == "compliance"]
-    return stiffness + [str(_row(j)) for j in joints]
+    compliance = [e for e in model["model"] if e == "compliance"]
+    return compliance + [str(_row(j)) for j in joints]
 
 
 if __name__ == "__main__":  # worker processes import this module too

@@ -27,7 +27,7 @@ def right(r: Record) -> bool:
 
 def main_kind(r: Record) -> Record:
     """Validation errors of contacts where there are any, else of points."""
-    held = r["heldout"]
+    held = r["validation"]
     return held.get("planes") or held["points"]
 
 
@@ -68,7 +68,7 @@ def table(records: Sequence[Record]) -> str:
     models = [r for r in records if not r["without"]]
     again = {(r["session"], r["without"]): r for r in records if r.get("beside")}
     first = [r for r in records if r["without"] and not r["beside"]]
-    parts = [_summary(first, again), *(_knocked(first, again)), *_ladders(models), *_left(models)]
+    parts = [_summary(first, again), *(_knocked(first, again)), *_levels(models), *_left(models)]
     return "\n".join(parts)
 
 
@@ -157,7 +157,7 @@ def _later(r: Record | None) -> str:
     return f" With {', '.join(r['beside'])} in the model: {found}; {shrinks}."
 
 
-def _ladders(models: Sequence[Record]) -> list[str]:
+def _levels(models: Sequence[Record]) -> list[str]:
     out = [
         "### All model levels, validation errors, mm",
         "",
@@ -166,19 +166,19 @@ def _ladders(models: Sequence[Record]) -> list[str]:
     ]
     for r in models:
         for kind in ("planes", "points"):
-            rungs = [(step["adds"], step[kind]) for step in r["ladder"] if kind in step]
-            quoted = r["yardsticks"] if kind == "planes" or "planes" not in r["ladder"][0] else []
-            for k in range(max(len(rungs), len(quoted)) if rungs else 0):
-                cells = [f"{r['session']}, {rungs[0][1]['count']} {kind}" if k == 0 else ""]
-                cells += _step(k, rungs) + _quoted(k, quoted)
+            levels = [(step["adds"], step[kind]) for step in r["levels"] if kind in step]
+            quoted = r["yardsticks"] if kind == "planes" or "planes" not in r["levels"][0] else []
+            for k in range(max(len(levels), len(quoted)) if levels else 0):
+                cells = [f"{r['session']}, {levels[0][1]['count']} {kind}" if k == 0 else ""]
+                cells += _step(k, levels) + _quoted(k, quoted)
                 out.append(f"| {' | '.join(cells)} |")
     return [*out, ""]
 
 
-def _step(k: int, rungs: list[tuple[str, Record]]) -> list[str]:
-    if k >= len(rungs):
+def _step(k: int, levels: list[tuple[str, Record]]) -> list[str]:
+    if k >= len(levels):
         return [""] * 4
-    name, size = rungs[k]
+    name, size = levels[k]
     return ["+ " * (k > 0) + name, *(f"{size[f'{what}_mm']:.3f}" for what in ("mean", "rms", "max"))]
 
 
@@ -202,7 +202,7 @@ def _left(models: Sequence[Record]) -> list[str]:
             left["place"], f"{left['rms_um']:.1f}", f"{100 * left['share']:.0f} %",
             "< 0.0001" if left["family_p_value"] < 1e-4 else f"{left['family_p_value']:.4f}",
         ]  # fmt: skip
-        cells = [r["session"], r["verdict"], f"{r['noise_um']:.0f}", f"{r['heldout_um']:.0f}", *where]
+        cells = [r["session"], r["verdict"], f"{r['noise_um']:.0f}", f"{r['validation_um']:.0f}", *where]
         out.append(f"| {' | '.join(cells)} |")
     notes = [f"- {r['session']}: {note}" for r in models for note in r["footnotes"]]
     return [*out, "", *notes]

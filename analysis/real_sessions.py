@@ -1,4 +1,4 @@
-"""Every real session through fit, validate and gap: what each level of model leaves on rows kept back.
+"""Fit, validation and diagnosis of every real session: the validation errors of each model level.
 
 Run from the top of the project:
 ``python -m analysis.real_sessions --real ../shared/data/real --out docs/real_sessions.md``.
@@ -42,11 +42,11 @@ RUNS = Path(__file__).parents[1] / "runs" / "real-sessions"
 MM, UM = 1e3, 1e6
 NOMINAL, BASE_TOOL, WITH_FORM, NAMED = "nominal", "base+tool", "form", "named"
 BOUND_TO_ITS_SESSION = ("step",)
-"""Effects that say when something happened: they tell nothing of contacts apart."""
+"""Effects that say when something happened: they do not apply to other contacts."""
 
 
 class Task(NamedTuple):
-    """A session whole, or with all contacts at one of its places kept back."""
+    """A complete session, or a session whose contacts at one location are used for validation."""
 
     folder: Path
     place: str = ""
@@ -68,37 +68,37 @@ def made(task: Task) -> Record:
 
 
 def whole(dataset: Dataset) -> Record:
-    """A session's ladder, from the files as they are to what `gap` names."""
+    """Model levels of a session, from the nominal model to the effects that `gap` names."""
     scene, effects = Scene(dataset), usual(dataset)
     fitted = fit(dataset, effects, samples=0)
     found = explain(scene, effects)
     verdict = found.verdict
     named = [model_name(m) for m in found.last.decision.members]
-    rungs: list[tuple[str, Estimate]] = [(BASE_TOOL, base_and_tool(scene))]
-    rungs += [(effects[k - 1], calibrated(scene, effects[:k])) for k in range(1, len(effects))]
-    rungs += [(effects[-1], found.first.fitted)]
+    levels: list[tuple[str, Estimate]] = [(BASE_TOOL, base_and_tool(scene))]
+    levels += [(effects[k - 1], calibrated(scene, effects[:k])) for k in range(1, len(effects))]
+    levels += [(effects[-1], found.first.fitted)]
     if FORM in fitted.final.effects:
-        rungs += [(WITH_FORM, fitted.final.estimate)]
+        levels += [(WITH_FORM, fitted.final.estimate)]
     if named:
-        rungs += [(NAMED, found.final)]
+        levels += [(NAMED, found.final)]
     return {
         "robot": dataset.robot.name,
         "verdict": verdict.kind,
         "names": named,
-        "ladder": [as_in_the_files(scene), *(rung(what, e) for what, e in rungs)],
+        "levels": [as_in_the_files(scene), *(level(what, e) for what, e in levels)],
         "places": places(scene),
         "warnings": list(fitted.warnings),
     }
 
 
 def base_and_tool(scene: Scene) -> Estimate:
-    """Tools and targets fitted, the arm as drawn."""
+    """Tools and targets fitted, the arm nominal."""
     tools = parameters_of((), scene.circumstances(scene.rows("calibrate")))
     return estimate(with_parameters(scene, (), tools))
 
 
 def as_in_the_files(scene: Scene) -> Record:
-    """Residuals of the held-out rows with nothing fitted at all."""
+    """Residuals of the validation rows where nothing is fitted."""
     model = with_parameters(scene, (), ())
     rows, sizes = scene.rows("validate"), {}
     for t in np.unique(scene.dataset.measurements.target[rows]):
@@ -108,8 +108,8 @@ def as_in_the_files(scene: Scene) -> Record:
     return {"model": NOMINAL} | {what: of(np.concatenate(parts)) for what, parts in sizes.items()}
 
 
-def rung(what: str, found: Estimate) -> Record:
-    """What an estimate leaves on the held-out rows, how far its intervals hold it, and its distances."""
+def level(what: str, found: Estimate) -> Record:
+    """Validation errors of an estimate, the share within its 95 % intervals, and its distances."""
     draws = gaussian(found, 0, VALIDATION_DRAWS)
     left = unexplained(found)
     checked = validate(found, draws.flat, draws.kappa, left.excess)
@@ -123,7 +123,7 @@ def rung(what: str, found: Estimate) -> Record:
 
 
 def errors(checked: Validation) -> Record:
-    """Sizes of all held-out errors by kind, and the share of them inside 95 % intervals."""
+    """Sizes of all validation errors by kind, and their share within the 95 % intervals."""
     out = {}
     for what, checks in (("planes", checked.planes), ("points", checked.points)):
         if checks:
@@ -179,7 +179,7 @@ def unseen(dataset: Dataset, place: str, named: Sequence[str]) -> Record:
         models.append((effects[k - 1], lambda k=k: calibrated(scene, effects[:k])))  # type: ignore[misc]
     if further:
         models.append((NAMED, lambda: calibrated(scene, (*effects, *further))))
-    return {"ladder": [{"model": what} | scatter(make()) for what, make in models]}
+    return {"levels": [{"model": what} | scatter(make()) for what, make in models]}
 
 
 def scatter(found: Estimate) -> Record:

@@ -25,13 +25,13 @@ Record = dict[str, Any]
 def quoted() -> dict[tuple[str, str, str], Record]:
     """Published results by session, kind of validation rows, and model level."""
     with QUOTED.open(encoding="utf-8", newline="") as file:
-        return {(r["session"], r["held_out"], r["ours"]): r for r in csv.DictReader(file)}
+        return {(r["session"], r["validation"], r["ours"]): r for r in csv.DictReader(file)}
 
 
 def table(sessions: Sequence[Record], places: Sequence[Record]) -> str:
     """All tables, as Markdown."""
     return "\n".join(
-        [*_held_out(sessions), *_unseen(sessions, places), *_distances(sessions), *_said(sessions)]
+        [*_validation(sessions), *_unseen(sessions, places), *_distances(sessions), *_said(sessions)]
     )
 
 
@@ -47,7 +47,7 @@ def _number(value: Any) -> str:
     return "" if value in ("", None) else f"{float(value):.3f}"
 
 
-def _held_out(sessions: Sequence[Record]) -> list[str]:
+def _validation(sessions: Sequence[Record]) -> list[str]:
     out = ["### Validation errors, mm", ""]
     out += _head(
         "session", "model", "mean", "RMS", "maximum", "within 95 %", "README: model", "mean", "RMS", "maximum"
@@ -55,7 +55,7 @@ def _held_out(sessions: Sequence[Record]) -> list[str]:
     others = quoted()
     for r in sessions:
         for kind in ("planes", "points"):
-            steps = [step for step in r["ladder"] if kind in step]
+            steps = [step for step in r["levels"] if kind in step]
             for k, step in enumerate(steps):
                 size, other = step[kind], others.get((r["session"], kind, step["model"]), {})
                 inside = f"{100 * size['inside95']:.0f} %" if "inside95" in size else ""
@@ -83,23 +83,23 @@ def _unseen(sessions: Sequence[Record], places: Sequence[Record]) -> list[str]:
     others = quoted()
     for r in sessions:
         own = [p for p in places if p["session"] == r["session"]]
-        for k in range(len(own[0]["ladder"]) if own else 0):
-            model = own[0]["ladder"][k]["model"]
-            by = {p["place"]: p["ladder"][k] for p in own}
+        for k in range(len(own[0]["levels"]) if own else 0):
+            model = own[0]["levels"][k]["model"]
+            by = {p["place"]: p["levels"][k] for p in own}
             means = {place: step["mean_mm"] for place, step in by.items()}
-            worst = max(means, key=lambda place: means[place])
-            rest = [value for place, value in means.items() if place != worst]
+            largest = max(means, key=lambda place: means[place])
+            rest = [value for place, value in means.items() if place != largest]
             other = others.get((r["session"], "unseen", model), {})
             out.append(_row([
                 f"{r['session']}, {len(own)} locations" if k == 0 else "",
                 _level(model, r),
                 _number(fmean(means.values())),
                 _number(min(means.values())),
-                f"{worst} {means[worst]:.3f}",
+                f"{largest} {means[largest]:.3f}",
                 _number(fmean(rest)),
                 _number(fmean(step["distance_mm"] for step in by.values())),
                 _number(other.get("mean_mm")),
-                _number(others.get((r["session"], f"unseen, without {worst}", model), {}).get("mean_mm")),
+                _number(others.get((r["session"], f"unseen, without {largest}", model), {}).get("mean_mm")),
             ]))  # fmt: skip
     return [*out, ""]
 
@@ -108,7 +108,7 @@ def _distances(sessions: Sequence[Record]) -> list[str]:
     out = ["### Distances: predicted and measured, µm RMS", ""]
     out += _head("session", "model", "between", "predicted (95 %)", "measured", "share of the prior")
     for r in sessions:
-        for k, step in enumerate(s for s in r["ladder"] if s.get("distances")):
+        for k, step in enumerate(s for s in r["levels"] if s.get("distances")):
             for d in step["distances"]:
                 low, high = d["predicted_interval95_um"]
                 measured = d["measured_rms_um"]

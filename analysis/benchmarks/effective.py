@@ -10,7 +10,7 @@ import emcee
 import numpy as np
 
 Turn = Callable[[], np.ndarray]
-"""Goes on sampling; returns the new draws (steps, chains, D + 1)."""
+"""Continues sampling; returns the new draws (steps, chains, D + 1)."""
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,7 @@ def density_function(problem: Problem, density: Density) -> Callable[[Any], Any]
     sigma = np.concatenate([density.estimate.weights.sigma[b.target] for b in model.blocks]) * ratio
     walls = problem.walls(sigma)
     points = points_function(problem)
-    shift_of_prior = model.deviations(np.zeros(len(model.parameters)))  # from the drawing
+    shift_of_prior = model.deviations(np.zeros(len(model.parameters)))  # from nominal
     sd = model.deviations(np.ones(len(model.parameters))) - shift_of_prior
     size = len(sd)
     faces = np.concatenate([np.arange(model.size)[model.slices[b.target]] for b in model.blocks])

@@ -67,7 +67,7 @@ def _rows(m: Measurements, at: np.ndarray) -> Measurements:
 
 
 def _solving(model: Model) -> tuple[Callable[[], object], Callable[[], object], int]:
-    """One linearisation, one solution from the drawing, and how many iterations that takes."""
+    """A linearisation, a solution that starts at the nominal values, and its number of iterations."""
     start = np.zeros(model.size)
     weights = unit_weights(model, start)
     iterations = solve(model, weights, start)[2]

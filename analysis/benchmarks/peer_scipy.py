@@ -34,7 +34,7 @@ def residual_function(problem: Problem) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def measure_ours(problem: Problem) -> float:
-    """Duration of our solution from the drawing with its covariance, s."""
+    """Duration of our solution from the nominal values with its covariance, s."""
 
     def ours() -> None:
         _, covariance, _ = solve(problem.model, problem.weights, problem.start)

@@ -28,7 +28,7 @@ class Problem:
 
     @cached_property
     def start(self) -> np.ndarray:
-        """The drawing, (D,)."""
+        """The nominal values, (D,)."""
         return np.zeros(self.model.size)
 
     @cached_property

@@ -40,11 +40,11 @@ def residual_function(given: dict[str, Any]) -> tuple[Callable[[np.ndarray], np.
     chain_mask = np.isin(np.arange(rows.size), entry)
     tool_mask = np.isin(rows.size + np.arange(6), entry)
     handler = OptimizationHandler(robot, list(chain_mask), list(tool_mask))
-    drawing = handler.generate_optimization_vector()
+    nominal = handler.generate_optimization_vector()
     size = len(entry)
 
     def residuals(z: np.ndarray) -> np.ndarray:
-        handler.apply_optimization_vector(drawing + sd * z[:size])
+        handler.apply_optimization_vector(nominal + sd * z[:size])
         p = np.array([handler.robot.fk(one)[:3, 3] for one in q]).T
         normal, shift = place(np, walls, z[size:].reshape(-1, 3))
         contacts = contact_residuals(np, walls, normal, shift, p)

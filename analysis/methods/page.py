@@ -25,7 +25,7 @@ def methods_of(records: Sequence[Record]) -> dict[str, list[Record]]:
 
 
 def pooled(methods: Sequence[Record]) -> str:
-    """Rms over sessions of the distance errors, or of mean point errors where there are no distances; um."""
+    """Rms over sessions of the distance errors, or of mean point errors where there are no distances; µm."""
     for key in ("distances_rms_um", "points_mean_um"):
         values = [m["heldout"][key] for m in methods if m["heldout"][key] is not None]
         if values:

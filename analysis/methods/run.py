@@ -24,7 +24,7 @@ Record = dict[str, Any]
 SORTS: dict[str, Callable[[Options, int], Dataset]] = {
     "500 contacts": lambda layout, arm: session.touched(_as_many(layout, 500), arm, NOISE),
     "100 contacts": lambda layout, arm: session.touched(layout, arm, NOISE),
-    "100, cube off by 20 um": lambda layout, arm: session.touched(layout, arm, NOISE, shape_error=SHAPE),
+    "100, cube off by 20 µm": lambda layout, arm: session.touched(layout, arm, NOISE, shape_error=SHAPE),
     "100, 3 % outliers": lambda layout, arm: session.touched(layout, arm, NOISE, outliers=OUTLIERS),
     "tracker": lambda layout, arm: session.tracked(_of_arm(layout, arm), TRACKER),
 }

@@ -22,7 +22,7 @@ from bayescal.simulation.truth import draws
 TURN, SHIFT = (2e-3, -1e-3, 1.5e-3), (0.8e-3, -0.5e-3, 0.6e-3)  # rad, m: how the cube was put down
 TRACKER = (np.array([2.0, 0.5, 0.3]), np.array([0.1, -0.2, 2.8]))  # m, rad: its frame as stated
 TRACKER_OFF = (np.array([2e-3, -1e-3, 1e-3]), np.array([1e-3, 2e-3, -2e-3]))  # m, rad: beside that
-HELD_OUT = 3  # every third row
+VALIDATION = 3  # every third row
 LEAST_NOISE = 1e-6  # m: stated where there is none
 GROSS = 0.3e-3  # m
 
@@ -88,7 +88,7 @@ def _distances(targets: Sequence[Target]) -> tuple[Certificate, ...]:
 
 
 def tracked(options: Options, noise: float = 0.0, poses: bool = False) -> Dataset:
-    """The poses of a session's contacts, read by a tracker whose frame is a little off; every third held out.
+    """Poses of a session's contacts, measured by a tracker whose frame has an error; every third validates.
 
     `noise` (m) is that of a coordinate; with `poses` orientations are read too, without noise.
     """
@@ -100,7 +100,7 @@ def tracked(options: Options, noise: float = 0.0, poses: bool = False) -> Datase
     rows = replace(
         m,
         target=np.zeros(count, int),
-        role=np.where(np.arange(count) % HELD_OUT, "calibrate", "validate"),
+        role=np.where(np.arange(count) % VALIDATION, "calibrate", "validate"),
         xyz=np.zeros((count, 3)),
         repeat=None,
     )

@@ -14,12 +14,11 @@
 # # A first calibration
 #
 # A FANUC LR Mate 200iC has touched four faces of a 9-inch granite cube with a probe, each contact giving
-# one equation: the ball's centre lies one ball radius off a plane. The planes' places are not known. The
-# cube's certificate (two faces parallel, 228.6 mm apart, the others square to them) gives the length.
-# Datum spheres of 2 inches, touched in several places, are kept out of the fit: they tell what the
-# calibration is worth.
+# one equation: the distance of the ball's centre from a plane is the ball radius. The poses of the planes are
+# unknown. The cube's certificate (two faces parallel, 228.6 mm apart, the others perpendicular to them) gives
+# the scale. Datum spheres of 2 inches are not used in the fit: they validate the calibration.
 #
-# This session is simulated, so that the truth can be looked up at the end. A real one is read the same way.
+# This session is simulated, so the ground truth is available. A measured session is read in the same way.
 
 # %%
 import json
@@ -45,24 +44,24 @@ for (role, kind), number in sorted(count.items()):
 # %% [markdown]
 # ## Fit
 #
-# The model has the DH parameters that contacts with planes can tell (18 of geometry and the ball's centre on
-# the flange) and a compliance for each joint that gravity loads: the joint turns by compliance times
-# torque. Every parameter has a prior as wide as the tolerances of small arms. `fit` estimates three models in
-# turn (as drawn, kinematic, kinematic with stiffness) and samples the posterior of the last with emcee.
+# The model has the identifiable DH parameters (18 of geometry, and the TCP offset) and a compliance for each
+# joint that gravity loads: the joint rotates by compliance times torque. The prior of every parameter is as
+# wide as the tolerances of small arms. `fit` estimates the model levels in turn (nominal, joint offsets,
+# geometry, geometry + compliance) and samples the posterior of the last level with emcee.
 
 # %%
 result = bc.fit(dataset, ("geometry", "compliance"), samples=SAMPLES, seed=1)
 calibration = result.data
 draws = calibration.draws
 noise = 1e6 * calibration.final.unexplained.fitted
-print(f"noise of a contact {noise:.1f} um, {len(calibration.final.estimate.rejected)} contacts left out")
+print(f"noise of a contact {noise:.1f} µm, {len(calibration.final.estimate.rejected)} contacts rejected")
 print(f"{draws.ess.min():.0f} effective draws or more, R-hat up to {np.nanmax(draws.rhat):.4f}")
 
 # %% [markdown]
 # ## The posterior
 #
-# Lengths in mm, angles in deg, compliances in urad/(N m). Since axes 2 and 3 are parallel, d2 and d3 move the
-# ball alike: their sum is told, their difference is left to the prior.
+# Lengths in mm, angles in deg, compliances in µrad/(N m). Since axes 2 and 3 are parallel, d2 and d3 move the
+# ball identically: only the combination d2 + d3 is identifiable.
 
 # %%
 data = result.inference_data()
@@ -75,9 +74,9 @@ for direction in calibration.identifiability.weak:
     print(direction.words)
 
 # %% [markdown]
-# Link lengths against compliances. Where a cloud is slanted, the contacts trade one parameter for the other:
-# fitting one without the other would bend it. Crosses mark the truth; of 25 parameters, one or two may
-# well lie outside of their 95 % interval.
+# Link lengths and compliances. A slanted cloud shows correlated parameters: to fit one without the other
+# would bias it. Crosses mark the truth; of 25 parameters, one or two are expected outside their 95 %
+# interval.
 
 # %%
 NAMES = {
@@ -129,9 +128,9 @@ plt.show()
 # %% [markdown]
 # ## Sphere distances, predicted and measured
 #
-# Each sphere's centre is found from its own contacts, a posterior draw at a time, with the noise that those
-# contacts had. The spread over draws is the predicted error of a distance: about 19 of 20 measured errors
-# should lie within their bars.
+# Each sphere's centre is located from its own contacts, for every posterior draw, with the noise of the
+# contacts. The spread over draws predicts the error of a distance: about 19 of 20 measured errors should lie
+# within their bars.
 
 # %%
 checks = calibration.final.validation.distances
@@ -152,17 +151,17 @@ axes.legend(frameon=False, ncols=2)
 plt.show()
 
 # %% [markdown]
-# ## What each model is worth
+# ## The error of each model level
 #
-# The same distances by the arm as drawn, with joint zeros and scales alone, by a kinematic calibration, and
-# with stiffness. (For the real arm Joubair and Bonev, 2015, give 1.321 mm as drawn and 0.274 mm calibrated
-# with stiffness: a real arm has more wrong with it than a simulated one of geometry and compliance only.)
+# The same distances by the nominal model, with joint offsets, with geometry, and with geometry and
+# compliance. (For the real arm Joubair and Bonev, 2015, state 1.321 mm nominal and 0.274 mm calibrated with
+# compliance: a real arm has further errors; this simulated arm has errors of geometry and compliance only.)
 
 # %%
-RUNGS = ("nominal", "joint zeros and scales", "kinematic", "kinematic + stiffness")
-LADDER = dict(zip(RUNGS, calibration.levels, strict=True))
-errors = {name: 1e3 * np.array([abs(d.error) for d in r.validation.distances]) for name, r in LADDER.items()}
-print("distance error, mm          mean    largest")
+NAMES_OF_LEVELS = ("nominal", "joint offsets", "geometry", "geometry + compliance")
+LEVELS = dict(zip(NAMES_OF_LEVELS, calibration.levels, strict=True))
+errors = {name: 1e3 * np.array([abs(d.error) for d in r.validation.distances]) for name, r in LEVELS.items()}
+print("distance error, mm          mean    maximum")
 for name, own in errors.items():
     print(f"{name:24s} {own.mean():8.4f} {own.max():9.4f}")
 

@@ -1,4 +1,4 @@
-"""The figures of the study: z-scores, coverage with bands, errors of the three models."""
+"""The figures of the study: z-scores, coverage with bands, errors of the model levels."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 from scipy.stats import binom, chi2, ks_1samp, norm
 
-from analysis.study.session import RUNGS, Record
+from analysis.study.session import LEVELS, Record
 
 SCHEMA = "bayescal-study/1"
-LEVEL = 0.95
+COVERAGE = 0.95
 RESAMPLED = 4000  # bootstrap samples of sessions
-PAPER_MM = {"nominal": 1.321, "kinematic + stiffness": 0.274}
+PUBLISHED_MM = {"nominal": 1.321, "geometry + compliance": 0.274}
 """Largest distance error of the real arm, mm (Joubair and Bonev, Precision Engineering, 2015)."""
 COVERED = {
     "parameters": "pit",
     "sphere distances": "distance_pit",
     "sphere diameters": "diameter_pit",
-    "held-out contacts": "contact_pit",
+    "validation contacts": "contact_pit",
 }
 
 
@@ -38,10 +38,10 @@ def of(records: Sequence[Record]) -> dict[str, Any]:
             "distance": spread(np.concatenate([r["distance_sd_um"] for r in done])),
             "diameter": spread(np.concatenate([r["diameter_sd_um"] for r in done])),
         },
-        "worst_distance_mm": {rung: spread(1e-3 * worst(done, rung)) for rung in RUNGS},
-        "paper_worst_distance_mm": PAPER_MM,
+        "maximum_distance_mm": {level: spread(1e-3 * maximum(done, level)) for level in LEVELS},
+        "published_maximum_distance_mm": PUBLISHED_MM,
         "noise_scale": spread(np.array([r["noise_scale"] for r in done])),
-        "rejected_of_fitted": {rung: sum(r["rejected"][rung] for r in done) for rung in RUNGS},
+        "rejected_of_fitted": {level: sum(r["rejected"][level] for r in done) for level in LEVELS},
         "false_alarms": {
             "uneven_face": sum(r["uneven_faces"] > 0 for r in done),
             "unexplained_error": sum(r["unexplained_um"] > 0 for r in done),
@@ -50,9 +50,9 @@ def of(records: Sequence[Record]) -> dict[str, Any]:
     }
 
 
-def worst(done: Sequence[Record], rung: str) -> np.ndarray:
-    """Largest absolute distance error of each session, um."""
-    return np.array([np.max(np.abs(r["distance_error_um"][rung])) for r in done])
+def maximum(done: Sequence[Record], level: str) -> np.ndarray:
+    """Largest absolute distance error of each session, µm."""
+    return np.array([np.max(np.abs(r["distance_error_um"][level])) for r in done])
 
 
 def spread(values: np.ndarray) -> dict[str, float]:
@@ -100,7 +100,7 @@ def z_scores(done: Sequence[Record]) -> dict[str, Any]:
     }
 
 
-def coverage(places: Sequence[Sequence[float]], level: float = LEVEL) -> dict[str, Any]:
+def coverage(places: Sequence[Sequence[float]], level: float = COVERAGE) -> dict[str, Any]:
     """How often central intervals hold the truth, by sessions' shares of predictive draws below it.
 
     The binomial band is where the fraction would lie for as many independent trials; those of one

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.study.pictures import NAMES
-from analysis.study.session import RUNGS
+from analysis.study.session import LEVELS
 
 BEGIN, END = "<!-- study: begin -->", "<!-- study: end -->"
 FOLDER = "pictures"
@@ -66,15 +66,15 @@ def _errors(found: dict[str, Any]) -> list[str]:
         "| arm of Joubair and Bonev |",
         "| --- | --- | --- | --- | --- |",
     ]
-    for rung in RUNGS:
-        s, paper = found["worst_distance_mm"][rung], found["paper_worst_distance_mm"].get(rung)
-        said = "" if paper is None else f"{paper:.3f}"
-        lines.append(f"| {rung} | {s['median']:.3f} | {s['least']:.3f} | {s['most']:.3f} | {said} |")
+    for level in LEVELS:
+        s, published = found["maximum_distance_mm"][level], found["published_maximum_distance_mm"].get(level)
+        said = "" if published is None else f"{published:.3f}"
+        lines.append(f"| {level} | {s['median']:.3f} | {s['least']:.3f} | {s['most']:.3f} | {said} |")
     return lines
 
 
 def _remarks(found: dict[str, Any]) -> str:
-    sd, rejected = found["predicted_sd_um"]["distance"], found["rejected_of_fitted"][RUNGS[-1]]
+    sd, rejected = found["predicted_sd_um"]["distance"], found["rejected_of_fitted"][LEVELS[-1]]
     least = min(found["identified"], key=found["identified"].get)
     said = [
         f"{found['sessions']} sessions of {found['contacts']} plane contacts each.",

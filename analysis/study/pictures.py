@@ -1,4 +1,4 @@
-"""Three pictures: z-scores by quantity, coverage at every level, distance errors of the three models."""
+"""Three pictures: z-scores by quantity, coverage at every level, distance errors of the model levels."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from scipy.stats import beta, norm
 
-from analysis.study.figures import COVERED, LEVEL, PAPER_MM, inside, worst
-from analysis.study.session import RUNGS, Record
+from analysis.study.figures import COVERAGE, COVERED, PUBLISHED_MM, inside, maximum
+from analysis.study.session import LEVELS, Record
 
 NAMES = ("study-z-scores.png", "study-coverage.png", "study-errors.png")
-DOTS = 150  # a inch
+DOTS = 150  # per inch
 INK, FAINT = "#222222", "#9aa0a6"
-COLOURS = ("#b2182b", "#8c6bb1", "#e08214", "#2166ac")  # one a rung
+COLOURS = ("#b2182b", "#8c6bb1", "#e08214", "#2166ac")  # of each level
 KINDS = {
     "parameters": "#2166ac",
     "sphere distances": "#b2182b",
     "sphere diameters": "#4d9221",
-    "held-out contacts": "#8073ac",
+    "validation contacts": "#8073ac",
 }
 SYMBOLS = {"alpha": r"\alpha", "beta": r"\beta", "theta": r"\theta"}
 STYLE = {
@@ -135,7 +135,7 @@ def _coverage(done: Sequence[Record], found: dict[str, Any]) -> Figure:
     left.set_ylabel("intervals that hold the truth, less their level, %")
     left.set_title("all levels; bands: 95 %, over sessions")
     left.legend(loc="lower left", fontsize=8, ncols=2)
-    right.axvline(100 * LEVEL, color=INK, lw=0.8)
+    right.axvline(100 * COVERAGE, color=INK, lw=0.8)
     for row, (name, c) in enumerate(found["coverage"].items()):
         low, high = (100 * v for v in c["binomial95_if_independent"])
         right.barh(row, high - low, left=low, height=0.5, color=FAINT, alpha=0.35, lw=0)
@@ -148,7 +148,7 @@ def _coverage(done: Sequence[Record], found: dict[str, Any]) -> Figure:
     right.set(yticks=range(len(COVERED)), yticklabels=COVERED, ylim=(len(COVERED) - 0.5, -0.7))
     right.margins(x=0.15)
     right.tick_params(axis="y", length=0)
-    right.set_xlabel("95 % intervals that hold the truth, %")
+    right.set_xlabel("95 % intervals that contain the truth, %")
     right.set_title("bar: 95 % band over sessions; grey: binomial")
     return figure
 
@@ -156,14 +156,14 @@ def _coverage(done: Sequence[Record], found: dict[str, Any]) -> Figure:
 def _errors(done: Sequence[Record], found: dict[str, Any]) -> Figure:
     figure = Figure(figsize=(9.0, 4.0))
     left, right = figure.subplots(1, 2, sharey=True)
-    for rung, colour in zip(RUNGS, COLOURS, strict=True):
-        _steps(left, 1e-3 * worst(done, rung), colour, rung)
-        every = np.abs(np.concatenate([r["distance_error_um"][rung] for r in done]))
-        _steps(right, 1e-3 * every, colour, rung)
-    for rung, paper in PAPER_MM.items():
-        colour = COLOURS[RUNGS.index(rung)]
-        left.axvline(paper, color=colour, lw=1.0, ls=(0, (4, 3)))
-        left.text(paper, 1.03, f"{paper:.3f}", color=colour, fontsize=8, ha="center", va="bottom")
+    for level, colour in zip(LEVELS, COLOURS, strict=True):
+        _steps(left, 1e-3 * maximum(done, level), colour, level)
+        every = np.abs(np.concatenate([r["distance_error_um"][level] for r in done]))
+        _steps(right, 1e-3 * every, colour, level)
+    for level, published in PUBLISHED_MM.items():
+        colour = COLOURS[LEVELS.index(level)]
+        left.axvline(published, color=colour, lw=1.0, ls=(0, (4, 3)))
+        left.text(published, 1.03, f"{published:.3f}", color=colour, fontsize=8, ha="center", va="bottom")
     right.plot([], [], color=FAINT, lw=1.0, ls=(0, (4, 3)), label="a real arm\n(Joubair, Bonev 2015)")
     left.set(xlabel="largest sphere distance error of a session, mm", ylabel="share of sessions or distances")
     left.set_title(f"{len(done)} sessions", pad=12)

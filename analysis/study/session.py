@@ -1,4 +1,4 @@
-"""One session of the study: simulate, calibrate, hold against the truth."""
+"""A session of the study: simulate, calibrate, compare with the ground truth."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from bayescal.predict import Validation, validate
 from bayescal.simulation import Options, Simulation, simulate
 
 MODEL = ("geometry", "compliance")
-RUNGS = ("nominal", "joint zeros and scales", "kinematic", "kinematic + stiffness")
-"""What the ladder of a fit with `MODEL` holds, in order."""
+LEVELS = ("nominal", "joint offsets", "geometry", "geometry + compliance")
+"""Model levels of a fit with `MODEL`, in order."""
 SUMS = (("d2", "d3"),)
-"""Parameters that contacts tell only as their sum (parallel axes 2 and 3), by the names of a LR Mate."""
-EFFECTIVE = 4000  # draws of every parameter where emcee is asked too
+"""Parameters of which only the sum is identifiable (parallel axes 2 and 3), by the names of a LR Mate."""
+EFFECTIVE = 4000  # draws of every parameter where emcee is run too
 UM = 1e6
 
 Record = dict[str, Any]
@@ -26,9 +26,9 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class Quantities:
-    """What is told of the arm: its parameters, sums in place of those that are told only together.
+    """Identifiable quantities of the arm: parameters, and sums where only the sum is identifiable.
 
-    `matrix` (Q, P) makes them from the arm's parameters, SI.
+    `matrix` (Q, P) computes them from the arm's parameters, SI.
     """
 
     names: tuple[str, ...]
@@ -57,9 +57,9 @@ def true_values(simulation: Simulation) -> dict[str, float]:
 
 
 def run(options: Options, with_emcee: bool = False) -> Record:
-    """Simulate a session, calibrate it with the Gaussian posterior, and hold the result against the truth.
+    """Simulate a session, calibrate it with the Gaussian posterior, and compare with the ground truth.
 
-    Of a session that cannot be laid out (no place for the spheres), the record says that only.
+    For a session that cannot be laid out (no place for the spheres), the record contains only the reason.
     """
     try:
         simulation = simulate(options)
@@ -73,7 +73,7 @@ def run(options: Options, with_emcee: bool = False) -> Record:
 
 
 def compared(simulation: Simulation, fitted: Fit) -> Record:
-    """A fit against the truth: z-scores, where the truth lies in every predictive distribution, errors."""
+    """Compare a fit with the truth: z-scores, quantiles of the truth in predictive distributions, errors."""
     truth = true_values(simulation)
     found = fitted.final.estimate
     arm = [k for k, p in enumerate(found.model.parameters) if p.name in truth]
@@ -96,13 +96,13 @@ def compared(simulation: Simulation, fitted: Fit) -> Record:
         "pit": np.mean(drawn < exact, axis=0).tolist(),
         "least_compliance_urad_per_nm": UM * min(v for k, v in truth.items() if k.startswith("compliance")),
         "noise_scale": float(found.weights.scale["contact"]),
-        "rejected": {r: len(step.estimate.rejected) for r, step in zip(RUNGS, fitted.levels, strict=True)},
+        "rejected": {r: len(step.estimate.rejected) for r, step in zip(LEVELS, fitted.levels, strict=True)},
         "contacts": sum(len(block.rows) for block in found.model.blocks),
         "uneven_faces": sum(face.uneven for face in fitted.faces),
         "unexplained_um": UM * fitted.final.unexplained.excess,
         "distance_error_um": {
-            rung: [UM * d.error for d in step.validation.distances]
-            for rung, step in zip(RUNGS, fitted.levels, strict=True)
+            level: [UM * d.error for d in step.validation.distances]
+            for level, step in zip(LEVELS, fitted.levels, strict=True)
         },
         "distance_sd_um": [UM * float(np.std(d.predicted)) for d in v.distances],
         "distance_pit": [_place(d.error, d.predicted) for d in v.distances],
@@ -121,7 +121,7 @@ def _place(value: float, predicted: np.ndarray) -> float:
 
 
 def agreement(fitted: Fit, seed: int) -> Record:
-    """What emcee makes of the same posterior, beside its Gaussian approximation."""
+    """Compare the posterior sampled by emcee with its Gaussian approximation."""
     found = fitted.final.estimate
     drawn = sample(found, EFFECTIVE, seed)
     arm = [k for k, p in enumerate(found.model.parameters) if p.name not in sum(SUMS, ())]

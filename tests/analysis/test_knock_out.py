@@ -43,15 +43,15 @@ def arguments(folder):
 def test_what_is_taken_out_is_found(run):
     records = json.loads((run / "runs" / "records.json").read_text(encoding="utf-8"))
     assert list(records) == ["session | whole", "session | compliance", "session | geometry at joint 4"]
-    whole, stiffness, joint = records.values()
+    whole, compliance, joint = records.values()
     assert whole["verdict"] == "null"
     assert whole["joints"] == [1, 2, 3, 4, 5]
-    assert [step["adds"] for step in whole["ladder"]] == ["nominal", "geometry", "compliance"]
+    assert [step["adds"] for step in whole["levels"]] == ["nominal", "geometry", "compliance"]
     assert whole["yardsticks"][1] == {"model": "geometric", "mean": 0.2, "rms": 0.25, "max": 0.5}
-    for r in (stiffness, joint):
+    for r in (compliance, joint):
         assert knock_out_page.right(r)
         assert r["probability"] > 0.99
-        held = r["heldout"]["planes"]
+        held = r["validation"]["planes"]
         assert held["after_um"] < 1.1 * held["whole_um"] < 0.2 * held["before_um"]
         assert held["before_um"] == pytest.approx(held["predicted_before_um"], rel=0.15)
         assert r["lambda"] > 1000
@@ -86,7 +86,7 @@ def missed(**more):
     return {
         "without": "geometry at joint 4", "named": [], "verdict": "unknown", "missing": "", "footnotes": [],
         "lambda": 500.0, "claimed_nats": 0.0, "possible_nats": 100.0, "leading": ["unknown"],
-        "heldout": {"points": held},
+        "validation": {"points": held},
     } | more  # fmt: skip
 
 
@@ -102,12 +102,15 @@ OTHER = [{"effect": "eccentricity", "site": "joint 4", "probability": 0.9}]
         ({"footnotes": ["geometry: 3 um, 2 % of what was found"]}, "footnote"),
         ({"footnotes": ["step: 3 um, 2 % of what was found"]}, "unmodelled effect"),
         (
-            {"claimed_nats": 101.0, "heldout": {"points": {"before_um": 130.0, "whole_um": 60.0}}},
+            {"claimed_nats": 101.0, "validation": {"points": {"before_um": 130.0, "whole_um": 60.0}}},
             "more evidence than possible",
         ),
-        ({"heldout": {"points": {"before_um": 61.0, "whole_um": 60.0}}}, "no effect on validation"),
+        ({"validation": {"points": {"before_um": 61.0, "whole_um": 60.0}}}, "no effect on validation"),
         (
-            {"named": OTHER, "heldout": {"points": {"before_um": 90.0, "after_um": 61.0, "whole_um": 60.0}}},
+            {
+                "named": OTHER,
+                "validation": {"points": {"before_um": 90.0, "after_um": 61.0, "whole_um": 60.0}},
+            },
             "other effects explain it",
         ),
         ({"named": OTHER}, "are preferred"),
@@ -133,7 +136,7 @@ def test_only_the_right_name_at_the_right_place_counts():
 def test_a_joint_of_a_real_arm():
     found = knock_out.knocked(read_dataset(REAL / "panda-ball-socket-3"), "geometry at joint 4")
     assert found["named"][0].items() >= {"effect": "geometry", "site": "joint 4"}.items()
-    held = found["heldout"]["points"]
+    held = found["validation"]["points"]
     assert held["before_um"] > 4 * held["whole_um"]
     assert held["after_um"] == pytest.approx(held["predicted_after_um"], rel=0.05)
     assert held["before_um"] == pytest.approx(held["predicted_before_um"], rel=0.05)

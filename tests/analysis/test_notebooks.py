@@ -42,9 +42,7 @@ def fitted(left, said):
     assert "only the combination d2 + d3 is identifiable" in said
     errors = left["errors"]
     assert (
-        errors["kinematic + stiffness"].max()
-        < 0.1 * errors["kinematic"].max()
-        < 0.1 * errors["nominal"].max()
+        errors["geometry + compliance"].max() < 0.1 * errors["geometry"].max() < 0.1 * errors["nominal"].max()
     )
     assert left["inside"].mean() > 0.7
 

@@ -99,7 +99,7 @@ def records(folder):
 def test_each_level_leaves_less(run):
     whole = records(run)["sockets"]
     assert whole["places"] == list(PLACES)
-    mean = {step["model"]: step["points"]["mean_mm"] for step in whole["ladder"]}
+    mean = {step["model"]: step["points"]["mean_mm"] for step in whole["levels"]}
     assert mean["nominal"] > 1.0
     assert mean["nominal"] > mean["geometry"] > mean["compliance"]
     assert mean["compliance"] < 3e3 * NOISE
@@ -108,7 +108,7 @@ def test_each_level_leaves_less(run):
 def test_a_place_apart_is_predicted_by_the_others(run):
     found = records(run)
     for place in PLACES:
-        steps = {step["model"]: step for step in found[f"sockets | {place}"]["ladder"]}
+        steps = {step["model"]: step for step in found[f"sockets | {place}"]["levels"]}
         assert steps["nominal"]["count"] == 32
         assert steps["compliance"]["mean_mm"] < 0.3 * steps["nominal"]["mean_mm"]
 
@@ -120,7 +120,7 @@ def test_a_place_apart_is_not_fitted(sockets):
     readings = m.readings.copy()
     readings[there, 0] += np.radians(1.0) * np.random.default_rng(0).choice([-1, 1], there.sum())
     spoilt = replace(sockets, measurements=replace(m, readings=readings))
-    clean, bad = (real_sessions.unseen(d, "far", ())["ladder"][-1] for d in (sockets, spoilt))
+    clean, bad = (real_sessions.unseen(d, "far", ())["levels"][-1] for d in (sockets, spoilt))
     assert bad["mean_mm"] > 5.0
     assert clean["mean_mm"] < 0.2
 

@@ -39,7 +39,7 @@ def test_degrees_converted_twice(tmp_path):
     ("old", "new", "words"),
     [
         ("[475, 272, -40]", "[0.475, 0.272, -0.04]", "`ball.A` .* look like m: write them in mm"),
-        ("[475, 272, -40]", "[475000, 272000, -40000]", "`ball.A` .* look like um"),
+        ("[475, 272, -40]", "[475000, 272000, -40000]", "`ball.A` .* look like µm"),
         ("[561, -40, -50]", "[861, -40, -50]", "`cone` are nominally 2.. mm or more off"),
         ("centre_mm: [60, 0, 120], u_mm: 1", "centre_mm: [60, 500, 120], u_mm: 1", "disagree with the arm"),
     ],

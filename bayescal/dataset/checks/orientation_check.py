@@ -1,4 +1,4 @@
-"""Can the orientations be? From row to row they turn as far as the arm does, whatever the frames."""
+"""Plausibility of orientations: between two rows they rotate as far as the arm does, in any frame."""
 
 from __future__ import annotations
 

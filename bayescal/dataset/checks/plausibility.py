@@ -1,4 +1,4 @@
-"""Can it be? Readings against the joint limits, contacts against the nominal geometry."""
+"""Plausibility: readings within the joint limits, contacts consistent with the nominal geometry."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ LOOKS_LIKE = (
     (np.pi / 180, "degrees converted twice"),
     (1e-3 * 180 / np.pi, "milliradians"),
     (1e3, "m"),
-    (1e-3, "um"),
+    (1e-3, "µm"),
     (10.0, "cm"),
     (25.4, "inches"),
 )
-"""Of values in deg or mm that fit once multiplied by the first: what they look like."""
+"""Factor by which values must be multiplied to be in deg or mm, and the probable unit."""
 
 
 def check(dataset: Dataset, table: Table, document: Document) -> None:
-    """Refuse what cannot have been measured, with its line.
+    """Refuse implausible rows and targets, with their lines.
 
-    Targets are only as well known as their priors say, and an instrument's frame not at all.
+    The uncertainty of a target's pose is that of its prior; the frame of an instrument is unknown.
     """
     rows = dataset.measurements
     _check_limits(dataset.robot, rows.readings, table)
@@ -61,7 +61,7 @@ def check(dataset: Dataset, table: Table, document: Document) -> None:
 
 
 def _check_limits(robot: Robot, readings: np.ndarray, table: Table) -> None:
-    """Limits are of the row of `link_from_reading`, with the sign of its diagonal taken out."""
+    """Limits apply to the row of `link_from_reading`, without the sign of its diagonal."""
     sign = np.where(np.diag(robot.link_from_reading) < 0, -1.0, 1.0)
     angle = readings @ robot.link_from_reading.T * sign
     beyond = np.maximum(robot.limits[:, 0] - angle, angle - robot.limits[:, 1])
@@ -80,7 +80,7 @@ def _check_limits(robot: Robot, readings: np.ndarray, table: Table) -> None:
 
 
 def _check_units(dataset: Dataset, table: Table) -> None:
-    """Refuse readings that explain the session only in another unit than their columns say."""
+    """Refuse readings that are consistent with the session only in another unit than the stated one."""
     found = suspicion(dataset)
     if found is None:
         return
@@ -98,15 +98,15 @@ def _check_units(dataset: Dataset, table: Table) -> None:
 def _check_place(contacts: Contacts, away: np.ndarray, document: Document) -> None:
     """Refuse a misplaced target.
 
-    All its contacts are further off than its prior could ever explain, or off and on it as soon as
-    its values are taken for another unit's.
+    The error of all its contacts is larger than its prior explains, or is small if its values are read in
+    another unit.
     """
     target = contacts.target
     u, angle = place_sd(target), angle_sd(target)
     if away.min() <= OFF:
         return
     remedy = ""
-    for factor, unit in ((1e3, "m"), (1e-3, "um")):
+    for factor, unit in ((1e3, "m"), (1e-3, "µm")):
         keep = (KINDS[target.kind].direction, "diameter")
         values = {k: v if k in keep else v * factor for k, v in target.values.items()}
         other = replace(contacts, target=replace(target, values=values))

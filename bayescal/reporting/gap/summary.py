@@ -181,7 +181,7 @@ def _levels(gap: Gap) -> Table:
     distances = any(np.isfinite(s.distance_rms) for s in gap.levels)
     points = any(np.isfinite(s.point_rms) for s in gap.levels)
     headings = ["validation"] + ["distances"] * distances + ["points"] * points
-    table = plain_table("model: RMS (µm), gain (nats)", *headings, "log density")
+    table = plain_table("model: RMS (µm)", *headings, "difference of log density (nats)")
     before: tuple[str, ...] = ()
     for k, step in enumerate(gap.levels):
         cells = [um(step.validation_rms)]
