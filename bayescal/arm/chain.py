@@ -15,6 +15,7 @@ Hayati's beta.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -178,11 +179,11 @@ def frames(chain: Chain, q: np.ndarray, delta: np.ndarray | None = None) -> np.n
 
 def _moved(delta: np.ndarray, parts: tuple[int, ...]) -> np.ndarray:
     """Transforms (C, 4, 4) of some parts of D of delta (C, 6): 0 is Rz Tz, 1 Rx Tx, 2 Ry Ty."""
-    out = np.tile(np.eye(4), (len(delta), 1, 1))
+    steps = []
     for part in parts:
         axis = (2, 0, 1)[part]
         step = np.tile(np.eye(4), (len(delta), 1, 1))
         step[:, :3, :3] = rotation(axis, delta[:, 2 * part])
         step[:, axis, 3] = delta[:, 2 * part + 1]
-        out = out @ step
-    return out
+        steps.append(step)
+    return reduce(np.matmul, steps)
