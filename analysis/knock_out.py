@@ -30,7 +30,8 @@ from bayescal.gap.search.refit import model_name, refit
 from bayescal.model import with_parameters
 from bayescal.model.parts import Part
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import ValidationErrors, kept, validation_errors
+from bayescal.predict.crossvalidation import validation_errors
+from bayescal.predict.errors import ValidationErrors, kept
 
 RUNS = Path(__file__).parents[1] / "runs" / "knock-out"
 UM, MM = 1e6, 1e3

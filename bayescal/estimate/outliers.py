@@ -64,8 +64,8 @@ def freed(residual: np.ndarray, leverage: np.ndarray, weight: np.ndarray) -> np.
     return np.sum(square / (np.maximum(1.0 - w * share, LEAST_SPARE) * (1.0 + (1.0 - w) * share)), axis=1)
 
 
-def scale(chi2: np.ndarray, rows: np.ndarray | int, taken: float = 0.0) -> float:
-    """Robust scale of the noise, by the median chi-square of measurements.
+def scale(chi2: np.ndarray, rows: np.ndarray | int, taken: float = 0.0, share: float = 0.5) -> float:
+    """Robust scale of the noise, by the median (or another quantile) of the chi-squares of measurements.
 
     Parameters
     ----------
@@ -75,11 +75,14 @@ def scale(chi2: np.ndarray, rows: np.ndarray | int, taken: float = 0.0) -> float
         Of each measurement.
     taken : float
         Degrees of freedom that the fit took up, where the chi-squares are not `freed` of their leverage.
+    share : float
+        Of the measurements that the quantile does not exceed.
     """
     rows = np.broadcast_to(np.asarray(rows, float), chi2.shape)
     total = float(np.sum(rows))
     spare = max(total - taken, 0.25 * total)
-    return max(float(np.sqrt(np.median(chi2 / chdtri(rows, 0.5)) * total / spare)), 1e-3)
+    usual = float(np.quantile(chi2 / chdtri(rows, 1.0 - share), share))
+    return max(float(np.sqrt(usual * total / spare)), 1e-3)
 
 
 def student_weights(chi2: np.ndarray, rows: np.ndarray | int, scale: float) -> np.ndarray:
@@ -95,7 +98,7 @@ def limit(rows: np.ndarray) -> np.ndarray:
 def rejected(
     chi2: np.ndarray,
     rows: np.ndarray | int,
-    scale: float = 1.0,
+    scale: np.ndarray | float = 1.0,
     dof: float = np.inf,
     own: np.ndarray | bool = False,
 ) -> np.ndarray:
@@ -107,7 +110,7 @@ def rejected(
         Of each measurement, at noise scale 1.
     rows : np.ndarray, shape (C,), or int
         Of each measurement.
-    scale : float
+    scale : float, or np.ndarray, shape (C,)
         Of the noise.
     dof : float
         Degrees of freedom that the scale stands on; infinite where it is known.

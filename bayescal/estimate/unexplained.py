@@ -7,12 +7,15 @@ excess is added to every prediction of a point.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtri
 
 from bayescal.distributions import chi2_isf, chi2_sf, f_isf, f_sf
 from bayescal.estimate import Estimate
+from bayescal.estimate.outliers import MEDIAN_WORTH, rejected
 from bayescal.model.scene import Scene
 
 FEWEST_REPEATS = 5  # degrees of freedom that are sufficient to estimate the noise
@@ -49,9 +52,8 @@ class Unexplained:
 def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
     """Standard deviation of repeated contacts about their mean, m, and its degrees of freedom.
 
-    From `calibrate` and `validate` rows of fitted surfaces. Deviations beyond four robust standard deviations
-    (from the median absolute deviation) do not count. None without enough repeats, or if most readings are
-    identical because the encoder's resolution is coarser than the noise.
+    From `calibrate` and `validate` rows of fitted surfaces, without outliers. None without enough repeats, or
+    if most readings are identical because the encoder's resolution is coarser than the noise.
     """
     repeat = scene.dataset.measurements.repeat
     if repeat is None:
@@ -65,19 +67,25 @@ def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
             continue
         for row, r in zip(rows, fitted.residuals(fitted.model.block(index[name], rows))[0], strict=True):
             groups.setdefault((name, str(repeat[row])), []).append(float(r))
-    deviations, dof = [], 0
-    for values in groups.values():
-        if len(values) > 1:
-            # corrected for the estimated mean: deviations then have the variance of one contact
-            free = np.sqrt(len(values) / (len(values) - 1))
-            deviations.append(np.abs(np.asarray(values) - np.mean(values)) * free)
-            dof += len(values) - 1
+    return scatter([np.asarray(values) for values in groups.values() if len(values) > 1])
+
+
+def scatter(groups: Sequence[np.ndarray]) -> tuple[float | None, int]:
+    """Standard deviation of repeated values about the mean of their group, and its degrees of freedom.
+
+    Outliers do not count (`outliers`): a deviation has one row, and the scale comes from the median. None
+    with fewer than `FEWEST_REPEATS` degrees of freedom, or without a scatter above `FINEST`.
+    """
+    dof = sum(len(values) - 1 for values in groups)
     if dof < FEWEST_REPEATS:
         return None, dof
-    size = np.concatenate(deviations)
-    robust = float(np.median(size)) / 0.6745
-    scatter = float(np.sqrt(np.mean(size[size <= 4.0 * robust] ** 2)))
-    return (scatter if scatter > FINEST else None), dof
+    # corrected for the estimated mean: deviations then have the variance of one contact
+    chi2 = np.concatenate([(v - v.mean()) ** 2 * len(v) / (len(v) - 1) for v in groups])
+    robust = float(np.sqrt(np.median(chi2) / chdtri(1.0, 0.5)))
+    if robust <= FINEST:
+        return None, dof
+    good = ~rejected(chi2, 1, robust, MEDIAN_WORTH * dof)
+    return float(np.sqrt(np.mean(chi2[good]))), dof
 
 
 def _rms(values: list[np.ndarray]) -> float:

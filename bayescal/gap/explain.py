@@ -15,7 +15,8 @@ from bayescal.gap.search.refit import refit
 from bayescal.gap.settings import VERDICT
 from bayescal.model.parts import Part
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import ValidationErrors, validation_errors
+from bayescal.predict.crossvalidation import validation_errors
+from bayescal.predict.errors import ValidationErrors
 
 Progress = Callable[[str, float], None]
 

@@ -12,65 +12,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
 
 from bayescal.estimate import Estimate, linearise
 from bayescal.model import ARM, Block
 from bayescal.model.length_blocks import length_blocks
 from bayescal.predict.bootstrap import blocks
-from bayescal.predict.distances import CentreDistances, centre_distances
+from bayescal.predict.distances import centre_distances
+from bayescal.predict.errors import ValidationErrors
 from bayescal.predict.rows import RowPrediction, prepared
 
 VALIDATED, LEFT_OUT = "validation rows", "leave-one-out cross-validation"
 """How validation errors were obtained."""
 FEWEST = 8
 """Number of validation rows of fitted targets below which leave-one-out cross-validation is used instead."""
-GROSS = 5.0
-"""Predicted standard deviations beyond which a row is gross, unless a tenth of all rows is as far off."""
-
-
-@dataclass(frozen=True)
-class ValidationErrors:
-    """R residuals of validation contacts, three for a point, in the order of rows, and the distances."""
-
-    how: str  # VALIDATED or LEFT_OUT
-    main: str  # noise group that the gap is compared with: "contact" where contacts are fitted, else "point"
-    residual: np.ndarray  # (R,) m
-    noise: np.ndarray  # (R,) m, of one residual, by the noise scale of the fit
-    by_parameters: np.ndarray  # (R, F) m, by posterior standard normals; 0 where `noise` includes them
-    rows: np.ndarray  # (R,) of the session
-    kind: np.ndarray  # (R,) "planes" or "points"
-    group: np.ndarray  # (R,) noise group: "contact" or "point"
-    target: np.ndarray  # (R,) names
-    block: np.ndarray  # (R,) labels for the bootstrap
-    distances: CentreDistances
-
-    @property
-    def sd(self) -> np.ndarray:
-        """Predicted standard deviations (R,), m."""
-        return np.sqrt(self.noise**2 + np.sum(self.by_parameters**2, axis=1))
-
-    @property
-    def gross(self) -> np.ndarray:
-        """Which residuals (R,) belong to contacts that no calibration explains.
-
-        Their residual is more than `GROSS` predicted standard deviations. Where a tenth of all rows, or a
-        quarter of the rows of a target, is beyond this limit, they are not slips but model error: the limit
-        is raised accordingly.
-        """
-        size = np.abs(self.residual) / self.sd
-        limit = np.ones(len(size))
-        for label, share in ((self.kind, 0.9), (self.target, 0.75)):
-            for own in np.unique(label):
-                mine = label == own
-                usual = np.quantile(size[mine], share) / ndtri(0.5 + 0.5 * share)
-                limit[mine] = np.maximum(limit[mine], usual)
-        return np.isin(self.rows, self.rows[size > GROSS * limit])
-
-
-def kept(*held: ValidationErrors) -> np.ndarray:
-    """Which residuals (R,) of one session are used: all except those that are gross under every model."""
-    return ~np.logical_and.reduce([h.gross for h in held])
 
 
 @dataclass(frozen=True)
@@ -84,6 +38,7 @@ class _Part:
     residual: np.ndarray
     noise: np.ndarray
     by_parameters: np.ndarray
+    own: np.ndarray
 
 
 def validation_errors(estimate: Estimate) -> ValidationErrors:
@@ -101,25 +56,30 @@ def validation_errors(estimate: Estimate) -> ValidationErrors:
     parts = [_predicted(r, factor) for r in fitted] if how == VALIDATED else left_out(estimate)
     main = "contact" if any(p.group == "contact" for p in parts) else "point"
     parts += [_predicted(r, factor) for r in known.rows if r.target is not None]
-    width = max([p.by_parameters.shape[1] for p in parts], default=0)
     at = np.concatenate([p.rows for p in parts])
     order = np.argsort(at, kind="stable")
 
     def joined(values: Sequence[np.ndarray]) -> np.ndarray:
         return np.concatenate(values)[order]
 
+    def padded(values: Sequence[np.ndarray]) -> np.ndarray:
+        width = max([v.shape[1] for v in values], default=0)
+        return joined([np.pad(v, ((0, 0), (0, width - v.shape[1]))) for v in values])
+
     return ValidationErrors(
         how,
         main,
         joined([p.residual for p in parts]),
         joined([p.noise for p in parts]),
-        joined([np.pad(p.by_parameters, ((0, 0), (0, width - p.by_parameters.shape[1]))) for p in parts]),
+        padded([p.by_parameters for p in parts]),
         at[order],
         joined([np.full(len(p.rows), p.kind) for p in parts]),
         joined([np.full(len(p.rows), p.group) for p in parts]),
         joined([np.full(len(p.rows), p.target) for p in parts]),
         blocks(scene, at[order]),
         centre_distances(scene, known.located, factor[estimate.model.slices[ARM]]),
+        padded([p.own for p in parts]),
+        estimate.dof,
     )
 
 
@@ -143,10 +103,16 @@ def _predicted(r: RowPrediction, factor: np.ndarray) -> _Part:
     return _part(r.block, r.residual, np.sqrt(less), spread)
 
 
-def _part(block: Block, residual: np.ndarray, noise: np.ndarray, by: np.ndarray) -> _Part:
-    kind = "planes" if block.kind.rows == 1 else "points"
-    rows = np.tile(block.rows, block.kind.rows)
-    return _Part(block.target, block.group, kind, rows, residual, noise, by)
+def _part(
+    block: Block, residual: np.ndarray, noise: np.ndarray, by: np.ndarray, own: np.ndarray | None = None
+) -> _Part:
+    """Residuals (R,) of a block; `own` (C, k, k) is the covariance of `noise`, independent if not given."""
+    k = block.kind.rows
+    if own is None:
+        own = np.eye(k) * noise.reshape(k, -1).T[:, None] ** 2
+    kind = "planes" if k == 1 else "points"
+    flat = np.swapaxes(own, 0, 1).reshape(len(noise), k)
+    return _Part(block.target, block.group, kind, np.tile(block.rows, k), residual, noise, by, flat)
 
 
 def left_out(estimate: Estimate) -> list[_Part]:
@@ -169,6 +135,8 @@ def left_out(estimate: Estimate) -> list[_Part]:
         free = np.linalg.inv(np.eye(k) - np.minimum(weight, 1 - 1e-9) * leverage)
         r = np.einsum("cij,jc->ic", free, linear.residual[mine].reshape(k, c))
         spread = np.where(weight > 0, free, np.eye(k) + leverage)
-        sd = np.sqrt(np.einsum("cii->ic", spread))
-        out.append(_part(b, r.ravel() * noise, sd.ravel() * noise, np.zeros((k * c, 0))))
+        each = noise.reshape(k, c)
+        own = spread * np.einsum("ic,jc->cij", each, each)
+        sd = np.sqrt(np.einsum("cii->ic", own)).ravel()
+        out.append(_part(b, r.ravel() * noise, sd, np.zeros((k * c, 0)), own))
     return out

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from bayescal.predict.crossvalidation import VALIDATED, ValidationErrors
+from bayescal.predict.crossvalidation import VALIDATED
 from bayescal.predict.distances import CentreDistances
+from bayescal.predict.errors import ValidationErrors
 
 NOISE = 5e-6
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from bayescal.gap.search.gate import confirmed, validation_gain, worse
-from bayescal.predict.crossvalidation import VALIDATED, ValidationErrors
+from bayescal.predict.crossvalidation import VALIDATED
 from bayescal.predict.distances import CentreDistances
+from bayescal.predict.errors import ValidationErrors
 
 NOISE, COUNT = 5e-6, 60
 SCATTER = np.random.default_rng(4).standard_normal(COUNT)

@@ -110,10 +110,28 @@ def test_a_slip_does_not_count():
     assert spoilt.after == pytest.approx(clean.after, rel=0.1)
 
 
-def test_a_contact_is_gross_from_five_predicted_standard_deviations_on():
+def test_a_contact_is_gross_where_noise_exceeds_it_in_one_session_of_a_hundred():
+    """With 60 contacts beyond 3.76 standard deviations; further out where the noise itself is uncertain."""
+    residual = 0.7 * NOISE * np.random.default_rng(3).standard_normal(60).clip(-2.5, 2.5)
+    residual[[6, 7, 8]] = 3.6 * NOISE, 4.8 * NOISE, -8.0 * NOISE
+    h = held(residual)
+    assert np.flatnonzero(h.gross).tolist() == [7, 8]
+    assert np.flatnonzero(replace(h, dof={h.main: 12.0}).gross).tolist() == [8]
+
+
+def test_the_coordinates_of_a_point_are_judged_together():
+    """4.2 standard deviations in each of three coordinates, and the same where these vary together."""
     residual = NOISE * np.random.default_rng(3).standard_normal(60).clip(-2.5, 2.5)
-    residual[[7, 8]] = 4.8 * NOISE, -8.0 * NOISE
-    assert np.flatnonzero(held(residual).gross).tolist() == [8]
+    residual[30:33] = 4.2 * NOISE
+    points = replace(held(residual), rows=np.arange(60) // 3, block=np.arange(60) // 3)
+    assert np.flatnonzero(points.gross).tolist() == [30, 31, 32]
+    loose = replace(points, by_parameters=np.full((60, 1), 2 * NOISE))
+    assert not loose.gross.any()
+    together = np.tile(NOISE**2 * (np.eye(3) + 4.0), (20, 1))
+    sd = np.full(60, np.sqrt(5.0) * NOISE)
+    same = replace(points, by_parameters=np.zeros((60, 0)), noise=sd, own=together)
+    np.testing.assert_allclose(same.joint.chi2, loose.joint.chi2)
+    np.testing.assert_allclose(same.joint.logdet, loose.joint.logdet)
 
 
 def test_one_seed_one_result():

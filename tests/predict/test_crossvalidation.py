@@ -13,7 +13,8 @@ from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.predict import validate
 from bayescal.predict.bootstrap import blocks
-from bayescal.predict.crossvalidation import LEFT_OUT, VALIDATED, kept, validation_errors
+from bayescal.predict.crossvalidation import LEFT_OUT, VALIDATED, validation_errors
+from bayescal.predict.errors import kept
 from bayescal.predict.rows import predicted_rows
 
 FULL = ("geometry", "compliance")

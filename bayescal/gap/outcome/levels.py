@@ -9,7 +9,8 @@ import numpy as np
 from bayescal.estimate import Estimate
 from bayescal.gap.result import Step
 from bayescal.gap.settings import OUTCOME
-from bayescal.predict.crossvalidation import ValidationErrors, kept, validation_errors
+from bayescal.predict.crossvalidation import validation_errors
+from bayescal.predict.errors import ValidationErrors, kept
 
 
 def model_levels(
@@ -49,17 +50,15 @@ def model_levels(
 def log_predictive(held: ValidationErrors) -> tuple[np.ndarray, np.ndarray]:
     """Log predictive density of every validation contact, (C,), nats, and its block label (C,).
 
-    Normal with the noise and uncertainty of the model, mixed with a share of gross contacts that is the same
-    for all models, so that no single slip decides between two models.
+    Normal with the joint covariance that the model predicts, mixed with a share of gross contacts. No contact
+    is rejected here: the density of a gross contact is the same for all models, so that no single slip
+    decides between two models, and an overconfident model gains nothing from rows that it does not explain.
     """
-    rows, contact = np.unique(held.rows, return_inverse=True)
-    sd = held.sd
-    normal = -0.5 * (held.residual / sd) ** 2 - np.log(np.sqrt(2 * np.pi) * sd)
-    good = np.bincount(contact, normal) + np.log1p(-OUTCOME.gross_share)
-    gross = -np.bincount(contact) * np.log(OUTCOME.gross_width) + np.log(OUTCOME.gross_share)
-    label = np.zeros(len(rows), int)
-    label[contact] = held.block
-    return np.logaddexp(good, gross), label
+    j = held.joint
+    normal = -0.5 * (j.chi2 + j.logdet + j.size * np.log(2 * np.pi))
+    good = normal + np.log1p(-OUTCOME.gross_share)
+    gross = -j.size * np.log(OUTCOME.gross_width) + np.log(OUTCOME.gross_share)
+    return np.logaddexp(good, gross), held.block[j.first]
 
 
 def difference(gain: np.ndarray, block: np.ndarray) -> tuple[float, float]:

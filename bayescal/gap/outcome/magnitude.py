@@ -12,7 +12,8 @@ from bayescal.estimate.unexplained import P_VALUE, STATED_FACTOR, repeat_scatter
 from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Magnitude, Measured
 from bayescal.gap.settings import OUTCOME
 from bayescal.predict.bootstrap import RESAMPLES, resampled
-from bayescal.predict.crossvalidation import LEFT_OUT, ValidationErrors, kept
+from bayescal.predict.crossvalidation import LEFT_OUT
+from bayescal.predict.errors import ValidationErrors, kept
 from bayescal.predict.intervals import bootstrap_interval95, interval95
 
 

@@ -13,7 +13,8 @@ from bayescal.gap.result import Margin
 from bayescal.gap.settings import OUTCOME
 from bayescal.model.length_blocks import length_blocks
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import VALIDATED, ValidationErrors, root
+from bayescal.predict.crossvalidation import VALIDATED, root
+from bayescal.predict.errors import ValidationErrors
 
 AXES = "xyz"
 Bin = tuple[str, str, np.ndarray]  # a label (of gap.json), the same as text, a mask (R,) of residuals

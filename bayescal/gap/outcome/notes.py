@@ -12,7 +12,8 @@ from bayescal.estimate import Estimate
 from bayescal.gap.outcome.magnitude import stated_noise
 from bayescal.gap.search.unknown import CellFit, Pool
 from bayescal.gap.settings import OUTCOME
-from bayescal.predict.crossvalidation import LEFT_OUT, ValidationErrors, kept
+from bayescal.predict.crossvalidation import LEFT_OUT
+from bayescal.predict.errors import ValidationErrors, kept
 
 DIRECTED = ("backlash", "latency", "unknown")
 

@@ -10,8 +10,8 @@ from bayescal.distributions import f_isf
 from bayescal.gap.result import Shrinkage
 from bayescal.gap.settings import OUTCOME
 from bayescal.predict.bootstrap import RESAMPLES, independent_distances, resampled, resampled_distances
-from bayescal.predict.crossvalidation import ValidationErrors, kept
 from bayescal.predict.distances import CentreDistances
+from bayescal.predict.errors import ValidationErrors, kept
 from bayescal.predict.intervals import bootstrap_interval95, interval95
 
 NAN = float("nan")

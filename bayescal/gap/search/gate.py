@@ -10,7 +10,8 @@ import numpy as np
 
 from bayescal.gap.outcome.levels import difference, log_predictive
 from bayescal.gap.settings import GATE
-from bayescal.predict.crossvalidation import LEFT_OUT, ValidationErrors, kept
+from bayescal.predict.crossvalidation import LEFT_OUT
+from bayescal.predict.errors import ValidationErrors, kept
 
 
 def worse(before: ValidationErrors, after: ValidationErrors) -> str:
