@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypedDict
 
@@ -154,9 +154,21 @@ class Parameter:
                 return "a driver has values that are not finite"
         return ""
 
+    def same(self, other: Parameter) -> bool:
+        """Whether another parameter is equal, with equal drivers (arrays, which ``==`` does not compare)."""
+        return replace(self, terms=()) == replace(other, terms=()) and same_terms(self.terms, other.terms)
+
     def widened(self, factor: float) -> Parameter:
         """The same parameter with a prior `factor` times as wide."""
         return replace(self, sd=self.sd * factor)
+
+
+def same_terms(a: Sequence[Term], b: Sequence[Term]) -> bool:
+    """Whether terms displace the same axes by the same drivers."""
+    return len(a) == len(b) and all(
+        (s.frame, s.axis) == (t.frame, t.axis) and np.array_equal(s.driver, t.driver)
+        for s, t in zip(a, b, strict=True)
+    )
 
 
 @dataclass(frozen=True)

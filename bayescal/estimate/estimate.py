@@ -59,15 +59,26 @@ def calibrated(
     """Fit a model, then fit it again with the gravity moments at the fitted pose of the arm.
 
     With nominal moments the error of a compliance is several standard deviations, and larger with a payload;
-    the residuals do not show it.
+    the residuals do not show it. A model that gravity does not act on is fitted once.
     """
     found = estimate(build(scene, effects, prior_width, without), robust=robust)
     if not effects or scene.moments is None:
         return found
     model = build(settled(found), effects, prior_width, without)
+    if same_motion(found.model, model):
+        return replace(found, model=model)
     # a tilt may give a torque to a joint that had none: the two models' parameters are matched by name
     known = dict(zip(found.model.names, found.z.tolist(), strict=True))
     return estimate(model, robust=robust, start=np.array([known.get(name, 0.0) for name in model.names]))
+
+
+def same_motion(a: Model, b: Model) -> bool:
+    """Whether two models of the same rows have equal nominal angles, parameters and drivers."""
+    return (
+        np.array_equal(a.scene.q, b.scene.q)
+        and len(a.parameters) == len(b.parameters)
+        and all(p.same(q) for p, q in zip(a.parameters, b.parameters, strict=True))
+    )
 
 
 def settled(fitted: Estimate) -> Scene:

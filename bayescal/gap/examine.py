@@ -83,7 +83,9 @@ def _weighed(
     )
     p = slopes.problem(fitted.z, known.pool, nuisance)
     if any(wide(effect, c) for effect in EFFECTS.values()):
-        states = [fit_state(p, (), (), robust=r) for r in ((True, False) if robust else (False,))]
+        states = [fit_state(p, (), (), robust=robust)]
+        if states[0].gross:  # an outlier may be what an effect explains
+            states.append(fit_state(p, (), (), robust=False))
         known = screened(known, slopes, states, c, effects)
         p = slopes.problem(fitted.z, known.pool, nuisance)
     pool = Pool.of(
