@@ -16,7 +16,7 @@ fit: $(VENV)/.run
 	$(BIN)/bayescal fit data/lrmate200ic-cube --samples 5000 --out $(OUT)/lrmate200ic-cube-fit
 
 test: $(VENV)/.test
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .

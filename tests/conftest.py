@@ -287,3 +287,21 @@ def cube():
 def tracker():
     """Maker of tracker sessions."""
     return tracker_session
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    """The command line in this process: exit code, output and error text for its arguments."""
+    from bayescal.cli import main
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["bayescal", *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return run

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayescal.cli import main
 from bayescal.dataset import Measurements, read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate, settled
@@ -86,18 +85,6 @@ def sane(gap):
     return record
 
 
-def run(arguments, monkeypatch, capsys):
-    """The command: its exit code, what it printed, and what it complained of."""
-    monkeypatch.setattr("sys.argv", ["bayescal", "gap", *map(str, arguments)])
-    try:
-        main()
-        code = 0
-    except SystemExit as end:
-        code = int(end.code or 0)
-    out = capsys.readouterr()
-    return code, out.out, out.err
-
-
 def test_nothing_there_is_said(quiet):
     gap = diagnose(quiet)
     record = sane(gap)
@@ -117,10 +104,10 @@ def test_nothing_there_is_said(quiet):
     assert "explains these data" in printed(gap)
 
 
-def test_play_is_named_and_removed(loud, tmp_path, monkeypatch, capsys):
+def test_play_is_named_and_removed(loud, tmp_path, command):
     write_dataset(loud, tmp_path / "session")
     out = tmp_path / "out"
-    code, text, errors = run([tmp_path / "session", "--out", out], monkeypatch, capsys)
+    code, text, errors = command("gap", tmp_path / "session", "--out", out)
     assert code == 0, errors
     assert "backlash" in text
     record = json.loads((out / "gap.json").read_text())
@@ -310,9 +297,7 @@ def test_an_upright_joint_that_is_found_to_lean(few):
         ("nothing", ["--out", "HERE"], "the folder contains the result of another command"),
     ],
 )
-def test_refusals_are_one_line_and_leave_nothing(
-    change, arguments, words, few, tmp_path, monkeypatch, capsys
-):
+def test_refusals_are_one_line_and_leave_nothing(change, arguments, words, few, tmp_path, command):
     dataset = few
     if change == "velocity":
         dataset = lacking(few, "velocity")
@@ -325,7 +310,7 @@ def test_refusals_are_one_line_and_leave_nothing(
     if "--out" not in arguments:
         arguments += ["--out", str(tmp_path / "out")]
     before = sorted(tmp_path.rglob("*"))
-    code, text, errors = run([tmp_path / "session", *arguments], monkeypatch, capsys)
+    code, text, errors = command("gap", tmp_path / "session", *arguments)
     assert (code, text) == (1, "")
     lines = [line for line in errors.replace("\r", "\n").splitlines() if "bayescal:" in line]
     assert len(lines) == 1

@@ -310,19 +310,17 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
         ([str(CUBE), "--model", "geometry,elasticity"], "no effect is called"),
     ],
 )
-def test_bad_input_is_one_line(arguments, words, tmp_path):
-    command = [sys.executable, "-m", "bayescal.cli", "gap", *arguments, "--out", str(tmp_path / "out")]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
-    assert done.returncode == 1
-    assert words in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+def test_bad_input_is_one_line(arguments, words, tmp_path, command):
+    code, _, errors = command("gap", *arguments, "--out", tmp_path / "out")
+    assert code == 1
+    assert words in errors
+    assert len(errors.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
 
-def test_command_leaves_a_foreign_folder_alone(tmp_path):
+def test_command_leaves_a_foreign_folder_alone(tmp_path, command):
     (tmp_path / "thesis.txt").write_text("mine")
-    command = [sys.executable, "-m", "bayescal.cli", "gap", str(CUBE), "--out", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
-    assert done.returncode == 1
-    assert "the folder contains files that bayescal did not write: thesis.txt" in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    code, _, errors = command("gap", CUBE, "--out", tmp_path)
+    assert code == 1
+    assert "the folder contains files that bayescal did not write: thesis.txt" in errors
+    assert len(errors.strip().splitlines()) == 1
