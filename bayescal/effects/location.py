@@ -103,6 +103,10 @@ FORMS: dict[str, Form] = {
     "beyond": {"words": "{}, beyond one place", "text": "{} beyond a threshold"},
     "one spot": {"words": "{}, one spot", "text": "{}, local"},
     "one region": {"words": "{}, one region", "text": "{}, local"},
+    "own angle": {"words": "{}, by its angle", "text": "{} times a function of its angle"},
+    "other angle": {"words": "{}, by another angle", "text": "{} times a function of another angle"},
+    "and angle": {"words": "{}, and its angle", "text": "{} and angle together"},
+    "waves": {"words": "{}, 3 to 20 waves a turn", "text": "{}, 3 to 20 periods per revolution"},
     "to and fro": {"words": "{}, to and fro", "text": "{}, oscillating"},
 }
 """Forms of the dependence of an error on its coordinate; "" if the form is not specified."""
@@ -217,6 +221,9 @@ KINDS = {
     "joint speed": Kind("speed", "speed", _velocity),
     "contact speed": Kind("speed", "speed of contact", _speed),
     "contact direction": Kind("direction of contact", "contact direction", _direction),
+    "two angles": Kind("two angles", "angles of two joints"),
+    "travel": Kind("travel", "earlier travel"),
+    "reading": Kind("reading", "each new reading", _angle),
     "time": Kind("time", "time", _time),
     "temperature": Kind("temperature", "temperature", _temperature),
     "event": Kind("moment", "row of the event", _time),

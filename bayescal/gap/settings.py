@@ -30,7 +30,10 @@ class LinearSettings:
     load_share: float = 0.005
     """Standard uncertainty of the mass of the load on the flange, as a share (assumed: it was weighed)."""
     centre_off: float = 2e-4
-    """Standard uncertainty of a centre of mass beside the share of its coordinate, m (assumed)."""
+    """Standard uncertainty of a link's centre of mass beside the share of its coordinate, m (assumed)."""
+    load_off: float = 4e-3
+    """Standard uncertainty of each coordinate of the load's centre of mass, m (tuned: a tool is weighed, but
+    its centre is computed; with 10 mm small payloads are no longer named)."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,26 @@ class CellSettings:
     """Quantiles of the joint angles at which an error may begin (cost)."""
     memory: tuple[float, ...] = (50.0, 150.0)
     """Time constants of a joint that creeps, s (assumed)."""
+    own_orders: tuple[int, ...] = (1, 2)
+    """Periods per revolution of a stiffness that depends on the angle of its own joint (assumed)."""
+    factor_waves: int = 3
+    """Half periods of a function of an angle that multiplies a torque (assumed)."""
+    surface_waves: int = 5
+    """Half periods of a joint function of torque and angle, with a prior falling as their order (assumed)."""
+    pair_waves: int = 2
+    """Half periods of each of two angles whose functions are multiplied (cost: 4 columns per pair)."""
+    orders: tuple[float, float] = (3.0, 20.0)
+    """Periods per revolution between the harmonics of a joint and its gear mesh (assumed)."""
+    order_steps: tuple[float, float] = (0.25, 1.0)
+    """Smallest (cost) and largest distance of these orders; between them 2 / range, which resolves them."""
+    least_turn: float = 0.3
+    """Range of a joint, rad, from which on such orders are distinguishable (assumed)."""
+    forgotten: tuple[float, ...] = (10.0, 30.0, 80.0)
+    """Travel after which a joint has forgotten where it came from, degrees (assumed)."""
+    slack: tuple[float, ...] = (0.05, 0.5, 3.0, 15.0)
+    """Width of lost motion that persists from contact to contact, degrees (assumed)."""
+    knees: tuple[float, ...] = (0.02, 0.1, 0.3)
+    """Width of a base's transition between two positions, as a share of its usual moment (assumed)."""
     fewest: int = 12
     """Contacts that a defect or a sudden change must move (assumed)."""
 
@@ -113,6 +136,9 @@ class UnknownSettings:
     """Prior probability of a site on a face, shared among the faces (assumed)."""
     tried: int = 3
     """Cells that are fitted with their own outliers (cost)."""
+    forgiven: float = 0.03
+    """Share of the nats of named effects that a cell with the site and driver of one of them must exceed to
+    contradict it (tuned: forms are known to 10 or 20 %, whose square is 1 to 4 %)."""
     large: float = 50.0
     """Gain, nats, from which on a cell is fitted: it reduces the noise and the weight of priors (assumed)."""
 
@@ -125,8 +151,11 @@ class VerdictSettings:
     """Hypotheses to which an unmodelled effect is added (cost)."""
     beside: float = 0.1
     """Prior odds of an unmodelled effect in addition to named ones (assumed)."""
-    null_enough: float = 0.2
-    """Probability of the noise-only model from which on no effect is named (assumed)."""
+    null_enough: float = 0.1
+    """Probability of the noise-only model from which on no effect is named (tuned: with 0.2, 3 of 16 sessions
+    without an effect had one)."""
+    unexplained: float = 0.25
+    """Probability of an unmodelled effect from which on a verdict is not plain `named` (tuned)."""
     sure: float = 0.5
     """Probability from which on an effect is named (convention: more likely than not)."""
     credible: float = 0.9

@@ -23,7 +23,10 @@ def weighed(*names, probability=0.0, score=0.0, cell=False):
     ("sets", "kind", "names"),
     [
         ([(("lobing",), 0.7), ((), 0.3)], "null", ()),
-        ([(("lobing",), 0.9), ((), 0.1)], "named", ("lobing",)),
+        ([(("lobing",), 0.85), ((), 0.15)], "null", ()),
+        ([(("lobing",), 0.92), ((), 0.08)], "named", ("lobing",)),
+        ([(("lobing",), 0.7), (("lobing", "unknown"), 0.3)], "named+unexplained", ("lobing",)),
+        ([(("lobing",), 0.8), (("lobing", "unknown"), 0.2)], "named", ("lobing",)),
         ([(("lobing",), 0.4), (("step",), 0.35), (("latency",), 0.25)], "ambiguous", ()),
         # beside a doubtful effect only a nearly certain one is named
         ([(("lobing", "step"), 0.45), (("lobing",), 0.55)], "ambiguous", ("lobing",)),

@@ -107,24 +107,49 @@ def weigh_sets(state: State, bank: Bank) -> np.ndarray:
     return out
 
 
+def weigh_clusters(state: State, column: np.ndarray, clusters: np.ndarray) -> np.ndarray:
+    """Log Bayes factors (scales,) of a random error that is drawn anew in each cluster of rows.
+
+    The columns of the clusters do not overlap, so that their information is diagonal. What the parameters of
+    the state absorb is neglected: little of each of many clusters, and the result is too small by it.
+
+    Parameters
+    ----------
+    state : State
+    column : np.ndarray, shape (R,)
+        Whitened motion of the rows by an error of one prior standard deviation.
+    clusters : np.ndarray, shape (C,)
+        Cluster of each row of a contact.
+    """
+    count = state.problem.count
+    weight, own = state.weight[:count] / state.kappa**2, column[:count]
+    information = np.bincount(clusters, weight * own**2)
+    score = np.bincount(clusters, weight * own * state.residual[:count])
+    return _factors_along(state, information[None], score[None] ** 2)[0]
+
+
 def log_bayes(p: Projected, sets: Sequence[np.ndarray]) -> np.ndarray:
     """Log Bayes factors (len(sets), scales) of adding sets of a projected pool's columns, by prior scale."""
     return weigh_sets(p.state, Bank(p.pool, tuple(sets), p.state.problem.count))
 
 
 def _factors(state: State, information: np.ndarray, score: np.ndarray) -> np.ndarray:
-    """Log Bayes factors (B, scales) from information (B, k, k) and scores (B, k), integrated over noise.
+    """Log Bayes factors (B, scales) from information (B, k, k) and scores (B, k), integrated over noise."""
+    if not score.shape[1]:
+        return np.zeros((len(score), len(SCALES)))
+    values, vectors = np.linalg.eigh(information)
+    return _factors_along(state, values, np.einsum("bij,bi->bj", vectors, score) ** 2)
+
+
+def _factors_along(state: State, values: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Log Bayes factors (B, scales) from eigenvalues of information (B, k) and squared scores along them.
 
     Over L, the log of the noise's precision over the state's own: without the columns its density is
     exp(dof L / 2 - chi2 exp(L) / 2), a gamma integral. With them, Gauss-Hermite quadrature is centred at its
     mode and has the width there, about 1 / sqrt(dof / 2): correct to a thousandth of a nat for any number of
     contacts.
     """
-    if not score.shape[1]:
-        return np.zeros((len(score), len(SCALES)))
-    values, vectors = np.linalg.eigh(information)
-    values = np.maximum(values, 0.0)[:, None]
-    along = np.einsum("bij,bi->bj", vectors, score)[:, None] ** 2
+    values, along = np.maximum(values, 0.0)[:, None], along[:, None]
     count, dof, worth = state.problem.count, state.dof, STATED_WORTH / state.kappa**2
     chi2 = float(np.sum(state.weight[:count] * state.residual[:count] ** 2)) / state.kappa**2 + worth
     # the columns explain at most chi2 minus the share of the stated noise, which bounds the noise from below

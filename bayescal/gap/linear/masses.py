@@ -1,10 +1,11 @@
 """Errors of stated masses of a loaded arm, as columns that every hypothesis may use.
 
 Masses of links differ from the robot file by 5 %, their centres of mass a little; the load on the flange is
-known to half a percent. The compliances absorb most of this. The remainder looks like an error that depends
-on joint angles, so a diagnosis includes it, with these priors. Assumed: masses of links may be in error by
-up to 15 %, but by a common factor, which the compliances absorb. Wider priors hide true effects (backlash
-and harmonics of a wrist lost two thirds of their evidence at 15 % and 0.5 mm).
+known to half a percent, its centre of mass to a few millimetres. The compliances absorb most of this. The
+remainder looks like an error that depends on joint angles, so a diagnosis includes it, with these priors.
+Assumed: masses of links may be in error by up to 15 %, but by a common factor, which the compliances absorb.
+Wider priors hide true effects (backlash and harmonics of a wrist lost two thirds of their evidence at 15 %
+and 0.5 mm).
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ def masses(c: Circumstances) -> list[Parameter]:
         at = (place[:, :3, :3] @ centre[..., None])[..., 0] + place[:, :3, 3]
         add(f"mass of {name}", body, share * mass, at[:, None] - origins)
         for k, axis in enumerate("xyz"):
-            off = LINEAR.centre_off + (0.0 if name == "load" else LINEAR.mass_share) * np.abs(centre[:, k])
+            of_link = LINEAR.centre_off + LINEAR.mass_share * np.abs(centre[:, k])
+            off = LINEAR.load_off if name == "load" else of_link
             way = np.broadcast_to(place[:, None, :3, k], origins.shape)
             add(f"centre of {name} {axis}", body, off * mass, way)
 

@@ -115,6 +115,8 @@ def _of_cell(
     state: State, pool: Pool, f: CellFit, c: Circumstances, excess: float, size: int, tests: int
 ) -> tuple[Place, State]:
     cell = pool.cells[f.cell]
+    if cell.clusters is not None:
+        return _of_random_cell(state, pool, f, c, excess, tests), state
     start = state.weight if not state.gross else None
     wider = with_set(state, pool, f.best, f.scale, start)
     own = pool.sets[f.best]
@@ -126,6 +128,25 @@ def _of_cell(
         tests, f.gain, "",
     )  # fmt: skip
     return place, wider
+
+
+def _of_random_cell(
+    state: State, pool: Pool, f: CellFit, c: Circumstances, excess: float, tests: int
+) -> Place:
+    """The location of a random error: its standard deviation at the contacts, and no smooth curve.
+
+    Its p-value is the inverse of its Bayes factor: without the error, a factor of k or more occurs with a
+    probability of at most 1/k (Markov's inequality).
+    """
+    cell, p = pool.cells[f.cell], state.problem
+    column = pool.columns[:, pool.sets[f.best]]
+    kept = state.weight[: p.lengths] > 0
+    size = column[: p.lengths, 0] * p.sigma * f.scale
+    rms = float(np.sqrt(np.mean(size[kept] ** 2))) if np.any(kept) else 0.0
+    share = float(np.clip(rms**2 / excess, 0.0, 1.0)) if excess > 0 else 0.0
+    p_value = float(np.exp(-max(f.gain, 0.0)))
+    curve = _curve(cell.site, cell.driver, (), column, np.zeros(len(column)), state, c)
+    return Place(cell.site, cell.driver, rms, share, p_value, min(1.0, p_value * tests), f.gain, "", curve)
 
 
 def places_named(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,56 +15,33 @@ from bayescal.arm import chain as reference
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects import Circumstances, Parameter, location
 from bayescal.effects.backlash import STANDSTILL
-from bayescal.effects.joints import LINK, READING, motion, side_of, turned
+from bayescal.effects.joints import motion, side_of
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.effects.plane_form import shapes
 from bayescal.effects.stand import base_terms, tilts
+from bayescal.gap.search import combined, history
+from bayescal.gap.search.cell import Cell, at_joint, moves, passes, sides_of, smooth
 from bayescal.gap.settings import CELLS
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A site, a coordinate, and its sets of columns: one smooth set, or many local ones."""
-
-    site: Site
-    driver: Driver
-    sets: tuple[tuple[Parameter, ...], ...]
-    known: bool = False  # whether an effect of the vocabulary has this same function
-
-
-def smooth(x: np.ndarray, fitted: np.ndarray, waves: int = CELLS.waves) -> list[np.ndarray]:
-    """Cosines of 1 to `waves` half periods over the range of a coordinate x (N,)."""
-    mine = x[fitted]
-    low, high = float(np.min(mine)), float(np.max(mine))
-    if not high > low:
-        return []
-    u = np.clip((x - low) / (high - low), 0.0, 1.0)
-    return [np.cos(np.pi * k * u) for k in range(1, waves + 1)]
 
 
 def cells(c: Circumstances) -> list[Cell]:
     """All cells of a session."""
     return [
         cell
-        for make in (_joints, _bending, _time, _sway, _probe, _region, _faces)
+        for make in (
+            _joints,
+            _bending,
+            _time,
+            _sway,
+            _probe,
+            _region,
+            _faces,
+            *combined.MAKERS,
+            *history.MAKERS,
+        )
         for cell in make(c)
         if any(cell.sets)  # a joint that did not move has no function of its angle
     ]
-
-
-def _at_joint(c: Circumstances, j: int, drivers: list[np.ndarray], side: str = LINK) -> tuple[Parameter, ...]:
-    """Rotations of the link of a joint, or of all links that its reading moves."""
-    return tuple(Parameter("", "rad", turned(c.robot, j, d, side), CELLS.angle) for d in drivers)
-
-
-def _moves(c: Circumstances, j: int) -> tuple[str, ...]:
-    """Sides of a joint where an error rotates different links: both where its reading moves several links."""
-    return (LINK, READING) if np.count_nonzero(c.robot.link_from_reading[:, j - 1]) > 1 else (LINK,)
-
-
-def _passes(c: Circumstances, j: int) -> tuple[str, ...]:
-    """Sides of a joint with different motions: both where several readings move its link."""
-    return (LINK, READING) if np.count_nonzero(c.robot.link_from_reading[j - 1]) > 1 else (LINK,)
 
 
 def _joints(c: Circumstances) -> Iterator[Cell]:
@@ -75,31 +51,28 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
         for k in range(1, n + 1):
             forms = [
                 (side, angle)
-                for side in _moves(c, j)
-                for of in _passes(c, k)
+                for side in moves(c, j)
+                for of in passes(c, k)
                 if smooth(angle := motion(c.robot, k, c.readings, of), c.fitted)
             ]
             if forms:
-                waves = [_at_joint(c, j, smooth(angle, c.fitted), side) for side, angle in forms]
+                waves = [at_joint(c, j, smooth(angle, c.fitted), side) for side, angle in forms]
                 yield Cell(site, Driver("angle", k), tuple(waves))
-                bends = [
-                    _at_joint(c, j, [d], side) for side, angle in forms for d in _beyond(angle, c.fitted)
-                ]
+                bends = [at_joint(c, j, [d], side) for side, angle in forms for d in _beyond(angle, c.fitted)]
                 yield Cell(site, Driver("angle", k, form="beyond"), tuple(bends))
         yield Cell(site, Driver("angle", j, form="one place"), tuple(_bumps(c, j)))
         if c.moments is not None:
             load = smooth(c.moments[:, j, 2], c.fitted)
             if load and np.ptp(c.moments[c.fitted, j, 2]) > 1e-3:
-                yield Cell(site, Driver("torque", j), (_at_joint(c, j, load),))
-                late = [_at_joint(c, j, [d]) for d in _past(c, c.moments[:, j, 2])]
+                yield Cell(site, Driver("torque", j), (at_joint(c, j, load),))
+                late = [at_joint(c, j, [d]) for d in _past(c, c.moments[:, j, 2])]
                 yield Cell(site, Driver("torque", j, form="past"), tuple(late))
         if c.velocity is not None:
-            sides = max(_moves(c, j), _passes(c, j), key=len)
-            speeds = [(side, motion(c.robot, j, c.velocity, side)) for side in sides]
+            speeds = [(side, motion(c.robot, j, c.velocity, side)) for side in sides_of(c, j)]
             speeds = [(side, speed) for side, speed in speeds if np.any(speed[c.fitted])]
-            play = [_at_joint(c, j, [v / np.hypot(v, STANDSTILL)], side) for side, v in speeds]
+            play = [at_joint(c, j, [v / np.hypot(v, STANDSTILL)], side) for side, v in speeds]
             yield Cell(site, Driver("direction", j), tuple(play), known=True)
-            late = [_at_joint(c, j, [v / np.sqrt(np.mean(v[c.fitted] ** 2))], side) for side, v in speeds]
+            late = [at_joint(c, j, [v / np.sqrt(np.mean(v[c.fitted] ** 2))], side) for side, v in speeds]
             yield Cell(site, Driver("joint speed", j), tuple(late))
 
 
@@ -177,7 +150,7 @@ def movers(c: Circumstances) -> dict[Site, Mover]:
         ]
 
     def turn(j: int) -> Mover:
-        return lambda d: list(_at_joint(c, j, [d], side_of(c.robot)))
+        return lambda d: list(at_joint(c, j, [d], side_of(c.robot)))
 
     def contact(rows: np.ndarray) -> Mover:
         return lambda d: [Parameter("", "m", (Term(CONTACT, "normal", d * rows),), CELLS.length)]

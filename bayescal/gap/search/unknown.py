@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_sets
+from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_clusters, weigh_sets
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.beam import Hypothesis
-from bayescal.gap.search.cells import Cell
+from bayescal.gap.search.cell import Cell
 from bayescal.gap.settings import UNKNOWN
 
 
@@ -60,15 +60,16 @@ class CellFit:
     gain: float
     best: int  # index of the set in the pool
     scale: float
-    rival: bool = True  # False for a form of the vocabulary, and at the site and driver of a named effect
+    rival: bool = True  # False for a form of the vocabulary
 
 
 def cell_fits(state: State, pool: Pool) -> list[CellFit]:
     """Gain of every cell over a state; large gains are computed by a fit of the best set of the cell."""
     out = approximate_fits(state, pool)
     fitted: set[int] = set()
-    while out:
-        top = max(out, key=lambda f: f.gain)
+    exact = [f.cell for f in out if pool.cells[f.cell].clusters is None]
+    while exact:
+        top = out[max(exact, key=lambda k: out[k].gain)]
         if top.gain < UNKNOWN.large or top.cell in fitted:
             break
         out[top.cell] = refitted(state, pool, top, state.weight)
@@ -86,6 +87,14 @@ def refitted(state: State, pool: Pool, f: CellFit, start: np.ndarray | None = No
 def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
     """Gain of every cell over a state, without fits."""
     bayes = weigh_sets(state, pool.bank) + SCALE_PRIOR
+    for i, cell in enumerate(pool.cells):
+        if cell.clusters is not None:
+            at = int(np.flatnonzero(pool.owner == i)[0])
+            bayes[at] = SCALE_PRIOR + weigh_clusters(
+                state,
+                pool.columns[:, pool.sets[at][0]],
+                cell.clusters[state.problem.rows[state.problem.contact]],
+            )
     out = []
     for i in range(len(pool.cells)):
         own = np.flatnonzero(pool.owner == i)
@@ -108,9 +117,11 @@ def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray 
     )
 
 
-def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[CellFit]]:
+def unknown(hypothesis: Hypothesis, pool: Pool, null: float) -> tuple[float, list[CellFit]]:
     """Log evidence of an unmodelled effect over a hypothesis, averaged over cells, and that of each cell.
 
+    A cell with the site and driver of a named effect fits its form better. It contradicts the name by its
+    nats beyond a share of those of all names, relative to the log evidence `null` of noise only.
     If the hypothesis excludes contacts as outliers, the leading cells are also fitted to all contacts:
     a local defect looks like a few outliers.
     """
@@ -118,19 +129,24 @@ def unknown(hypothesis: Hypothesis, pool: Pool) -> tuple[float, list[CellFit]]:
     cells = cell_fits(state, pool)
     if state.gross:
         whole = fit_state(state.problem, state.columns, state.scales, robust=False)
-        for rank in sorted(approximate_fits(whole, pool), key=lambda f: -f.gain)[: UNKNOWN.tried]:
+        linear = [f for f in approximate_fits(whole, pool) if pool.cells[f.cell].clusters is None]
+        for rank in sorted(linear, key=lambda f: -f.gain)[: UNKNOWN.tried]:
             anew = refitted(state, pool, rank)
             if anew.gain > cells[rank.cell].gain:
                 cells[rank.cell] = anew
-    weight = np.where(same_place(hypothesis, pool), -np.inf, pool.log_prior)
-    cells = [f if w > -np.inf else replace(f, rival=False) for f, w in zip(cells, weight, strict=True)]
+    forgiven = UNKNOWN.forgiven * max(hypothesis.log_evidence - null, 0.0)
+    weight, same = pool.log_prior, same_place(hypothesis, pool)
+    cells = [
+        replace(f, gain=f.gain - forgiven * float(own), rival=bool(w > -np.inf))
+        for f, own, w in zip(cells, same, weight, strict=True)
+    ]
     if not np.any(weight > -np.inf):
         return -np.inf, cells
     return float(log_sum(np.array([f.gain for f in cells]) + weight)), cells
 
 
 def same_place(hypothesis: Hypothesis, pool: Pool) -> np.ndarray:
-    """Cells (cells,) with the site and driver of a named effect: they only fit the form of that effect."""
+    """Cells (cells,) with the site and driver of a named effect."""
     mine = {place for m in hypothesis.members for place in m.variant.places}
     return np.array(
         [

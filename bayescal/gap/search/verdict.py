@@ -11,7 +11,7 @@ from bayescal.effects import confusable
 from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.outcome.where import unabsorbed, visible
 from bayescal.gap.search.beam import Hypothesis, Member, Search
-from bayescal.gap.search.cells import Cell
+from bayescal.gap.search.cell import Cell
 from bayescal.gap.search.unknown import CellFit, Pool, unknown, with_set
 from bayescal.gap.settings import SEARCH, VERDICT
 
@@ -78,7 +78,7 @@ def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[CellFit
     out = [Weighed(h, None, h.log_evidence - null.log_evidence, h.score) for h in ranked]
     alone: list[CellFit] = []
     for h in leaders:
-        gain, cells = unknown(h, pool)
+        gain, cells = unknown(h, pool, null.log_evidence)
         alone = cells if h is null else alone
         if not np.isfinite(gain):
             continue
@@ -157,7 +157,7 @@ def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> 
     if best.cell is not None:
         return "named+unexplained", sure
     if len(sure) == len(best.hypothesis.names):
-        return "named", sure
+        return ("named+unexplained" if probability["unknown"] >= VERDICT.unexplained else "named"), sure
     return "ambiguous", tuple(n for n in sure if probability[n] >= VERDICT.credible)
 
 

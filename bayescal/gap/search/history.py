@@ -1,0 +1,71 @@
+"""Generic cells of joints with a memory of earlier contacts, and of random errors of their readings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bayescal.effects import Circumstances
+from bayescal.effects.joints import motion
+from bayescal.effects.location import Driver, joint
+from bayescal.gap.search.cell import Cell, at_joint, sides_of
+from bayescal.gap.settings import CELLS
+
+
+def measured(c: Circumstances) -> np.ndarray:
+    """Rows (N,) in the order of measurement: of time if recorded, else of the file."""
+    return np.arange(len(c.q)) if c.time is None else np.argsort(c.time, kind="stable")
+
+
+def fading(angle: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Direction of the travel to each of successive angles (N,), forgotten over a travel, (L, N) in -1 to 1.
+
+    After a travel d the state is sign(d) + (state - sign(d)) exp(-|d| / length), from 0.
+    """
+    step = np.diff(angle, prepend=angle[:1])
+    keep, sign = np.exp(-np.abs(step) / lengths[:, None]), np.sign(step)
+    out, state = np.empty(keep.shape), np.zeros(len(lengths))
+    for k in range(len(step)):
+        state = sign[k] + (state - sign[k]) * keep[:, k]
+        out[:, k] = state
+    return out
+
+
+def slack(angle: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """Position within lost motion of a width, along successive angles (N,): (L, N) in -1 to 1, from 0.
+
+    The state persists from contact to contact: a travel d moves it by 2 d / width, at most to its end.
+    """
+    step = 2.0 * np.diff(angle, prepend=angle[:1]) / widths[:, None]
+    out, state = np.empty(step.shape), np.zeros(len(widths))
+    for k in range(step.shape[1]):
+        state = np.clip(state + step[:, k], -1.0, 1.0)
+        out[:, k] = state
+    return out
+
+
+def travel(c: Circumstances) -> Iterator[Cell]:
+    """Errors of a joint by its travel since earlier contacts."""
+    order = measured(c)
+    for j in range(1, c.robot.n + 1):
+        sets = []
+        for side in sides_of(c, j):
+            angle = motion(c.robot, j, c.readings, side)[order]
+            states = np.empty((len(CELLS.forgotten) + len(CELLS.slack), len(order)))
+            states[:, order] = np.vstack(
+                [fading(angle, np.radians(CELLS.forgotten)), slack(angle, np.radians(CELLS.slack))]
+            )
+            sets += [at_joint(c, j, [s], side) for s in states if np.ptp(s[c.fitted]) > 0]
+        yield Cell(joint(j), Driver("travel", j), tuple(sets))
+
+
+def scatter(c: Circumstances) -> Iterator[Cell]:
+    """Readings of a joint with an error drawn anew at every reading, which repeated contacts do not show."""
+    for j in range(1, c.robot.n + 1):
+        clusters = np.unique(np.round(c.readings[:, j - 1], 8), return_inverse=True)[1]
+        yield Cell(joint(j), Driver("reading", j), (at_joint(c, j, [np.ones(len(c.q))]),), clusters=clusters)
+
+
+MAKERS = (travel, scatter)
+"""Functions that list the cells of a session."""

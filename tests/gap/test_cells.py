@@ -1,0 +1,246 @@
+"""Cells of two coordinates, of a memory and of random errors: their functions, and what they find."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_problems import Bench
+
+from bayescal.effects.location import BASE, Driver, joint
+from bayescal.gap.linear.evidence import weigh_clusters, weigh_sets
+from bayescal.gap.linear.problem import Problem
+from bayescal.gap.linear.state import fit_state
+from bayescal.gap.outcome.where import places
+from bayescal.gap.search import history
+from bayescal.gap.search.cells import cells
+from bayescal.gap.search.unknown import Pool, unknown
+from bayescal.model.scene import Scene
+
+
+@pytest.fixture(scope="module")
+def dataset(cube):
+    return cube(seed=7, count=240).dataset
+
+
+@pytest.fixture(scope="module")
+def bench(dataset):
+    return Bench.of(dataset)
+
+
+@pytest.fixture(scope="module")
+def of(bench):
+    """The cells of a session by site and driver."""
+    return {(cell.site, cell.driver): cell for cell in bench.pool.cells}
+
+
+def drivers(own, frame):
+    """Drivers (N, k) of a set of parameters that turn one frame, less their common motion."""
+    assert {t.frame for p in own for t in p.terms} == {frame}
+    return np.array([p.terms[0].driver for p in own]).T
+
+
+def left(cell, frame, wanted):
+    """Least share of a function (N,) that no set of a cell's own frame represents."""
+    shares = []
+    for own in cell.sets:
+        if {t.frame for p in own for t in p.terms} != {frame}:
+            continue
+        d = drivers(own, frame)
+        fitted = d @ np.linalg.lstsq(d, wanted, rcond=None)[0]
+        shares.append(np.sum((wanted - fitted) ** 2) / np.sum(wanted**2))
+    return min(shares)
+
+
+def test_a_torque_times_functions_of_angles_turns_its_own_link(bench, of):
+    """A softer tooth of joint 3, a softer place of its range, and a joint that softens with another angle."""
+    c = bench.circumstances
+    load, angle = c.moments[:, 3, 2], c.q[:, 2]
+
+    def half_wave(j, k):
+        x = c.readings[:, j]
+        return np.cos(np.pi * k * (x - x.min()) / np.ptp(x))
+
+    own = of[joint(3), Driver("torque", 3, form="own angle")]
+    assert left(own, 3, load * np.sin(2 * angle + 0.4)) < 1e-12
+    assert left(own, 3, load * (half_wave(2, 1) + half_wave(2, 3))) < 1e-2
+    other = of[joint(3), Driver("torque", 3, form="other angle")]
+    assert left(other, 3, load * half_wave(4, 2)) < 1e-2
+    both = of[joint(3), Driver("torque", 3, form="and angle")]
+    assert left(both, 3, half_wave(2, 1) + load / np.std(load) * half_wave(2, 4)) < 1e-2
+    (own_set,) = both.sets
+    size = [np.max(np.abs(p.terms[0].driver)) for p in own_set[:5]]
+    np.testing.assert_allclose(size, 1 / np.arange(1, 6), rtol=0.05)
+
+
+def test_two_angles_are_multiplied_in_every_pair(bench, of):
+    """Twisting of a hollow wrist: an error that exists only where two joints are both turned."""
+    c = bench.circumstances
+    x = c.readings[c.fitted]
+    low, size = x.min(axis=0), np.ptp(x, axis=0)
+    u = np.clip((c.readings - low) / size, 0, 1)
+    for a, b in ((0, 5), (3, 4), (1, 2)):
+        wanted = np.cos(np.pi * u[:, a]) * np.cos(2 * np.pi * u[:, b])
+        assert left(of[joint(4), Driver("two angles")], 4, wanted) < 1e-12
+    assert len(of[joint(4), Driver("two angles")].sets) == 15
+    assert len(of[joint(2), Driver("two angles")].sets) == 30  # its reading turns link 3 too
+
+
+@pytest.mark.parametrize("order", [3.3, 7.0, 12.6, 19.5])
+def test_orders_between_harmonics_and_gear_mesh_are_all_near_one_of_the_scan(bench, of, order):
+    angle = bench.circumstances.q[:, 4]
+    wanted = np.sin(order * angle + 0.7)
+    wanted -= wanted.mean()
+    assert left(of[joint(5), Driver("angle", 5, form="waves")], 5, wanted) < 0.35
+
+
+def test_a_base_rocks_about_the_axis_of_its_moment(bench, of):
+    """About x, y or a diagonal of an upright arm: where that moment passes zero or its median."""
+    c = bench.circumstances
+    moment = c.moments[:, 0] @ c.chain.base[:3, :3].T
+    found = [p for (p,) in of[BASE, Driver("base moment", form="sign")].sets]
+    for axis in np.array([[1, 0], [0, 1], [1, 1], [1, -1]], float):
+        axis /= np.linalg.norm(axis)
+        about = moment[:, :2] @ axis
+        for at in (0.0, np.median(about[c.fitted])):
+            state = np.tanh((about - at) / (0.1 * np.quantile(np.abs(about[c.fitted]), 0.9)))
+            wanted = {f"r{name}": part * state for name, part in zip("xy", axis, strict=True) if part}
+            assert any(
+                {t.axis for t in p.terms} == set(wanted)
+                and all(np.allclose(t.driver, wanted[t.axis]) for t in p.terms)
+                for p in found
+            )
+
+
+def test_lost_motion_persists_as_a_play_operator():
+    """Prandtl: y follows x within the half-width, and the state is (x - y) over it."""
+    x = np.cumsum(0.02 * np.random.default_rng(3).standard_normal(300))
+    widths = np.array([0.01, 0.05, 0.3])
+    found = history.slack(x, widths)
+    for width, state in zip(widths, found, strict=True):
+        y, half = x[0], width / 2
+        for k, value in enumerate(x):
+            y = max(value - half, min(value + half, y))
+            assert state[k] == pytest.approx((value - y) / half, abs=1e-9)
+
+
+def test_fading_is_the_mean_direction_of_earlier_travel():
+    """Weighted by exp(-travel since / length): an integral over the path, here by steps of a thousandth."""
+    x = np.array([0.3, 0.8, 0.8, 0.1, 0.15, 0.9])
+    lengths = np.array([0.1, 0.7])
+    found = history.fading(x, lengths)
+    step = 1e-4
+    sign = np.concatenate([np.full(round(abs(d) / step), np.sign(d)) for d in np.diff(x)])
+    ends = np.concatenate([[0], np.cumsum([round(abs(d) / step) for d in np.diff(x)])])
+    for length, states in zip(lengths, found, strict=True):
+        for end, state in zip(ends, states, strict=True):
+            since = (end - np.arange(end) - 0.5) * step
+            wanted = np.sum(sign[:end] * np.exp(-since / length)) * step / length
+            assert state == pytest.approx(wanted, abs=1e-3)
+
+
+def test_a_memory_follows_the_order_of_time(dataset):
+    """Rows in another order with the times of their measurement have the same states."""
+    scene = Scene(dataset)
+    c = scene.circumstances(scene.rows("calibrate"))
+    c = replace(c, time=60.0 * np.arange(len(c.q)))
+    mixed = np.random.default_rng(0).permutation(len(c.q))
+    other = replace(c, readings=c.readings[mixed], time=c.time[mixed], fitted=np.argsort(mixed)[c.fitted])
+    rows = replace(c, time=None)
+    for cell, same, plain in zip(*(history.travel(k) for k in (c, other, rows)), strict=True):
+        for a, b, d in zip(cell.sets, same.sets, plain.sets, strict=True):
+            np.testing.assert_allclose(b[0].terms[0].driver, a[0].terms[0].driver[mixed])
+            np.testing.assert_allclose(d[0].terms[0].driver, a[0].terms[0].driver)
+
+
+def test_random_errors_of_clusters_weigh_as_a_column_for_each_of_them():
+    rng = np.random.default_rng(5)
+    rows, count = 90, 12
+    clusters, column = rng.integers(0, count, rows), rng.normal(1.0, 0.4, rows)
+    residual = rng.standard_normal(rows) + 0.7 * column * rng.standard_normal(count)[clusters]
+    every = column[:, None] * (clusters[:, None] == np.arange(count))
+    at = np.arange(rows)
+    p = Problem(residual, 1e-6 * np.ones((rows, 1)), every, np.zeros(1), at, at, np.full(rows, 1e-6))
+    state = fit_state(p, (), (), robust=False)
+    pool = Pool.of((), every, rows)
+    wanted = weigh_sets(state, replace(pool, sets=(np.arange(count),)).bank)[0]
+    found = weigh_clusters(state, column, clusters)
+    np.testing.assert_allclose(found, wanted, atol=1e-4)
+    assert np.max(found) > 3
+
+
+def placed(bench, decision):
+    size = bench.problem.jacobian.shape[1]
+    return places(decision.hypothesis, bench.pool, bench.known.pool, bench.circumstances, 1e-10, size)
+
+
+def test_a_random_error_of_readings_is_found_at_its_joint(bench, of):
+    """A drive that stops elsewhere every time, 60 µrad, seen by three contacts at each of its readings."""
+    c = bench.circumstances
+    thrice = np.repeat(np.arange(len(c.q) // 3), 3)
+    cell = of[joint(2), Driver("reading", 2)]
+    at = bench.pool.cells.index(cell)
+    pool = replace(
+        bench.pool,
+        cells=tuple(
+            replace(q, clusters=thrice) if q.clusters is not None and q.site == joint(2) else q
+            for q in bench.pool.cells
+        ),
+    )
+    column = bench.pool.columns[:, bench.pool.sets[int(np.flatnonzero(bench.pool.owner == at)[0])][0]]
+    group = thrice[bench.problem.rows[bench.problem.contact]]
+    every = np.random.default_rng(2).standard_normal(thrice.max() + 1)
+    error = 0.6 * column[: bench.problem.count] * every[group]
+    contribution = np.concatenate([error, np.zeros(len(column) - len(error))])
+    there = replace(bench, pool=pool)
+    decision, _ = there.decided(bench.made_up(31, contribution))
+    assert decision.kind == "unknown"
+    first = placed(there, decision)[0]
+    assert (str(first.site), first.driver) == ("joint 2", Driver("reading", 2))
+    assert first.family_p_value < 1e-3
+    size = error[: bench.problem.lengths] * bench.problem.sigma
+    assert first.rms == pytest.approx(np.sqrt(np.mean(size**2)), rel=0.7)
+    assert not np.any(first.curve.fitted)
+
+
+KINDS = (
+    (joint(3), Driver("torque", 3, form="own angle")),
+    (joint(2), Driver("two angles")),
+    (joint(5), Driver("angle", 5, form="waves")),
+    (joint(4), Driver("travel", 4)),
+    (BASE, Driver("base moment", form="sign")),
+)
+
+
+@pytest.mark.parametrize("place", KINDS, ids=lambda p: str(p[1]))
+def test_what_depends_on_two_coordinates_or_on_the_past_is_found(bench, of, place):
+    cell = bench.pool.cells.index(of[place])
+    sets = np.flatnonzero(bench.pool.owner == cell)
+    own = bench.pool.sets[int(sets[len(sets) // 2])]
+    decision, _ = bench.decided(bench.made_up(61, bench.visible(bench.pool.columns[:, own], 300.0, seed=3)))
+    assert decision.kind in ("unknown", "named+unexplained")
+    assert decision.probability["unknown"] > 0.9
+    assert placed(bench, decision)[0].site == place[0]
+
+
+def test_a_cell_at_the_place_of_a_name_contradicts_it_by_what_exceeds_its_form(bench):
+    """A share of 3 % of a name's nats is its form; the rest of such a cell counts against the name."""
+    there = bench.of_effect("encoder-scale", 200.0, seed=1, site="joint 5")
+    _, search = bench.decided(bench.made_up(77, there))
+    h = search.hypotheses[frozenset(("encoder-scale",))]
+    null = search.hypotheses[frozenset()].log_evidence
+    site, driver = h.members[0].variant.places[0]
+    at = next(k for k, q in enumerate(bench.pool.cells) if (q.site, q.driver) == (site, driver.course))
+    (_, strict), (_, free) = unknown(h, bench.pool, null), unknown(h, bench.pool, h.log_evidence)
+    assert strict[at].rival
+    assert free[at].gain - strict[at].gain == pytest.approx(0.03 * (h.log_evidence - null))
+    elsewhere = next(k for k, q in enumerate(bench.pool.cells) if q.site == joint(1) and not q.known)
+    assert free[elsewhere].gain == strict[elsewhere].gain
+
+
+def test_every_cell_of_a_joint_that_does_not_move_has_columns(dataset):
+    scene = Scene(dataset)
+    c = scene.circumstances(scene.rows("calibrate"))
+    still = np.where(np.arange(6) == 3, 0.2, c.readings)
+    found = cells(replace(c, q=still, readings=still))
+    assert all(own for cell in found for own in cell.sets)
+    assert not [q for q in found if q.driver in (Driver("travel", 4), Driver("angle", 4, form="waves"))]
