@@ -137,7 +137,7 @@ def unknown(hypothesis: Hypothesis, pool: Pool, null: float) -> tuple[float, lis
     forgiven = UNKNOWN.forgiven * max(hypothesis.log_evidence - null, 0.0)
     weight, same = pool.log_prior, same_place(hypothesis, pool)
     cells = [
-        replace(f, gain=f.gain - forgiven * float(own), rival=bool(w > -np.inf))
+        replace(f, gain=float(f.gain - forgiven * own), rival=bool(w > -np.inf))
         for f, own, w in zip(cells, same, weight, strict=True)
     ]
     if not np.any(weight > -np.inf):
