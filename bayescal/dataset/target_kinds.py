@@ -86,6 +86,11 @@ class TargetKind:
         Its rows read a length, so that they say how long the arm is.
     placed : bool
         Its nominal place is known roughly; False of a frame that is found from its rows.
+    centred : bool
+        Its description has a ``centre``, which the first three components of its state displace: certified
+        distances between such targets are validated.
+    found : bool
+        Its validation rows locate it; its distances and its diameter are validated, not these rows.
     """
 
     name: str
@@ -103,6 +108,13 @@ class TargetKind:
     flat: bool = False
     metric: bool = False
     placed: bool = True
+    centred: bool = False
+    found: bool = False
+
+    @property
+    def of_instrument(self) -> bool:
+        """Whether an instrument reads its rows: every row then has an error of its own."""
+        return self.noise == "point"
 
 
 def seen(dataset: Dataset, target: int, rows: np.ndarray, middle: np.ndarray) -> Seen:
@@ -197,6 +209,8 @@ KINDS: dict[str, TargetKind] = {
             place=_centre,
             certificates=("diameter",),
             touched=True,
+            centred=True,
+            found=True,
         ),
         TargetKind(
             "cylinder",
@@ -216,6 +230,7 @@ KINDS: dict[str, TargetKind] = {
             _fixed_point,
             form="point",
             place=_centre,
+            centred=True,
         ),
         TargetKind(
             "distance",

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bayescal.dataset import Measurements, Target, Tool
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.files import unknown
 from bayescal.importing.log import Columns, first
@@ -85,7 +86,7 @@ def _sought(columns: Columns, targets: Sequence[Target]) -> list[str]:
     """Names of the targets that rows may be of: points without a name are an only instrument's."""
     if "target" in columns.texts or points(columns) is None:
         return [t.name for t in targets]
-    instruments = [t.name for t in targets if t.kind == "instrument"]
+    instruments = [t.name for t in targets if KINDS[t.kind].reads == "xyz"]
     return instruments if len(instruments) == 1 else [t.name for t in targets]
 
 

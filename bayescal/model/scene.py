@@ -13,7 +13,7 @@ from bayescal.arm.chain import Chain, chain_of, link_angles
 from bayescal.arm.statics import gravity_moments
 from bayescal.dataset import Certificate, Dataset, Target
 from bayescal.dataset.joins import forms_of
-from bayescal.dataset.target_kinds import TargetKind, kinds_of, seen
+from bayescal.dataset.target_kinds import KINDS, TargetKind, kinds_of, seen
 from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
 from bayescal.model import orientations
@@ -134,6 +134,10 @@ class Scene:
     def declared(self) -> tuple[TargetKind, ...]:
         """The declared kind of every target."""
         return kinds_of(self.dataset)
+
+    def declared_of(self, name: str) -> TargetKind:
+        """The declared kind of a target, by its name."""
+        return KINDS[next(t.kind for t in self.dataset.targets if t.name == name)]
 
     def rows(self, *roles: str) -> np.ndarray:
         """Indices of the rows with one of the roles, in order."""

@@ -10,8 +10,6 @@ import numpy as np
 from bayescal.dataset import Certificate
 from bayescal.model.scene import Scene
 from bayescal.predict.targets import LocatedTarget
-from factors.fixed_point import FixedPoint
-from factors.sphere import Sphere
 
 
 @dataclass(frozen=True)
@@ -45,8 +43,8 @@ class CentreDistances:
 def certified_pairs(
     scene: Scene, located: Mapping[str, LocatedTarget]
 ) -> Iterator[tuple[Certificate, LocatedTarget, LocatedTarget]]:
-    """Certificates of a distance between two located spheres or sockets, with both targets."""
-    centres = {k: t for k, t in located.items() if isinstance(t.block.kind, Sphere | FixedPoint)}
+    """Certificates of a distance between two located targets that have a centre, with both targets."""
+    centres = {k: t for k, t in located.items() if scene.declared_of(k).centred}
     for c in scene.dataset.certificates:
         if c.kind == "distance" and all(name in centres for name in c.targets):
             a, b = (centres[name] for name in c.targets)

@@ -17,7 +17,6 @@ from bayescal.estimate.flatness import FORM
 from bayescal.model.block import ARM
 from bayescal.predict.intervals import interval95
 from bayescal.predict.validation import Validation
-from factors.instrument import Instrument
 
 POINTS = 40
 """Number of points of the workspace between which distances are predicted, evenly spaced among all rows."""
@@ -122,7 +121,7 @@ def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
     xyz, parts = scene.dataset.measurements.xyz, []
     for p in checked.points:
         rows = scene.rows_of(index[p.target], scene.rows("validate"))
-        if xyz is None or not isinstance(scene.kind(index[p.target], rows), Instrument):
+        if xyz is None or scene.declared[index[p.target]].reads != "xyz":
             continue
         pick = _evenly(len(rows), POINTS)
         at = xyz[rows[pick]].T

@@ -11,7 +11,6 @@ from bayescal.estimate import Estimate
 from bayescal.model import ARM, Block
 from bayescal.model.scene import Scene
 from bayescal.predict.targets import LocatedTarget, carrying, located_target, noise_of, slopes_of
-from factors.sphere import Sphere
 
 
 @dataclass(frozen=True)
@@ -93,10 +92,10 @@ def prepared(estimate: Estimate, loose: bool = False) -> Prepared:
             out.append(predicted_rows(estimate, model.block(t, own)))
             continue
         apart = scene.rows_of(t, scene.rows("locate"))
-        sphere = isinstance(scene.kind(t, own), Sphere)
+        found = scene.declared[t].found
         u = certified.get(name)
-        located[name] = located_target(estimate, t, own if sphere or not len(apart) else apart, u)
-        if not sphere:
+        located[name] = located_target(estimate, t, own if found or not len(apart) else apart, u)
+        if not found:
             out.append(predicted_rows(estimate, model.block(t, own), located[name]))
         elif loose:
             free[name] = located[name] if u is None else located_target(estimate, t, own)

@@ -17,7 +17,6 @@ from bayescal.estimate import Estimate, unit_weights
 from bayescal.model import ARM, Block
 from bayescal.model.scene import Scene
 from bayescal.predict.locate import locate
-from factors.sphere import Sphere
 
 
 @dataclass(frozen=True)
@@ -55,8 +54,8 @@ class LocatedTarget:
 
     @property
     def centre(self) -> np.ndarray:
-        """Position of its centre, (3,), m; for kinds that have a centre."""
-        return self.block.kind.centre + self.state[:3]  # type: ignore[attr-defined]
+        """Position of its centre, (3,), m; of kinds that are declared `centred`."""
+        return centre_of(self.block, self.state)
 
     @property
     def to_state(self) -> np.ndarray:
@@ -78,7 +77,7 @@ def located_target(
         Its number in the dataset.
     rows : np.ndarray, shape (C,)
     u_diameter : float, optional
-        Standard uncertainty of the nominal diameter of a sphere, m; None: the prior of the dataset.
+        Standard uncertainty of the nominal diameter of a target, m; None: the prior of the dataset.
 
     Raises
     ------
@@ -87,8 +86,8 @@ def located_target(
     """
     model = estimate.model
     block = model.block(target, rows)
-    if u_diameter is not None and isinstance(block.kind, Sphere):
-        block = replace(block, kind=replace(block.kind, sd=np.append(block.kind.sd[:3], u_diameter)))
+    if u_diameter is not None:
+        block = with_diameter(block, u_diameter)
     tool_sd = unknown_tool(model.scene, rows)
     values = model.deviations(estimate.z[model.slices[ARM]])
     p, kind = block.motion.points(values), block.touched(values)
@@ -135,6 +134,21 @@ def slopes_of(
             shifts = np.einsum("rkc,jkc->rcj", u, by_tool(block, values, seen)).reshape(len(r), 3)
         by_target = np.column_stack([by_target, shifts * tool_sd])
     return r, by_arm * model.sd, by_target, by_point
+
+
+def centre_of(block: Block, state: np.ndarray) -> np.ndarray:
+    """Centre (3,), m, of a `centred` target at a state (size,)."""
+    return np.asarray(block.kind.describe(state)["centre"], float)
+
+
+def with_diameter(block: Block, u: float) -> Block:
+    """A block whose diameter has the standard uncertainty u, m; unchanged for a kind without a diameter."""
+    parts = [name for name, _ in block.kind.parts]
+    if "diameter" not in parts:
+        return block
+    sd = np.array(block.kind.sd, float)
+    sd[parts.index("diameter")] = u
+    return replace(block, kind=replace(block.kind, sd=sd))  # type: ignore[type-var]
 
 
 def noise_of(estimate: Estimate, block: Block, z: np.ndarray) -> np.ndarray:

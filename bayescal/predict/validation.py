@@ -13,12 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bayescal.estimate import Estimate
-from bayescal.model import ARM, Model
+from bayescal.model import ARM, Block, Model
 from bayescal.predict.distances import certified_pairs
 from bayescal.predict.rows import Prepared, RowPrediction, certified_diameters, predicted_rows, prepared
 from bayescal.predict.targets import LocatedTarget
-from factors.instrument import Instrument
-from factors.sphere import Sphere
 
 
 @dataclass(frozen=True)
@@ -109,16 +107,20 @@ class _Draws:
         main = max(scales, key=lambda g: sum(b.residuals for b in model.blocks if b.group == g))
         return self.kappa[:, None] / scales[main]
 
+    def of_instrument(self, block: Block) -> bool:
+        """Whether an instrument reads the rows of a block."""
+        return self.estimate.model.scene.declared_of(block.target).of_instrument
+
     def located(self, t: LocatedTarget) -> tuple[np.ndarray, np.ndarray]:
         """Deviations of the unknowns of a target (S, m), and noise of its rows (S, R), m."""
         if id(t) not in self.of_target:
             arm = self.estimate.model.slices[ARM]
             noise = self.noise(t.block.group, t.noise)
-            if self.excess and isinstance(t.block.kind, Instrument):
+            if self.excess and self.of_instrument(t.block):
                 noise = noise + self.excess * self.normal(len(t.noise))
             off = self.away[:, arm] @ t.by_arm.T - noise @ t.gain.T
             off += self.normal(len(t.by_prior)) @ t.by_prior.T
-            if self.excess and not isinstance(t.block.kind, Instrument):
+            if self.excess and not self.of_instrument(t.block):
                 off += self.excess * self.normal(3) @ t.by_shift.T
             self.of_target[id(t)] = off, noise
         return self.of_target[id(t)]
@@ -141,7 +143,7 @@ class _Draws:
     def _of_others(self, r: RowPrediction) -> np.ndarray:
         """Noise and unexplained error (S, R) of rows that did not locate their target."""
         out = self.noise(r.block.group, r.noise)
-        if self.excess and isinstance(r.block.kind, Instrument):
+        if self.excess and self.of_instrument(r.block):
             out += self.excess * self.normal(len(r.noise))
         elif self.excess:
             out += self.excess * self.normal(3) @ r.by_point.T
@@ -224,8 +226,12 @@ def _diameters(d: _Draws, known: Prepared) -> list[DiameterCheck]:
     scene, out = d.estimate.model.scene, []
     certified: Mapping[str, float] = certified_diameters(scene)
     for name, t in known.loose.items():
-        assert isinstance(t.block.kind, Sphere)
+        names = [part for part, _ in t.block.kind.parts]
+        if "diameter" not in names:
+            continue
+        k = names.index("diameter")
+        nominal = float(t.block.kind.describe(np.zeros(len(names)))["diameter"])
         u = certified.get(name, 0.0)
-        predicted = -d.located(t)[0] @ t.to_state[3] + u * d.normal()
-        out.append(DiameterCheck(name, t.block.kind.diameter, float(t.state[3]), predicted))
+        predicted = -d.located(t)[0] @ t.to_state[k] + u * d.normal()
+        out.append(DiameterCheck(name, nominal, float(t.state[k]), predicted))
     return out

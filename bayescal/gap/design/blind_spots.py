@@ -7,7 +7,7 @@ The calibration absorbs z = Cov J'x of it, which displaces every located centre.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,8 +21,8 @@ from bayescal.gap.search.candidates import Candidates
 from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
 from bayescal.predict.locate import locate
-from factors.fixed_point import FixedPoint
-from factors.sphere import Sphere
+from bayescal.predict.rows import certified_diameters
+from bayescal.predict.targets import centre_of, with_diameter
 
 
 @dataclass(frozen=True)
@@ -178,12 +178,10 @@ def located(
     if not len(rows) or not np.isin(m.tool[rows], m.tool[scene.rows("calibrate")]).all():
         return None
     block = wide.block(target, rows)
-    if not isinstance(block.kind, Sphere | FixedPoint) or not np.all(block.kind.sd[:3] > 0):
+    if not scene.declared[target].centred or not np.all(block.kind.sd[:3] > 0):
         return None
-    for entry in scene.dataset.certificates:
-        if entry.kind == "diameter" and entry.targets == (block.target,) and isinstance(block.kind, Sphere):
-            u = np.append(block.kind.sd[:3], entry.u_distance or 0.0)
-            block = replace(block, kind=replace(block.kind, sd=u))
+    if (u := certified_diameters(scene).get(block.target)) is not None:
+        block = with_diameter(block, u)
     sigma = np.tile(block.sigma, (block.kind.rows, 1))
     at, _ = locate(block.target, block.kind, block.motion.points(values), sigma)
     return block, at.x[0, block.free] / block.sd
@@ -196,22 +194,21 @@ def _centre(
     model = fitted.model
     if name in model.block_of:
         block, own = model.block_of[name], model.slices[name]
-        if not isinstance(block.kind, Sphere | FixedPoint):
+        if not model.scene.declared_of(name).centred:
             return None
         shift = np.zeros((len(block.kind.sd), solved.shape[1]))
         shift[block.free] = solved[own] * block.sd[:, None]
-        return block.kind.centre + block.state(fitted.z[own])[:3], shift[:3]
+        return centre_of(block, block.state(fitted.z[own])), shift[:3]
     index = next(k for k, t in enumerate(model.scene.dataset.targets) if t.name == name)
     found = located(fitted, wide, index, values)
     if found is None:
         return None
     block, z = found
-    assert isinstance(block.kind, Sphere | FixedPoint)
     _, by_arm, by_own = block.linearise(values, z)
     sigma = np.tile(block.sigma, block.kind.rows)[:, None]
     slopes, errors = by_own / sigma, (by_arm @ off) / sigma
     shift = -np.linalg.solve(slopes.T @ slopes + np.eye(block.size), slopes.T @ errors)
-    return block.kind.centre + block.state(z)[:3], shift[:3] * block.sd[:3, None]
+    return centre_of(block, block.state(z)), shift[:3] * block.sd[:3, None]
 
 
 def _points(

@@ -23,8 +23,7 @@ from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
 from bayescal.model.length_blocks import length_blocks, main_group
 from bayescal.model.scene import Scene
-from factors.fixed_point import FixedPoint
-from factors.sphere import Sphere
+from bayescal.predict.targets import centre_of
 
 SPHERES = "contacts on the certified spheres, also fitted"
 
@@ -180,7 +179,7 @@ def _spheres(
         arms.append(by_arm * wide.sd / sigma)
     for c in certified:
         if all(name in found for name in c.targets):
-            apart = np.subtract(*(_centre(*found[n]) for n in c.targets))
+            apart = np.subtract(*(centre_of(b, b.state(z)) for b, z in (found[n] for n in c.targets)))
             constraint = np.zeros(size)
             for name, way in zip(c.targets, (1.0, -1.0), strict=True):
                 sd = (found[name][0].sd * _tighter(found[name][0]))[:3]
@@ -195,11 +194,6 @@ def _spheres(
             np.concatenate(owns), np.linalg.inv(information),
         )
     ]  # fmt: skip
-
-
-def _centre(block: Block, z: np.ndarray) -> np.ndarray:
-    assert isinstance(block.kind, Sphere | FixedPoint)
-    return block.kind.centre + block.state(z)[:3]
 
 
 def _tighter(block: Block) -> np.ndarray:
