@@ -36,7 +36,7 @@ MORE_OUTLIERS = 1e-3
 
 @dataclass(frozen=True)
 class Check:
-    """One test: a figure in units of what was predicted, its limit, and the chance of so much."""
+    """A test: a figure in units of its prediction, its limit, and the probability of such a value."""
 
     test: str
     value: float
@@ -47,7 +47,7 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether the model survives it."""
+        """Whether the model passes the test."""
         return self.p_value >= self.level
 
 
@@ -62,7 +62,7 @@ class Acceptance:
 
     @property
     def failed(self) -> tuple[Check, ...]:
-        """The tests that the model does not survive."""
+        """The tests that the model fails."""
         return tuple(c for c in self.checks if not c.passed)
 
     @property

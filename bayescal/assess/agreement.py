@@ -63,7 +63,7 @@ class Agreement:
 def agreement(
     together: Estimate, effects: tuple[str, ...], prior_width: float = 1.0, robust: bool = True
 ) -> Agreement:
-    """Fit each session of a joint estimate alone, and compare what they say of the arm.
+    """Fit each session of a joint estimate alone, and compare their estimates of the arm.
 
     Parameters
     ----------

@@ -16,14 +16,14 @@ AN_AXIS = 0.98
 
 @dataclass(frozen=True)
 class Directions:
-    """How well each direction is looked along."""
+    """How well each direction is probed."""
 
     axes: np.ndarray  # (3, 3) rows: unit vectors in F0, the best-seen first
     share: np.ndarray  # (3,) of the best-seen one's amplitude
 
     @property
     def missing(self) -> np.ndarray:
-        """Directions (K, 3) that are hardly looked along."""
+        """Directions (K, 3) that are hardly probed."""
         return self.axes[self.share < BARELY]
 
 

@@ -1,4 +1,4 @@
-"""What a reader must know before believing a number of a fit: one list, with severities."""
+"""Limitations of a fit that a reader must know: a list with severities."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FAR_BEYOND = 3.0
 
 @dataclass(frozen=True)
 class Finding:
-    """Something to know, its severity, and a name that does not change with the wording."""
+    """A limitation, its severity, and a name that does not change with the wording."""
 
     code: str
     severity: Severity
@@ -45,7 +45,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Assessed:
-    """All that findings are made of."""
+    """The results from which findings are derived."""
 
     found: Estimate
     left: Unexplained
@@ -59,7 +59,7 @@ class Assessed:
 
 
 def findings(of: Assessed) -> tuple[Finding, ...]:
-    """Everything to know, the most severe first; nothing of a good session."""
+    """All limitations, the most severe first; none for a good session."""
     every = [*_tests(of), *_residuals(of), *_parameters(of), *_false_comfort(of)]
     return tuple(sorted(every, key=lambda f: SEVERITIES.index(f.severity)))
 
@@ -141,7 +141,7 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
 
 
 def _false_comfort(of: Assessed) -> Iterator[Finding]:
-    """Why small residuals would be no proof of small distance errors."""
+    """Why small residuals do not prove small distance errors."""
     left, expected, lead = of.left, of.expected, of.expected.lead
     if len(of.seen.missing):
         yield Finding(

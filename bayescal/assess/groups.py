@@ -1,4 +1,4 @@
-"""Groups of rows that may share a cause: target, tool, direction of motion, pose, stretch of time."""
+"""Groups of rows that may share a cause: target, tool, direction of motion, pose, period of time."""
 
 from __future__ import annotations
 

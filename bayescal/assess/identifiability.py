@@ -1,4 +1,4 @@
-"""Identifiability: what these contacts determine, and what only the priors hold, in words."""
+"""Identifiability: which parameters and combinations the contacts determine, and which they do not."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LEAK = 0.1  # share of a combination that may be in weak directions for it to co
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of arm parameters that the data leave to the prior."""
+    """A combination of arm parameters that is not identifiable or weakly identifiable."""
 
     singular_value: float
     loadings: tuple[tuple[str, float], ...]  # largest first, in units of prior sds

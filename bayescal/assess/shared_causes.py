@@ -33,7 +33,7 @@ FALSE_REJECTIONS = 0.01
 
 @dataclass(frozen=True)
 class SharedCause:
-    """A group of rows with more rejected ones than chance puts there."""
+    """A group of rows with more rejected rows than expected by chance."""
 
     kind: str
     label: str

@@ -3,7 +3,7 @@
 Functions
 ---------
 convert
-    A log and what is said of it to a `Draft`: a `Dataset` in memory, what was noticed, what is wrong.
+    A log and its description to a `Draft`: a `Dataset` in memory, notes, and failed checks.
 write
     A draft to a folder, atomically.
 """

@@ -27,7 +27,7 @@ CHOICES = {"format": ("csv", "robodk"), "pair": tuple(PAIRS), "readings": ("enco
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be imported, in the user's words; `bayescal import --help` says what each means."""
+    """The options of an import, as given by the user; `bayescal import --help` describes them."""
 
     log: Path
     map: str = ""

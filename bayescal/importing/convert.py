@@ -1,4 +1,4 @@
-"""From a log, its map and what is known beside it to a dataset, in memory and on disk."""
+"""From a log, its map and further information to a dataset, in memory and on disk."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def convert(request: Request) -> Draft:
     Returns
     -------
     Draft
-        Its `wrong` says in one line which numbers are plainly in another unit than was said.
+        Its `wrong` states in one line which numbers are in another unit than stated.
 
     Raises
     ------
     BayescalError
-        For a file or a map that cannot be read, or where something needed was not said.
+        For a file or a map that cannot be read, or where required information is missing.
     """
     request.check()
     base = base_of(request)
@@ -74,12 +74,12 @@ def write(draft: Draft, folder: Path, force: bool = False) -> None:
     folder : Path
         A new or an empty one.
     force : bool
-        Write also what is plainly in a wrong unit, or cannot have been measured.
+        Write also values in a wrong unit, or implausible values.
 
     Raises
     ------
     BayescalError
-        With the line of the log, for the first thing that breaks the contract or cannot be.
+        With the line of the log, for the first violation of the contract or implausible value.
     """
     if draft.wrong and not force:
         raise BayescalError(draft.wrong, draft.log, "correct the map, or write the dataset with --force")

@@ -1,4 +1,4 @@
-"""How far rows are off at nominal geometry: what the checks of a dataset judge by."""
+"""Errors of rows at nominal geometry, the basis of the checks of a dataset."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def contacts(dataset: Dataset, target: int, p: np.ndarray, at: np.ndarray) -> Co
 
 
 def seen(dataset: Dataset, p: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """How far an instrument's rows `at` are off after the best rigid fit, m; 0 where too few to tell."""
+    """Errors of an instrument's rows `at` after the best rigid fit, m; 0 where there are too few rows."""
     xyz = dataset.measurements.xyz
     return np.zeros(len(at)) if len(at) < FEWEST or xyz is None else scatter(p[at], xyz[at], OFF)
 

@@ -1,4 +1,4 @@
-"""Whether two sessions are of one arm, standing one way, told in one language."""
+"""Whether two sessions are of the same robot, with the same mounting and conventions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NOT_THE_ARM = ("limits", "reductions")
 
 
 def check_alike(first: Dataset, other: Dataset) -> None:
-    """Refuse two sessions that are not of one arm, standing one way, told in one language."""
+    """Refuse two sessions of different robots, mountings or conventions."""
     difference = arm_difference(first.robot, other.robot)
     if difference:
         what = f"not the robot of {first.name}: {difference}"
