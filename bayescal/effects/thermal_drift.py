@@ -1,12 +1,13 @@
 """Thermal drift: the lengths of the arm grow as it warms up, and its joint zeros drift.
 
-Driver: the temperature, or the time if none is recorded (an artefact's temperature does not count), scaled to
--1 to 1 over the session. One parameter scales all lengths of the arm by the same factor. Each joint zero has
-its own drift. The base drifts along three axes; its rotation about the first axis is that of the first zero.
-Values are half of the change over the session. An arm may also warm up with a time constant, which is scanned
-or given: ``thermal-drift@600`` for ten minutes. Of several sessions, each has its own drift. Prior: zeros
-0.05 mrad, from drifts of 0.06 to 0.13 mrad over a session (an ABB IRB 120 measured with a laser tracker);
-growth 5e-5, as of aluminium (23e-6 1/K) over 4 K, and the base 0.02 mm (both assumed).
+Driver: the temperature, or the time if none is recorded (an artefact's temperature does not count), or the
+order of the rows if neither is, scaled to -1 to 1 over the session. One parameter scales all lengths of the
+arm by the same factor. Each joint zero has its own drift. The base drifts along three axes; its rotation
+about the first axis is that of the first zero. Values are half of the change over the session. An arm may
+also warm up with a time constant, which is scanned or given: ``thermal-drift@600`` for ten minutes. Of
+several sessions, each has its own drift. Prior: zeros 0.05 mrad, from drifts of 0.06 to 0.13 mrad over a
+session (an ABB IRB 120 measured with a laser tracker); growth 5e-5, as of aluminium (23e-6 1/K) over 4 K, and
+the base 0.02 mm (both assumed).
 """
 
 from __future__ import annotations
@@ -34,9 +35,17 @@ def _clock(c: Circumstances) -> np.ndarray | None:
     return np.clip(c.time, np.min(c.time[c.fitted]), np.max(c.time[c.fitted]))
 
 
+def _order(c: Circumstances) -> np.ndarray | None:
+    """Numbers of the rows (N,), limited to the fitted ones: a session without times is in their order."""
+    if not len(c.fitted):
+        return None
+    return np.clip(np.arange(len(c.q), dtype=float), np.min(c.fitted), np.max(c.fitted))
+
+
 def course(c: Circumstances) -> tuple[str, np.ndarray] | None:
     """Name of the driver, and its values over the session (N,) from -1 to 1; None if nothing varies."""
-    for name, values in (("temperature", c.temperature), ("time", _clock(c))):
+    clock = ("row", _order(c)) if c.time is None else ("time", _clock(c))
+    for name, values in (("temperature", c.temperature), clock):
         if values is not None and len(values) and np.ptp(values) > 0:
             low, high = np.min(values), np.max(values)
             return name, (2.0 * values - (low + high)) / (high - low)
@@ -54,18 +63,17 @@ def _lengths(c: Circumstances, driver: np.ndarray) -> tuple[Term, ...]:
 
 def _drifting(c: Circumstances, by: str, driver: np.ndarray) -> list[Parameter]:
     lengths, out = _lengths(c, driver), []
+    kind = Driver("time" if by == "row" else by)
     if lengths:
-        out.append(
-            Parameter(f"thermal-drift growth by {by}", "1", lengths, GROWTH_SD, site=ARM, driver=Driver(by))
-        )
+        out.append(Parameter(f"thermal-drift growth by {by}", "1", lengths, GROWTH_SD, site=ARM, driver=kind))
     for axis in "xyz":
         term = (Term(0, f"t{axis}", driver),)
         out.append(
-            Parameter(f"thermal-drift base {axis} by {by}", "m", term, BASE_SD, site=BASE, driver=Driver(by))
+            Parameter(f"thermal-drift base {axis} by {by}", "m", term, BASE_SD, site=BASE, driver=kind)
         )
     for j, name in enumerate(c.robot.joint_names, start=1):
         term = (Term(j, "rz", driver),)
-        out.append(Parameter(f"thermal-drift {name} by {by}", "rad", term, ZERO_SD, **at(j, Driver(by))))
+        out.append(Parameter(f"thermal-drift {name} by {by}", "rad", term, ZERO_SD, **at(j, kind)))
     return out
 
 

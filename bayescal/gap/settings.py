@@ -64,6 +64,8 @@ class SearchSettings:
     """Nats below the best hypothesis from which on a hypothesis is not extended (cost)."""
     detectable: float = 9.0
     """Detectability lambda that an effect must reach at its largest size to be a candidate: 3 sigma."""
+    aliased: float = 0.1
+    """Share of the mean square of a ripple, 1/2, that low harmonics must leave unexplained (assumed)."""
     whole_scan: int = 64
     """Settings up to which all of a scan are candidates (cost)."""
     screened: int = 12

@@ -350,6 +350,14 @@ def test_drift_goes_by_temperature_else_by_time(dataset):
     np.testing.assert_allclose(by[key[0].format("time"), *key[1:]], np.linspace(-1, 1, len(Scene(dataset).q)))
     neither = with_columns(dataset, temperature=None, time=np.zeros(len(dataset.measurements.ids)))
     assert "temperature_c" in EFFECTS["thermal-drift"].missing(circumstances(neither))
+    unclocked = with_columns(dataset, temperature=None, time=None)
+    by = drivers(unclocked, "thermal-drift")
+    np.testing.assert_allclose(by[key[0].format("row"), *key[1:]], np.linspace(-1, 1, len(Scene(dataset).q)))
+    c = replace(circumstances(unclocked), fitted=np.arange(10, 31))
+    (row,) = (p for p in EFFECTS["thermal-drift"].at(c) if p.name == "thermal-drift J3 by row")
+    np.testing.assert_allclose(row.terms[0].driver, np.clip((np.arange(len(c.q)) - 20) / 10, -1, 1))
+    assert row.driver.coordinate(row.site, c).label == "row"
+    assert not len(EFFECTS["thermal-drift"].scan.values(c))  # no time constant without times
 
 
 def test_step_moves_the_base_from_the_middle_on(cube):

@@ -179,7 +179,6 @@ def lacking(dataset, what):
 
 CANNOT = {
     "velocity": {"backlash", "latency"},
-    "time and temperature": {"thermal-drift"},
     "all planes but one": {"artefact"},
 }
 

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
 from bayescal.effects import EFFECTS, Circumstances, Effect, Parameter, Setting, named, parameters_of
 from bayescal.effects.compliance import SPREAD
 from bayescal.effects.location import ARM, Driver, Site, words_of
+from bayescal.gap.search.alias import ALIASED, unaliased
 from bayescal.gap.settings import SEARCH
 from bayescal.model.parts import Part
 
@@ -104,9 +106,15 @@ def extended(
     known: Candidates, effect: Effect, settings: Sequence[float | None], c: Circumstances, lacks: str = ""
 ) -> Candidates:
     """Candidates with some settings of a further effect; each has the prior of one setting of the scan."""
-    found = [(value, parameters) for value in settings if (parameters := effect.at(c, value))]
+    tables = [(value, effect.at(c, value)) for value in settings]
+    visible = [(value, list(compress(table, unaliased(table, c)))) for value, table in tables]
+    found = [(value, parameters) for value, parameters in visible if parameters]
     if not found:
-        return replace(known, missing=known.missing | {effect.name: lacks or NOTHING})
+        lacks = lacks or (ALIASED if any(table for _, table in tables) else NOTHING)
+        return replace(known, missing=known.missing | {effect.name: lacks})
+    sites = dict.fromkeys(p.site for _, table in tables for p in table)
+    seen = {p.site for _, parameters in found for p in parameters}
+    missing = known.missing | {f"{effect.name} at {site}": ALIASED for site in sites if site not in seen}
     count = max(len(found), 0 if effect.scan is None else len(effect.scan.values(c)))
     forms = [] if lacks else _other_forms(effect, c)
     usual = float(np.log(1.0 - SEARCH.other_forms)) if forms else 0.0
@@ -119,11 +127,12 @@ def extended(
         places = tuple(dict.fromkeys((p.site, p.driver) for p in parameters))
         variants += [Variant(effect.name, value, (), np.array([len(pool)]), weight, places) for _ in joined]
         pool += joined
-    for name, parameters, sites in forms:
+    for name, parameters, others in forms:
         weight = float(np.log(SEARCH.other_forms / len(forms)))
-        variants += _subsets(effect, name, parameters, len(pool), weight, sites)
+        variants += _subsets(effect, name, parameters, len(pool), weight, others)
         pool += parameters
-    return replace(known, pool=tuple(pool), variants=known.variants | {effect.name: tuple(variants)})
+    every = known.variants | {effect.name: tuple(variants)}
+    return replace(known, pool=tuple(pool), variants=every, missing=missing)
 
 
 def _other_forms(effect: Effect, c: Circumstances) -> list[tuple[str, list[Parameter], set[Site]]]:

@@ -10,6 +10,7 @@ from bayescal.effects import EFFECTS, Circumstances
 from bayescal.gap.linear.evidence import Bank, weigh_sets
 from bayescal.gap.linear.slopes import Slopes
 from bayescal.gap.linear.state import State
+from bayescal.gap.search.alias import unaliased
 from bayescal.gap.search.candidates import Candidates, extended, wide
 from bayescal.gap.settings import SEARCH
 
@@ -27,12 +28,15 @@ def screened(
         for first in range(0, len(values), SEARCH.chunk):
             chunk = values[first : first + SEARCH.chunk]
             tables = [effect.at(c, float(v)) for v in chunk]
-            columns = slopes.columns([p for table in tables for p in table])
+            every = [p for table in tables for p in table]
+            columns, seen = slopes.columns(every), np.array(unaliased(every, c))
             sets, owner, at = [], [], 0
             for k, table in enumerate(tables):
                 for site in dict.fromkeys(p.site for p in table):
-                    sets.append(at + np.flatnonzero([p.site == site for p in table]))
-                    owner.append(first + k)
+                    own = at + np.flatnonzero([p.site == site for p in table])
+                    if np.any(seen[own]):
+                        sets.append(own[seen[own]])
+                        owner.append(first + k)
                 at += len(table)
             bank = Bank(columns, tuple(sets), len(slopes.contact))
             for state in states:
