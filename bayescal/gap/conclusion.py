@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bayescal.effects import EFFECTS
 from bayescal.gap.examine import Examined
 from bayescal.gap.outcome.notes import cautions, play_or_late
@@ -23,17 +25,21 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
     if without is not None:
         sure = without.probability[COMPLIANCE]
         probability |= {COMPLIANCE: sure, "null": without.probability["null"]}
-        compliance = Named(COMPLIANCE, COMPLIANCE, (), "", sure, without.lost(COMPLIANCE))
+        compliance = Named(COMPLIANCE, COMPLIANCE, (), "", stated(sure), without.lost(COMPLIANCE))
         named = [compliance, *named]
-        # without any further effect, no effect is confounded with it
-        credible = (COMPLIANCE,) if kind == "null" else (COMPLIANCE, *credible)
+        # without any further effect, no effect is confounded with it; noise only is then compliance alone
+        credible = () if kind == "null" else tuple(n for n in credible if n != "null")
+        credible = (COMPLIANCE, *credible)
         kind = {"null": "named", "unknown": "named+unexplained"}.get(kind, kind)
     return Verdict(
         kind,
         tuple(named),
-        probability,
+        {name: stated(p) for name, p in probability.items()},
         credible,
-        tuple(Hypothetical(w.effects, w.probability, w.log_evidence) for w in d.weighed[: VERDICT.listed]),
+        tuple(
+            Hypothetical(w.effects, stated(w.probability), w.log_evidence)
+            for w in d.weighed[: VERDICT.listed]
+        ),
         d.footnotes,
         e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
         (*play_or_late(d.alone, e.pool, d.credible), *cautions(e.fitted.model.scene.dataset)),
@@ -43,4 +49,10 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
 def _named(member, d: Decision, e: Examined) -> Named:
     v = member.variant
     setting = EFFECTS[v.effect].words(v.setting)
-    return Named(v.effect, model_name(member), v.sites, setting, d.probability[v.effect], d.lost(v.effect))
+    sure = stated(d.probability[v.effect])
+    return Named(v.effect, model_name(member), v.sites, setting, sure, d.lost(v.effect))
+
+
+def stated(probability: float) -> float:
+    """A probability within the limits that blind checks support."""
+    return float(np.clip(probability, 1.0 - VERDICT.stated, VERDICT.stated))

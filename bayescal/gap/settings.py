@@ -162,6 +162,12 @@ class VerdictSettings:
     """Probability from which on an effect is named (convention: more likely than not)."""
     credible: float = 0.9
     """Probability of the credible set (convention)."""
+    certain: float = 0.99
+    """Probability above which an effect is never dropped because it is small, or because it does not
+    extrapolate (assumed: such an error is there, whatever its size)."""
+    stated: float = 0.999
+    """Largest probability that is stated, and the complement of the smallest (assumed: of some hundred names
+    in blind checks a few were wrong above this, and no check of that size supports more)."""
     form: float = 0.04
     """Discount on the nats of an unmodelled effect: a cell also fits errors of a named form (tuned)."""
     same_course: float = 0.06

@@ -69,7 +69,9 @@ def sane(gap):
     record = json.loads(json.dumps(gap_record(gap), allow_nan=False))
     assert record.keys() >= KEYS
     assert record["verdict"] in VERDICTS
-    assert all(0.0 <= p <= 1.0 for p in record["probability"].values())
+    stated = [*record["probability"].values(), *(h["probability"] for h in record["hypotheses"])]
+    assert all(0.001 - 1e-12 <= p <= 0.999 for p in (*stated, *(n["probability"] for n in record["named"])))
+    assert record["credible_set90"]
     assert record["gap"]["noise_um"] > 0
     assert record["gap"]["heldout_rms_um"] > 0
     assert bool(record["named"]) == (record["verdict"] in ("named", "named+unexplained")) or (
@@ -92,6 +94,7 @@ def test_nothing_there_is_said(quiet):
     assert not gap.verdict.named
     assert not gap.shrinkage
     assert record["effects"] == []
+    assert "null" in record["credible_set90"]
     assert record["shrinkage"] == {"planes": None, "distances": None}
     assert gap.where  # the largest place there is, for what it is worth
     assert all(w.family_p_value > 0.01 for w in gap.where)

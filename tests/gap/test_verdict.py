@@ -55,6 +55,23 @@ def test_the_credible_set_holds_nine_tenths_and_what_is_confusable_close_behind(
         assert (ALIKE[1] in credible_set(pair)) == kept
 
 
+def test_noise_only_is_a_member_of_the_credible_set_like_any_other():
+    """It is listed where its probability is needed for nine tenths, and alone where nothing else is."""
+    some = [("lobing",), 0.6], [(), 0.35], [("step",), 0.05]
+    assert credible_set([weighed(*own, probability=p, score=p) for own, p in some]) == ("lobing", "null")
+    assert credible_set([weighed(probability=0.95), weighed("step", probability=0.05)]) == ("null",)
+    sure = [weighed("lobing", probability=0.95), weighed(probability=0.05)]
+    assert credible_set(sure) == ("lobing",)
+
+
+def test_a_best_set_without_any_effect_is_null():
+    """Also where very many sets, each less probable, leave it less than a tenth."""
+    rest = [weighed(f"effect {k}", probability=0.05) for k in range(18)]
+    found = [weighed(probability=0.08), *rest]
+    names = [w.effects[0] for w in rest]
+    assert verdict_of(found, probabilities(found, names)) == ("null", ())
+
+
 def test_only_confusable_effects_come_closer():
     """Of ten nats by which the leader fits better, six count against a confusable effect."""
     sets = [weighed(ALIKE[0], score=5.0), weighed(ALIKE[1], score=-5.0), weighed("lobing", score=-5.0)]

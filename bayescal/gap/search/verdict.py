@@ -65,7 +65,7 @@ def decide(search: Search, pool: Pool) -> Decision:
         names = tuple(n for n in names if _survives(search, best, pool, n))
         kind = "named+unexplained" if names else "unknown"
     members = tuple(m for m in best.hypothesis.members if m.effect in names)
-    members, footnotes = _without_footnotes(search, members)
+    members, footnotes = _without_footnotes(search, members, probability)
     chosen = search.hypothesis(members, (None, best.hypothesis.state.weight))
     return Decision(kind, chosen, weighed, probability, credible_set(weighed), tuple(alone), footnotes)
 
@@ -132,11 +132,14 @@ def probabilities(weighed: Sequence[Weighed], effects: Sequence[str]) -> dict[st
 
 
 def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
-    """Effects of the most probable hypotheses with 90 % in total, and confusable ones nearly as probable."""
+    """Effects of the most probable hypotheses with 90 % in total, and confusable ones nearly as probable.
+
+    "null" stands for the noise-only model, where that is one of them.
+    """
     out: dict[str, None] = {}
     mass = 0.0
     for w in weighed:
-        out |= dict.fromkeys(w.effects)
+        out |= dict.fromkeys(w.effects or ("null",))
         mass += w.probability
         if mass >= VERDICT.credible:
             break
@@ -149,7 +152,7 @@ def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
 def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
     """Kind of verdict and the effects to be named."""
     best = weighed[0]
-    if probability["null"] >= VERDICT.null_enough:
+    if probability["null"] >= VERDICT.null_enough or not best.effects:
         return "null", ()
     sure = tuple(n for n in best.hypothesis.names if probability[n] >= VERDICT.sure)
     if best.cell is not None and not best.hypothesis.names:
@@ -174,9 +177,9 @@ def _survives(search: Search, best: Weighed, pool: Pool, effect: str) -> bool:
 
 
 def _without_footnotes(
-    search: Search, members: tuple[Member, ...]
+    search: Search, members: tuple[Member, ...], probability: Mapping[str, float]
 ) -> tuple[tuple[Member, ...], tuple[str, ...]]:
-    """Members that explain enough of the variance, the largest first, and the others as text.
+    """Members that are certain or explain enough of the variance, the largest first, and the others as text.
 
     Enough of the variance of lengths, or of orientations: a rotation of the tool may hardly move its point.
     """
@@ -193,11 +196,10 @@ def _without_footnotes(
         turns.append(float(np.sum(unabsorbed(null, moved)[search.problem.lengths :] ** 2)))
     total, turned = max(sum(size), 1e-300), max(sum(turns), 1e-300)
     share = [max(s / total, t / turned) for s, t in zip(size, turns, strict=True)]
-    order = np.argsort(size)[::-1]
-    kept = tuple(members[k] for k in order if share[k] >= VERDICT.footnote)
-    small = [
-        f"{m.effect}: RMS {1e6 * np.sqrt(s):.1f} µm, {100 * part:.0f} % of the explained variance"
+    small = {
+        m.effect: f"{m.effect}: RMS {1e6 * np.sqrt(s):.1f} µm, {100 * part:.0f} % of the explained variance"
         for m, s, part in zip(members, size, share, strict=True)
-        if part < VERDICT.footnote
-    ]
-    return kept, tuple(small)
+        if part < VERDICT.footnote and probability[m.effect] <= VERDICT.certain
+    }
+    kept = tuple(members[k] for k in np.argsort(size)[::-1] if members[k].effect not in small)
+    return kept, tuple(small.values())
