@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from gap_problems import Bench
 
-from bayescal.effects.location import BASE, Driver, joint
+from bayescal.arm.motion import TURN
+from bayescal.effects.location import BASE, TOOL, Driver, joint
 from bayescal.gap.linear.evidence import weigh_clusters, weigh_sets
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
@@ -235,6 +236,24 @@ def test_a_cell_at_the_place_of_a_name_contradicts_it_by_what_exceeds_its_form(b
     assert free[at].gain - strict[at].gain == pytest.approx(0.03 * (h.log_evidence - null))
     elsewhere = next(k for k, q in enumerate(bench.pool.cells) if q.site == joint(1) and not q.known)
     assert free[elsewhere].gain == strict[elsewhere].gain
+
+
+def test_one_of_several_tools_moves_alone(bench):
+    """A reflector that slips, or all of them with the flange; a tool that is read as a pose also turns."""
+    c = bench.circumstances
+    tool = np.arange(len(c.q)) % 3
+    several = replace(c, tool=tool, fitted_tools=(0, 2), turned_tools=(2,), tool_centres=np.zeros((3, 3)))
+    of = {(q.site, q.driver): q for q in cells(several)}
+    (plain,) = (q for q in cells(c) if (q.site, q.driver) == (TOOL, Driver("event")))
+    slipped = of[TOOL, Driver("event")].sets
+    assert len(slipped) == 3 * len(plain.sets)
+    assert [t.axis for p in plain.sets[0] for t in p.terms] == ["tx", "ty", "tz"]
+    rows = [np.asarray(own[0].terms[0].driver) > 0 for own in slipped[:: len(plain.sets)]]
+    np.testing.assert_array_equal(rows[1], rows[0] & (tool == 0))
+    np.testing.assert_array_equal(rows[2], rows[0] & (tool == 2))
+    frames = [(t.frame, t.axis) for p in slipped[-1] for t in p.terms]
+    assert frames == [(7, a) for a in ("tx", "ty", "tz")] + [(TURN, a) for a in ("rx", "ry", "rz")]
+    assert len(of[TOOL, Driver("time")].sets) == 3
 
 
 def test_every_cell_of_a_joint_that_does_not_move_has_columns(dataset):

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from bayescal.arm import chain as reference
-from bayescal.arm.motion import CONTACT, Term
+from bayescal.arm.motion import CONTACT, TURN, Term
 from bayescal.effects import Circumstances, Parameter, location
 from bayescal.effects.backlash import STANDSTILL
 from bayescal.effects.joints import motion, side_of
@@ -133,20 +133,25 @@ def _bending(c: Circumstances) -> Iterator[Cell]:
 
 
 Mover = Callable[[np.ndarray], list[Parameter]]
+SHIFTS, TURNS = ("tx", "ty", "tz"), ("rx", "ry", "rz")
 
 
-def movers(c: Circumstances) -> dict[Site, Mover]:
-    """Sites that may drift with time, and their parameters for a driver."""
+def movers(c: Circumstances) -> dict[Site, tuple[Mover, ...]]:
+    """Sites that may drift with time or shift suddenly, and their parameters for a driver (N,).
 
-    def frame(f: int, axes: tuple[str, ...]) -> Mover:
+    Of several tools, all may move together, or each alone; a tool whose orientation is read also turns.
+    """
+
+    def displaced(axes: dict[int, tuple[str, ...]], rows: np.ndarray | float = 1.0) -> Mover:
         return lambda d: [
             Parameter(
                 "",
                 "m" if a[0] == "t" else "rad",
-                (Term(f, a, d),),
+                (Term(f, a, d * rows),),
                 CELLS.length if a[0] == "t" else CELLS.angle / 2,
             )
-            for a in axes
+            for f, own in axes.items()
+            for a in own
         ]
 
     def turn(j: int) -> Mover:
@@ -155,12 +160,14 @@ def movers(c: Circumstances) -> dict[Site, Mover]:
     def contact(rows: np.ndarray) -> Mover:
         return lambda d: [Parameter("", "m", (Term(CONTACT, "normal", d * rows),), CELLS.length)]
 
-    out = {BASE: frame(0, ("tx", "ty", "tz", "rx", "ry", "rz"))}
-    out |= {joint(j): turn(j) for j in range(1, c.robot.n + 1)}
-    out[TOOL] = frame(c.chain.n + 1, ("tx", "ty", "tz"))
+    out: dict[Site, tuple[Mover, ...]] = {BASE: (displaced({0: (*SHIFTS, *TURNS)}),)}
+    out |= {joint(j): (turn(j),) for j in range(1, c.robot.n + 1)}
+    of_tool = {c.chain.n + 1: SHIFTS} | ({TURN: TURNS} if c.turned_tools else {})
+    single = [(c.tool == k).astype(float) for k in c.fitted_tools] if len(c.fitted_tools) > 1 else []
+    out[TOOL] = tuple(displaced(of_tool, rows) for rows in (1.0, *single))
     if np.any(c.touching):
-        out[PROBE] = contact(c.touching.astype(float))
-    out |= {location.face(face.name): contact(face.rows) for face in c.faces}
+        out[PROBE] = (contact(c.touching.astype(float)),)
+    out |= {location.face(face.name): (contact(face.rows),) for face in c.faces}
     return out
 
 
@@ -172,11 +179,13 @@ def _time(c: Circumstances) -> Iterator[Cell]:
     count = len(c.fitted)
     moments = CELLS.moments if count > 3 * CELLS.fewest else 0
     at = np.linspace(CELLS.fewest, count - CELLS.fewest, moments).round().astype(int)
-    for site, move in movers(c).items():
+    for site, ways in movers(c).items():
         for name, clock in clocks:
             waves = smooth(clock, c.fitted, 3 if site == BASE else CELLS.waves)
-            yield Cell(site, Driver(name), (tuple(p for w in waves for p in move(w)),) if waves else ())
-        steps = [tuple(move((order >= c.fitted[k]).astype(float))) for k in at]
+            yield Cell(
+                site, Driver(name), tuple(tuple(p for w in waves for p in move(w)) for move in ways if waves)
+            )
+        steps = [tuple(move((order >= c.fitted[k]).astype(float))) for move in ways for k in at]
         yield Cell(site, Driver("event"), tuple(steps), known=site == BASE)
 
 
@@ -186,7 +195,7 @@ def _sway(c: Circumstances) -> Iterator[Cell]:
     span = float(np.ptp(clock[c.fitted]))
     if not span > 0:
         return
-    base, sets = movers(c)[BASE], []
+    (base,), sets = movers(c)[BASE], []
     for turns in CELLS.swings:
         phase = 2 * np.pi * turns * clock / span
         every = [*base(np.sin(phase)), *base(np.cos(phase))]
