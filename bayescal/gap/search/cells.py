@@ -7,7 +7,7 @@ same form as an effect: a site is displaced by parameters times drivers.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
@@ -142,7 +142,7 @@ def movers(c: Circumstances) -> dict[Site, tuple[Mover, ...]]:
     Of several tools, all may move together, or each alone; a tool whose orientation is read also turns.
     """
 
-    def displaced(axes: dict[int, tuple[str, ...]], rows: np.ndarray | float = 1.0) -> Mover:
+    def displaced(axes: Mapping[int, tuple[str, ...]], rows: np.ndarray | float = 1.0) -> Mover:
         return lambda d: [
             Parameter(
                 "",
