@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from bayescal.effects import EFFECTS
@@ -31,6 +33,10 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         credible = () if kind == "null" else tuple(n for n in credible if n != "null")
         credible = (COMPLIANCE, *credible)
         kind = {"null": "named", "unknown": "named+unexplained"}.get(kind, kind)
+    if kind == "named+unexplained":
+        most = VERDICT.beside_unmodelled
+        named = [replace(n, probability=min(n.probability, most)) for n in named]
+        probability |= {n.effect: min(probability[n.effect], most) for n in named}
     return Verdict(
         kind,
         tuple(named),
@@ -49,8 +55,10 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
 def _named(member, d: Decision, e: Examined) -> Named:
     v = member.variant
     setting = EFFECTS[v.effect].words(v.setting)
-    sure = stated(d.probability[v.effect])
-    return Named(v.effect, model_name(member), v.sites, setting, sure, d.lost(v.effect))
+    return Named(
+        v.effect, model_name(member), v.sites, setting, stated(d.probability[v.effect]), d.lost(v.effect),
+        v.effect not in d.unclaimed,
+    )  # fmt: skip
 
 
 def stated(probability: float) -> float:

@@ -88,6 +88,10 @@ def diagnose(
         (replace(a, state=again(a.state, plain)), replace(b, state=again(b.state, plain)))
         for a, b in _rivals(last)
     ]
+    verdict = found.verdict
+    reduction = shrinkage(before, after, noise.sd, of_shrinkage, noise.dof) if changed else ()
+    if not all(n.confirmed for n in verdict.named):
+        reduction = tuple(replace(s, claimed=False) for s in reduction)
     return Gap(
         dataset=dataset,
         baseline=effects,
@@ -95,8 +99,8 @@ def diagnose(
         magnitude=size,
         where=where(first, last, promoted, noise.sd),
         margins=margins(first.fitted, before, noise.sd, noise.dof),
-        verdict=found.verdict,
-        shrinkage=shrinkage(before, after, noise.sd, of_shrinkage, noise.dof) if changed else (),
+        verdict=verdict,
+        shrinkage=reduction,
         levels=model_levels(levels, errors),
         advice=advise(last.fitted, last.candidates, pairs),
         blind_spots=unseen(spots),

@@ -10,9 +10,9 @@ from bayescal.gap.conclusion import concluded
 from bayescal.gap.examine import Examined, examine
 from bayescal.gap.result import Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
-from bayescal.gap.search.gate import confirmed
+from bayescal.gap.search.gate import confirmed, contradiction
 from bayescal.gap.search.refit import refit
-from bayescal.gap.settings import VERDICT
+from bayescal.gap.settings import GATE, VERDICT
 from bayescal.model.parts import Part
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
@@ -62,7 +62,7 @@ def explain(
 def _confirmed(
     e: Examined, before: ValidationErrors, robust: bool
 ) -> tuple[Examined, Estimate, ValidationErrors]:
-    """The refit with the named effects, without those that increase the validation errors."""
+    """The refit with the named effects that the validation data admit, and the decision with its reasons."""
 
     def fitted(members: Sequence[Member]) -> tuple[Estimate, ValidationErrors]:
         if not members:
@@ -70,15 +70,28 @@ def _confirmed(
         final = refit(e.fitted, e.candidates.pool, members, robust)
         return final, validation_errors(final)
 
-    found, d = confirmed(e.decision.members, fitted, before), e.decision
+    d = e.decision
+    found = confirmed(d.members, fitted, before, lambda m: d.probability[m.effect] > VERDICT.certain)
+    costs = "explains the calibration rows but makes the validation data less probable, by {:.1f} nats"
+    notes = [f"{m.effect} {costs.format(cost)}; it is not named" for m, cost in found.withheld]
+    notes += [
+        f"{m.effect} {costs.format(cost)}; no reduction of errors is claimed" for m, cost in found.unclaimed
+    ]
+    kind = d.kind
     if found.withheld:
-        kind = "ambiguous" if d.kind == "named" else d.kind if found.members else "unknown"
-        withheld = (
-            f"{m.effect} explains the calibration rows but increases the validation error: {reason}"
-            for m, reason in found.withheld
+        kind = "ambiguous" if kind == "named" else kind if found.members else "unknown"
+    if kind == "named" and (p := contradiction(before, found.errors)) < GATE.contradicted:
+        kind = "named+unexplained"
+        notes.append(
+            f"the validation data contradict the refit: by it, so large errors have p {max(p, 1e-99):.0e}"
         )
-        hypothesis = e.search.hypothesis(found.members)
-        d = replace(d, kind=kind, hypothesis=hypothesis, footnotes=(*d.footnotes, *withheld))
+    d = replace(
+        d,
+        kind=kind,
+        hypothesis=e.search.hypothesis(found.members) if found.withheld else d.hypothesis,
+        footnotes=(*d.footnotes, *notes),
+        unclaimed=frozenset(m.effect for m, _ in found.unclaimed),
+    )
     return replace(e, decision=d), found.fitted, found.errors
 
 

@@ -93,6 +93,7 @@ class Named:
     setting: str  # as text, or ""
     probability: float
     log_evidence: float  # nats, relative to the same set without it
+    confirmed: bool = True  # False where it makes the validation data less probable
 
     @property
     def site(self) -> str:
@@ -118,7 +119,7 @@ class Verdict:
     probability: Mapping[str, float]  # of null, unknown and every effect that was assessed
     credible_set90: tuple[str, ...]
     hypotheses: tuple[Hypothetical, ...]  # the most probable first
-    footnotes: tuple[str, ...]  # effects too small to be relevant, as text
+    footnotes: tuple[str, ...]  # effects too small to be relevant, and results of the validation, as text
     missing: Mapping[str, str]  # effects that were not assessed, and the reason
     notes: tuple[str, ...]  # as text: backlash or delayed readings, limits of a probability
 
@@ -136,7 +137,7 @@ class Shrinkage:
     removed_interval95: tuple[float, float]
     predicted_before: float  # RMS that the refitted model predicts for the baseline, from fitted rows only
     predicted: float  # RMS that the refitted model predicts for itself
-    claimed: bool  # False where the refitted model predicts no improvement
+    claimed: bool  # False where no improvement is predicted, or where a named effect is not confirmed
 
 
 @dataclass(frozen=True)

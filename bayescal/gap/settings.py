@@ -176,6 +176,12 @@ class VerdictSettings:
     """The same where a leading hypothesis has an effect with the cell's site and driver (tuned)."""
     footnote: float = 0.05
     """Share of the named variance below which an effect is a footnote (assumed)."""
+    structure: float = 5.0
+    """Nats of a cell at the site of a named effect, beyond what is forgiven, from which on the name is not
+    all (tuned: right names have 3.4 at most)."""
+    beside_unmodelled: float = 0.9
+    """Largest probability of a name in a verdict `named+unexplained` (assumed: with an effect outside the
+    vocabulary, 0 of 14 names stated above 0.98 were true)."""
     kept: float = 5.0
     """Nats that a named effect must gain over an unmodelled effect to remain named (assumed)."""
     far: float = 4.0
@@ -196,16 +202,19 @@ class VerdictSettings:
 
 @dataclass(frozen=True)
 class GateSettings:
-    """The test by validation data: a named effect must not increase validation errors."""
+    """The test by validation data: a named effect must not make them less probable."""
 
     loss: float = 3.0
-    """Decrease of the log predictive density of validation rows, nats (assumed)."""
-    errors: float = 2.0
-    """The same in standard errors of the difference (convention)."""
-    worse: float = 1.1
-    """Factor of increase of the RMS error of validation rows (assumed)."""
-    grown: float = 1.5
-    """Factor of increase of the RMS error of distances, also relative to the expected one (assumed)."""
+    """Decrease of the log density of validation contacts and distances from which on an effect is withheld,
+    nats (convention: 20 to 1)."""
+    form: float = 0.2
+    """Standard uncertainty of a change that a refit predicts, as a share: its form is not known better
+    (assumed: forms differ by 10 to 20 %)."""
+    contradicted: float = 1e-6
+    """Probability of the validation errors by the refit's own prediction, below which a name is not all
+    (tuned: right names reach 5e-3 except drift after a pause, a wrong one 1e-108)."""
+    rounding: float = 1e-9
+    """Smallest standard deviation of a distance in any direction, m (rounding)."""
 
 
 @dataclass(frozen=True)

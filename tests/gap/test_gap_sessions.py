@@ -321,6 +321,36 @@ def test_refusals_are_one_line_and_leave_nothing(change, arguments, words, few, 
     assert sorted(tmp_path.rglob("*")) == before
 
 
+def test_validation_that_contradicts_a_refit_leaves_no_plain_name(loud):
+    """Certified distances that are 0.15 mm off, ten times what the refit expects: play is not all."""
+    off = [
+        replace(c, distance=c.distance + 1.5e-4 * (-1) ** k) if c.kind == "distance" else c
+        for k, c in enumerate(loud.certificates)
+    ]
+    gap = diagnose(replace(loud, certificates=tuple(off)))
+    record = sane(gap)
+    assert gap.verdict.kind == "named+unexplained"
+    assert [n.effect for n in gap.verdict.named] == ["backlash"]
+    assert any("contradict the refit" in note for note in gap.verdict.footnotes)
+    assert record["probability"]["backlash"] == record["named"][0]["probability"] == 0.9
+
+
+def test_a_certain_name_that_validation_does_not_confirm_claims_nothing(loud, monkeypatch):
+    """Play at P > 0.99 whose refit is worth less than the baseline by the validation data."""
+    from bayescal.gap.search import gate
+
+    monkeypatch.setattr(gate, "gain", lambda before, less, more: -12.0)
+    gap = diagnose(loud)
+    record = sane(gap)
+    assert [(n["effect"], n["confirmed"]) for n in record["named"]] == [("backlash", False)]
+    assert record["shrinkage"]["planes"]["after_rms_um"] < record["shrinkage"]["planes"]["before_rms_um"]
+    assert not any(s.claimed for s in gap.shrinkage)
+    assert "backlash explains the calibration rows but makes the validation data less probable" in str(
+        record["footnotes"]
+    )
+    assert "do not confirm backlash" in printed(gap)
+
+
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_handful_of_contacts_claims_nothing(loud, count):
     m = loud.measurements

@@ -1,61 +1,117 @@
-"""The gate of the validation data: which refits it withholds."""
+"""The gate of the validation data: what a refit gains, and whether they contradict it."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from made_up_errors import NOISE, held
+from scipy.stats import chi2, multivariate_normal
 
-from bayescal.gap.search.gate import worse
+from bayescal.gap.search.gate import contradiction, gain
+from bayescal.gap.settings import GATE
 from bayescal.predict.crossvalidation import LEFT_OUT
 
-COUNT = 400
-RESIDUAL = NOISE * np.random.default_rng(0).choice([-1.3, -1.0, -0.6, 0.6, 1.0, 1.3], COUNT)
+COUNT = 60
+RNG = np.random.default_rng(0)
+RESIDUAL = NOISE * RNG.choice([-1.3, -1.0, -0.6, 0.6, 1.0, 1.3], COUNT)
 DISTANCES = 2 * NOISE * np.array([1.0, -1.0, 0.9, -1.1, 1.1, -0.9])
 
 
-@pytest.mark.parametrize(("factor", "withheld"), [(1.05, False), (1.3, True)])
-def test_contacts_that_grow_are_not_excused_by_a_larger_uncertainty(factor, withheld):
-    """A refit that only expects more is more probable; it is withheld where contacts are 1.3 times as far."""
-    before, after = held(2 * RESIDUAL, sd=NOISE), held(2 * factor * RESIDUAL, sd=2.2 * NOISE)
-    assert ("validation RMS" in worse(before, after)) == withheld
+def correlated(residual, distances=None, seed=1):
+    """Errors whose parameters make them dependent."""
+    out = held(residual, distances=distances)
+    by = NOISE * np.random.default_rng(seed).standard_normal((COUNT, 3))
+    d = replace(out.distances, by_parameters=NOISE * np.ones((len(out.distances.error), 1)))
+    return replace(out, by_parameters=by, distances=d)
 
 
-@pytest.mark.parametrize(("factor", "withheld"), [(1.05, True), (0.95, False)])
-def test_contacts_that_become_improbable_count_where_they_grow(factor, withheld):
-    """A refit that is too sure of itself is withheld, but not where it leaves less of the contacts."""
-    before, after = held(2 * RESIDUAL, sd=2 * NOISE), held(2 * factor * RESIDUAL, sd=NOISE)
-    assert bool(worse(before, after)) == withheld
-    # of a single block no standard error is known: the loss then counts as it is
-    one = np.zeros(COUNT, int)
-    assert bool(worse(replace(before, block=one), replace(after, block=one))) == withheld
+def test_gain_is_that_of_the_full_normal_densities():
+    """Noise, parameters and a fifth of each change, which distances also share."""
+    before = correlated(2 * RESIDUAL, 3 * DISTANCES, seed=2)
+    less, more = correlated(1.5 * RESIDUAL, 2 * DISTANCES), correlated(RESIDUAL, DISTANCES, seed=3)
+
+    def density(*way):
+        h = way[-1]
+        contacts = np.diag(h.noise**2) + h.by_parameters @ h.by_parameters.T
+        shared = 2 * NOISE**2 + np.zeros((6, 6))  # parameters and noise
+        for a, b in pairwise(way):
+            contacts = contacts + np.diag((0.2 * (a.residual - b.residual)) ** 2)
+            off = 0.2 * (a.distances.error - b.distances.error)
+            shared = shared + np.diag(off**2) + np.outer(off, off)
+        shared = shared + GATE.rounding**2 * np.eye(6)
+        pairs = (contacts, h.residual), (shared, h.distances.error)
+        return sum(multivariate_normal(cov=c, allow_singular=True).logpdf(r) for c, r in pairs)
+
+    assert gain(before, less, more) == pytest.approx(density(before, less, more) - density(before, less))
+    assert gain(before, before, more) == pytest.approx(density(before, more) - density(before))
 
 
-@pytest.mark.parametrize(
-    ("contacts", "factor", "withheld"), [(1, 4.0, False), (COUNT, 1.006, False), (COUNT, 1.02, True)]
-)
-def test_a_loss_by_chance_withholds_nothing(contacts, factor, withheld):
-    """One contact four times as far off is no significant loss, 0.6 % of all contacts is a small one."""
+@pytest.mark.parametrize(("after", "expected"), [(1.0, 0.0), (0.5, 1.0), (1.3, -1.0)])
+def test_smaller_errors_are_gained_and_larger_ones_cost(after, expected):
     before = held(RESIDUAL)
-    after = replace(before, residual=RESIDUAL * np.where(np.arange(COUNT) < contacts, factor, 1.0))
-    assert bool(worse(before, after)) == withheld
+    assert np.sign(gain(before, before, held(after * RESIDUAL))) == expected
 
 
-@pytest.mark.parametrize(
-    ("factor", "expected", "withheld"),
-    [(1.3, 2.0, False), (2.0, 2.0, True), (2.0, 5.0, False), (2.0, 0.5, True)],
-)
-@pytest.mark.parametrize("how", [LEFT_OUT, ""])
-def test_distances_that_double_withhold_a_refit(factor, expected, withheld, how):
-    """Twice as large as they were and as was expected; however the contacts were judged."""
-    before = held(RESIDUAL, distances=DISTANCES, distance_sd=expected * NOISE)
-    after = held(RESIDUAL, distances=factor * DISTANCES, distance_sd=expected * NOISE)
-    before, after = (replace(h, how=how or h.how) for h in (before, after))
-    assert ("distance RMS" in worse(before, after)) == withheld
+def test_a_refit_that_is_too_sure_of_itself_loses():
+    """Errors equal, but the refit states a fifth of their size."""
+    sure = held(5 * RESIDUAL)
+    before = replace(sure, noise=5 * sure.noise)
+    assert gain(before, before, sure) < -100
+    assert gain(before, before, replace(before, residual=0.9 * before.residual)) > 0
+
+
+def test_a_change_that_is_large_is_no_excuse():
+    """Two effects that spoil: without one of them errors are smaller, and so is the form error they claim."""
+    sign = np.where(np.arange(COUNT) % 2, 1.0, -1.0)
+    before, less, more = (held(RESIDUAL + k * NOISE * sign) for k in (4, 14, 26))
+    assert gain(before, less, more) < -3
+    assert gain(before, before, less) < -3
+
+
+def test_the_form_of_a_change_is_not_known_better_than_a_fifth():
+    """An effect that takes 60 noise away and leaves 10 is a right name; without the tolerance it loses."""
+    sign = np.where(np.arange(COUNT) % 2, 1.0, -1.0)
+    before, after = held(60 * NOISE * sign), held(10 * NOISE * sign)
+    assert contradiction(before, after) > 0.1
+    assert contradiction(after, after) < 1e-100  # the same errors, not of a change
+
+
+def test_one_slip_neither_condemns_nor_saves():
+    """A contact that is gross counts by itself, in a mixture: a metre off costs no more than a millimetre."""
+    before = held(RESIDUAL)
+    slipped = [RESIDUAL + np.where(np.arange(COUNT) == 3, off, 0.0) for off in (1e-3, 1.0)]
+    costs = [-gain(before, before, held(r)) for r in slipped]
+    assert costs[0] == pytest.approx(costs[1], abs=1e-6)
+    assert 3 < costs[0] < 15
+    both = [held(r) for r in slipped]
+    assert gain(both[0], both[0], both[1]) == pytest.approx(0.0, abs=1e-6)
+    assert contradiction(before, both[0]) == pytest.approx(contradiction(before, before), rel=0.2)
 
 
 def test_fitted_contacts_do_not_judge_a_refit():
-    """Left out one by one they are calibration rows, which the search has judged."""
-    before, after = held(RESIDUAL), held(3 * RESIDUAL)
-    assert worse(before, after)
-    assert not worse(replace(before, how=LEFT_OUT), replace(after, how=LEFT_OUT))
+    """Left out one by one they are calibration rows, which the search has judged; distances still judge."""
+    before, after = (replace(held(k * RESIDUAL), how=LEFT_OUT) for k in (1, 3))
+    assert gain(before, before, after) == 0.0
+    assert contradiction(before, after) == 1.0
+    before = replace(held(RESIDUAL, distances=DISTANCES), how=LEFT_OUT)
+    before = replace(before, distances=replace(before.distances, by_noise=2 * NOISE * np.eye(6)))
+    spoilt = replace(before, distances=replace(before.distances, error=8 * DISTANCES))
+    assert gain(before, before, spoilt) < -3
+
+
+def test_distances_contradict_as_their_chi_square_says():
+    """With independent errors, no change and no contacts that judge."""
+    before = replace(held(RESIDUAL, distances=DISTANCES), how=LEFT_OUT)
+    d = replace(before.distances, by_noise=NOISE * np.eye(6))
+    before = replace(before, distances=d)
+    assert contradiction(before, before) == pytest.approx(
+        chi2.sf(np.sum(DISTANCES**2) / NOISE**2, 6), rel=1e-6
+    )
+
+
+def test_few_degrees_of_freedom_of_the_noise_contradict_less():
+    """Errors twice as large as predicted: nothing if the noise is known from five residuals."""
+    known = held(2.2 * RESIDUAL)
+    few = replace(known, dof={"contact": 5.0})
+    assert contradiction(known, known) < GATE.contradicted < contradiction(few, few)

@@ -1,5 +1,7 @@
 """The verdict: from weighed hypotheses to what is named, and what stays credible."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,14 @@ from bayescal.effects import confusable
 from bayescal.gap.search.beam import Hypothesis, Member
 from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.unknown import CellFit
-from bayescal.gap.search.verdict import Weighed, credible_set, probabilities, softened, verdict_of
+from bayescal.gap.search.verdict import (
+    Weighed,
+    contradicted,
+    credible_set,
+    probabilities,
+    softened,
+    verdict_of,
+)
 
 ALIKE = ("hardening", "hysteresis")
 
@@ -70,6 +79,13 @@ def test_a_best_set_without_any_effect_is_null():
     found = [weighed(probability=0.08), *rest]
     names = [w.effects[0] for w in rest]
     assert verdict_of(found, probabilities(found, names)) == ("null", ())
+
+
+def test_structure_at_the_site_of_a_name_contradicts_it():
+    """Of the best set alone, and from the nats on that right names never leave."""
+    best, other = weighed("lobing", probability=0.9), weighed("step", probability=0.1)
+    for sets, nats, found in ((best, 6.0, True), (best, 4.0, False), (other, 6.0, False)):
+        assert contradicted([best, other, replace(sets, at_names=nats)]) == found
 
 
 def test_only_confusable_effects_come_closer():

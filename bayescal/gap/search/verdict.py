@@ -25,6 +25,7 @@ class Weighed:
     log_evidence: float  # relative to noise only
     score: float
     probability: float = 0.0
+    at_names: float = -np.inf  # nats of the best cell at a site of a named effect, beyond what is forgiven
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -43,6 +44,7 @@ class Decision:
     credible: tuple[str, ...]
     alone: tuple[CellFit, ...]  # every cell over noise only
     footnotes: tuple[str, ...]
+    unclaimed: frozenset[str] = frozenset()  # named effects that validation data do not confirm
 
     @property
     def members(self) -> tuple[Member, ...]:
@@ -64,6 +66,8 @@ def decide(search: Search, pool: Pool) -> Decision:
     if best.cell is not None and names:
         names = tuple(n for n in names if _survives(search, best, pool, n))
         kind = "named+unexplained" if names else "unknown"
+    if kind == "named" and contradicted(weighed):
+        kind = "named+unexplained"
     members = tuple(m for m in best.hypothesis.members if m.effect in names)
     members, footnotes = _without_footnotes(search, members, probability)
     chosen = search.hypothesis(members, (None, best.hypothesis.state.weight))
@@ -86,11 +90,18 @@ def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[CellFit
         beside = bool(h.members) or search.further
         prior = h.log_prior + float(np.log(VERDICT.beside)) if beside else float(np.log(SEARCH.unknown))
         evidence = h.log_evidence + gain - given_away(pool.cells[best.cell], ranked) * max(gain, 0.0)
-        out.append(Weighed(h, best, evidence - null.log_evidence, evidence + prior))
+        at_names = _at_names(h, pool, cells)
+        out.append(Weighed(h, best, evidence - null.log_evidence, evidence + prior, at_names=at_names))
     out = softened(out)
     total = log_sum(np.array([w.score for w in out]))
     out = [replace(w, probability=float(np.exp(w.score - total))) for w in out]
     return tuple(sorted(out, key=lambda w: -w.score)), alone
+
+
+def _at_names(h: Hypothesis, pool: Pool, cells: Sequence[CellFit]) -> float:
+    """Largest gain of a cell at a site of a named effect."""
+    sites = {site for m in h.members for site, _ in m.variant.places}
+    return max((f.gain for f in cells if f.rival and pool.cells[f.cell].site in sites), default=-np.inf)
 
 
 def given_away(cell: Cell, ranked: Sequence[Hypothesis]) -> float:
@@ -162,6 +173,11 @@ def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> 
     if len(sure) == len(best.hypothesis.names):
         return ("named+unexplained" if probability["unknown"] >= VERDICT.unexplained else "named"), sure
     return "ambiguous", tuple(n for n in sure if probability[n] >= VERDICT.credible)
+
+
+def contradicted(weighed: Sequence[Weighed]) -> bool:
+    """Whether residual structure at the site of a named effect of the best set contradicts its form."""
+    return any(w.at_names > VERDICT.structure for w in weighed if w.hypothesis is weighed[0].hypothesis)
 
 
 def _survives(search: Search, best: Weighed, pool: Pool, effect: str) -> bool:

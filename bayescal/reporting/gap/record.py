@@ -42,6 +42,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
                 "setting": n.setting,
                 "probability": n.probability,
                 "log_evidence": n.log_evidence,
+                "confirmed": n.confirmed,
             }
             for n in verdict.named
         ],

@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin, Shrinkage
+from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting.gap.phrases import headline, listed, p_value, place, probability, rival, warnings
 from bayescal.reporting.shared.text import facts, model_label, plain_table, size, um
 
@@ -50,7 +50,7 @@ def gap_summary(gap: Gap) -> RenderableType:
         parts += [_where(gap), facts(_margins(gap))]
     parts += [facts(_which(gap)), ""]
     if gap.shrinkage and not nothing:
-        parts += [_shrinkage(gap), facts(_not_claimed(gap.shrinkage))]
+        parts += [_shrinkage(gap), facts(_not_claimed(gap))]
     if gap.levels:
         parts += [_levels(gap), ""]
     parts.append(facts(_next(gap)))
@@ -166,9 +166,12 @@ def _shrinkage(gap: Gap) -> Table:
     return table
 
 
-def _not_claimed(shrinkage: tuple[Shrinkage, ...]) -> Facts:
-    for s in shrinkage:
-        if not s.claimed:
+def _not_claimed(gap: Gap) -> Facts:
+    doubted = [n.effect for n in gap.verdict.named if not n.confirmed]
+    if doubted:
+        yield "", f"the validation data do not confirm {listed(doubted)}: no improvement is claimed", "yellow"
+    for s in gap.shrinkage:
+        if not s.claimed and not doubted:
             why = (
                 f"the refitted model expects {um(s.predicted)} µm, not less than before"
                 if s.predicted >= s.before
