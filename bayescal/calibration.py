@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.joint import JOINT
 from bayescal.estimate import Estimate, calibrated, check_enough, estimate
+from bayescal.estimate.discrepancy import Stated, stated
 from bayescal.estimate.flatness import FORM, FaceCheck, check_faces, with_form
 from bayescal.estimate.latent import with_latent_readings
 from bayescal.estimate.unexplained import Unexplained, unexplained
@@ -48,7 +49,9 @@ class Fit:
     seed: int
     prior_width: float
     levels: tuple[ModelLevel, ...]  # nominal first, the fitted model last
-    draws: Draws
+    stated: Stated  # the last level with its stated uncertainty
+    sampled: Draws  # the posterior of the model
+    draws: Draws  # the same with the stated uncertainty
     identifiability: Identifiability
     faces: tuple[FaceCheck, ...]
     forecast: Forecast
@@ -111,7 +114,7 @@ def fit(
         check_tolerance(tolerance)
     scene = Scene(dataset, oriented=True)
     check_enough(scene)
-    of_draws, of_sampler, of_causes, of_noise, of_forecast = spawned(seed, 5)
+    of_draws, of_sampler, of_causes, of_noise, of_forecast, of_discrepancy = spawned(seed, 6)
     steps = _steps(effects)
     levels: list[ModelLevel] = []
     faces: tuple[FaceCheck, ...] = ()
@@ -145,18 +148,44 @@ def fit(
         checked = validate(found, z, kappa, left.excess, of_noise)
         if last:
             tests = acceptance(left, checked, causes, rejected_share(found))
-            wider = widened(left, checked, tests)
-            if wider.excess > left.excess:
-                left, checked = wider, validate(found, z, kappa, wider.excess, of_noise)
+            wide = stated(found)
+            z = wide.draws(z, np.random.default_rng(of_discrepancy))
+            left, checked, rest = _restated(wide, left, z, kappa, tests, of_noise)
         levels.append(ModelLevel(found.model.effects or NOMINAL, found, left, checked))
     progress("done", 1.0)
     known, seen = identifiability(found), directions(found.model)
-    expected = forecast(found, z, checked, left.excess, of_forecast)
+    expected = forecast(found, z, checked, rest.excess, of_forecast, wide.wide)
     told = findings(Assessed(found, left, checked, expected, known, seen, faces, tests, prior_width))
     decided = None if tolerance is None else conformance(tolerance, expected, checked, tests)
     return Fit(
-        dataset, seed, prior_width, tuple(levels), draws, known, faces, expected, seen, tests, told, decided
+        dataset, seed, prior_width, tuple(levels), wide, draws, _stated(draws, wide, of_discrepancy), known,
+        faces, expected, seen, tests, told, decided,
     )  # fmt: skip
+
+
+def _restated(
+    wide: Stated, left: Unexplained, z: np.ndarray, kappa: np.ndarray, tests: Acceptance, seed: int
+) -> tuple[Unexplained, Validation, Unexplained]:
+    """What is unexplained in total, the validation with the stated uncertainty, and what it adds to points.
+
+    A part of the residuals is explained by the discrepancy; errors that validation rows show beyond all of
+    it are added.
+    """
+    kappa = kappa * np.sqrt(wide.white)
+    rest = wide.remaining(left)
+    checked = validate(wide.wide, z, kappa, rest.excess, seed)
+    wider = widened(rest, checked, tests)
+    if wider.excess > rest.excess:
+        checked = validate(wide.wide, z, kappa, wider.excess, seed)
+        total = np.sqrt(left.excess**2 + wider.excess**2 - rest.excess**2)
+        left = replace(left, excess=float(total))
+    return left, checked, wider
+
+
+def _stated(draws: Draws, wide: Stated, seed: int) -> Draws:
+    """Draws of the posterior with the stated uncertainty; their convergence is that of the sampled ones."""
+    every = wide.reported(wide.draws(draws.flat, np.random.default_rng(seed)))
+    return replace(draws, z=every.reshape(draws.z.shape))
 
 
 def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:

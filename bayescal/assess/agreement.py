@@ -4,6 +4,7 @@ Two estimates of the same arm under the same prior are not independent: both are
 mean. Normalised by the prior standard deviations, with covariances C_A and C_B, and A = 1 - C_A, B = 1 - C_B,
 the difference of the estimates has the covariance A + B - AB - BA over data and true values (Gaussian,
 linear). This is C_A + C_B for identifiable directions, and zero for directions that are not identifiable.
+What stated covariances have more than C_A and C_B (`estimate.discrepancy`) is added.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from bayescal.distributions import chi2_sf
 from bayescal.effects import MODELS
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, calibrated
+from bayescal.estimate.discrepancy import Stated, stated
 from bayescal.model.scene import Scene
 
 KNOWN = 1.0
@@ -74,32 +76,34 @@ def agreement(
     prior_width, robust
         As of the joint estimate.
     """
-    fits: dict[str, Estimate] = {}
+    fits: dict[str, Stated] = {}
     refused: dict[str, str] = {}
     for session in together.model.scene.dataset.sessions:
         try:
-            fits[session.name] = calibrated(Scene(session), _possible(session, effects), prior_width, robust)
+            found = calibrated(Scene(session), _possible(session, effects), prior_width, robust)
+            fits[session.name] = stated(found)
         except BayescalError as error:
             refused[session.name] = error.what
-    every = [together, *fits.values()]
-    shared = [p for p in together.model.parameters if all(p.name in _arm(found) for found in every)]
+    plain = [together, *(found.plain for found in fits.values())]
+    shared = [p for p in together.model.parameters if all(p.name in _arm(found) for found in plain)]
     names = tuple(p.name for p in shared)
     return Agreement(
         names,
         tuple(p.unit for p in shared),
-        _said(together, names),
+        _said(stated(together), names),
         {name: _said(found, names) for name, found in fits.items()},
         tuple(pair(pick, (fits[pick[0]], fits[pick[1]]), names) for pick in combinations(fits, 2)),
         refused,
     )
 
 
-def pair(sessions: tuple[str, str], fits: tuple[Estimate, Estimate], names: tuple[str, ...]) -> Pair:
+def pair(sessions: tuple[str, str], fits: tuple[Stated, Stated], names: tuple[str, ...]) -> Pair:
     """Compare two estimates of the same parameters."""
-    picks = [_index(found, names) for found in fits]
-    z = [found.z[k] for found, k in zip(fits, picks, strict=True)]
-    c = [found.covariance[np.ix_(k, k)] for found, k in zip(fits, picks, strict=True)]
-    difference, spread = z[1] - z[0], difference_covariance(*c)
+    picks = [_index(found.plain, names) for found in fits]
+    z = [found.plain.z[k] for found, k in zip(fits, picks, strict=True)]
+    c = [found.plain.covariance[np.ix_(k, k)] for found, k in zip(fits, picks, strict=True)]
+    wider = [found.covariance[np.ix_(k, k)] - own for found, k, own in zip(fits, picks, c, strict=True)]
+    difference, spread = z[1] - z[0], difference_covariance(*c) + wider[0] + wider[1]
     # where a session says next to nothing, a difference is one of rounding
     directions = known_directions(*c)
     along = directions.T @ difference
@@ -142,7 +146,7 @@ def _index(found: Estimate, names: tuple[str, ...]) -> np.ndarray:
     return np.array([at[name] for name in names], int)
 
 
-def _said(found: Estimate, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _said(found: Stated, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Values and standard deviations (P,) of parameters, SI."""
-    index = _index(found, names)
-    return found.model.physical(found.z)[index], found.sd[index] * found.model.sd[index]
+    index, model = _index(found.plain, names), found.plain.model
+    return model.physical(found.plain.z)[index], found.sd[index] * model.sd[index]

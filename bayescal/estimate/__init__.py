@@ -5,7 +5,7 @@ from __future__ import annotations
 from bayescal.estimate.checks import check_converged, check_length, check_within_reach
 from bayescal.estimate.enough import check_enough
 from bayescal.estimate.estimate import Estimate, calibrated, estimate, settled, standing
-from bayescal.estimate.linear import Linear, leverages, linearise
+from bayescal.estimate.linear import Linear, leverages, linearise, root
 from bayescal.estimate.noise import STATED_WORTH
 from bayescal.estimate.solver import add_block, add_constraints, solve
 from bayescal.estimate.weights import Weights, unit_weights
@@ -25,6 +25,7 @@ __all__ = [
     "estimate",
     "leverages",
     "linearise",
+    "root",
     "settled",
     "solve",
     "standing",

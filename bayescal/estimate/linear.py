@@ -50,3 +50,9 @@ def linearise(model: Model, z: np.ndarray, weights: Weights) -> Linear:
 def leverages(linear: Linear, covariance: np.ndarray) -> np.ndarray:
     """Leverage of each residual, (R,)."""
     return np.einsum("ij,jk,ik->i", linear.jacobian, covariance, linear.jacobian, optimize=True)
+
+
+def root(covariance: np.ndarray) -> np.ndarray:
+    """Factor L (D, D) with L L' = covariance, also of a nearly singular covariance."""
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.estimate import Estimate, linearise
+from bayescal.estimate import Estimate, linearise, root
 from bayescal.model import ARM, Block
 from bayescal.model.length_blocks import length_blocks
 from bayescal.predict.bootstrap import blocks
@@ -81,12 +81,6 @@ def validation_errors(estimate: Estimate) -> ValidationErrors:
         padded([p.own for p in parts]),
         estimate.dof,
     )
-
-
-def root(covariance: np.ndarray) -> np.ndarray:
-    """Factor L (D, D) with L L' = covariance, also of a nearly singular covariance."""
-    values, vectors = np.linalg.eigh(covariance)
-    return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 def _predicted(r: RowPrediction, factor: np.ndarray) -> _Part:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.estimate import Estimate
+from bayescal.estimate.discrepancy import EFFECT
 from bayescal.estimate.flatness import FORM
 from bayescal.model.block import ARM
 from bayescal.predict.intervals import interval95
@@ -63,8 +64,9 @@ class Forecast:
     """Predicted distance errors, and the shares of their variance.
 
     Of the variance predicted over the workspace, `prior_share` is from the prior (manufacturing tolerances
-    that the data did not reduce), `unexplained_share` from errors that neither noise nor parameters explain.
-    The rest is from measurement noise. `prior_rms` (m) is the square root of the first part.
+    that the data did not reduce), `discrepancy_share` from the model discrepancy, `unexplained_share` from
+    errors of single points that neither noise nor parameters explain. The rest is from measurement noise.
+    `prior_rms` (m) is the square root of the first part.
     """
 
     checked: tuple[DistanceErrors, ...]  # also measured, by validation rows: certified centres, instrument
@@ -72,6 +74,7 @@ class Forecast:
     prior_rms: float
     prior_share: float
     unexplained_share: float
+    discrepancy_share: float = 0.0
 
     @property
     def lead(self) -> DistanceErrors:
@@ -79,7 +82,10 @@ class Forecast:
         return (*self.checked, self.workspace)[0]
 
 
-def forecast(fitted: Estimate, z: np.ndarray, checked: Validation, excess: float, seed: int = 0) -> Forecast:
+def forecast(
+    fitted: Estimate, z: np.ndarray, checked: Validation, excess: float, seed: int = 0,
+    wide: Estimate | None = None,
+) -> Forecast:  # fmt: skip
     """Predict errors of distances.
 
     Parameters
@@ -93,13 +99,28 @@ def forecast(fitted: Estimate, z: np.ndarray, checked: Validation, excess: float
         Standard deviation of the unexplained error, m per coordinate.
     seed : int
         Seed of the draws of the unexplained error.
+    wide : Estimate, optional
+        The estimate with the functions of a discrepancy as parameters, if the draws have them
+        (`estimate.discrepancy.Stated.wide`).
     """
-    held = (_certified(checked), _read(fitted, checked))
-    workspace, prior, posterior = _workspace(fitted, z, excess, np.random.default_rng(seed))
-    total = max(posterior + 2.0 * excess**2, 1e-30)
+    drawn = fitted if wide is None else wide
+    held = (_certified(checked), _read(drawn, checked))
+    workspace, by = _workspace(drawn, z, excess, np.random.default_rng(seed))
+    if not by.size:
+        return Forecast(tuple(d for d in held if d is not None), workspace, 0.0, 0.0, float(excess > 0))
+    arm = drawn.model.slices[ARM]
+    total = float(np.mean(np.sum(by @ drawn.covariance[arm, arm] * by, axis=1))) + 2.0 * excess**2
+    functions = [k for k, p in enumerate(drawn.model.parameters) if p.effect == EFFECT]
+    of_discrepancy = float(np.mean(np.sum((by @ drawn.covariance[arm, functions]) ** 2, axis=1)))
+    # C = C J'J C + C C because the prior of z is standard normal: part of the noise, part of the priors
+    known = np.setdiff1d(np.arange(arm.stop), functions)
+    spread = by[:, known] @ fitted.covariance[fitted.model.slices[ARM]]
+    own = [k for k, p in enumerate(fitted.model.parameters) if p.effect != FORM]
+    prior = float(np.mean(np.sum(spread[:, own] ** 2, axis=1)))
+    total = max(total, 1e-30)
     return Forecast(
         tuple(d for d in held if d is not None), workspace, float(np.sqrt(prior)), prior / total,
-        2.0 * excess**2 / total,
+        2.0 * excess**2 / total, of_discrepancy / total,
     )  # fmt: skip
 
 
@@ -141,8 +162,8 @@ def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
 
 def _workspace(
     fitted: Estimate, z: np.ndarray, excess: float, rng: np.random.Generator
-) -> tuple[DistanceErrors, float, float]:
-    """Distances between positions of the same tool; mean variance from the priors, and in total, m^2."""
+) -> tuple[DistanceErrors, np.ndarray]:
+    """Distances between positions of the same tool, and their slopes (K, P) by z of the arm, m."""
     model, scene = fitted.model, fitted.model.scene
     tool = scene.dataset.measurements.tool
     rows = scene.rows("calibrate", "validate")
@@ -162,16 +183,12 @@ def _workspace(
         float(np.max(true, initial=0.0)), _lengths(drawn, pairs) - true, None,
     )  # fmt: skip
     if not model.parameters or not len(pairs):
-        return found, 0.0, 0.0
+        return found, np.zeros((0, 0))
     first, second = pairs.T
     along = (at[:, first] - at[:, second]) / true
     by_point = np.stack([motion.columns(values, at, axis) for axis in _axes(len(rows))])  # (3, P, N)
     by = np.einsum("ak,apk->kp", along, by_point[..., first] - by_point[..., second]) * model.sd
-    # C = C J'J C + C C because the prior of z is standard normal: part of the noise, part of the priors
-    spread = by @ fitted.covariance[arm]
-    own = [k for k, p in enumerate(model.parameters) if p.effect != FORM]
-    prior = np.mean(np.sum(spread[:, own] ** 2, axis=1))
-    return found, float(prior), float(np.mean(np.sum(spread[:, arm] * by, axis=1)))
+    return found, by
 
 
 def _axes(count: int) -> Sequence[np.ndarray]:

@@ -13,6 +13,7 @@ from bayescal.effects import EFFECTS, parameters_of
 from bayescal.effects.location import BASE
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate, unit_weights
+from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import unexplained
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
@@ -130,7 +131,9 @@ def test_sessions_of_one_arm_agree_and_of_two_do_not():
     assert not any(p.disagree for p in same.pairs)
     assert same.pairs[0].directions > 20
     assert same.furthest.max() < 5
-    assert np.all(same.together[1] < 1.1 * np.min([sd for _, sd in same.alone.values()], axis=0))
+    # stated uncertainties: with the scatter of the poses, which is itself uncertain
+    gained = same.together[1] / np.min([sd for _, sd in same.alone.values()], axis=0)
+    assert np.median(gained) < 0.95
     three = agreement(estimate(build(Scene(joined((a, b, other))), BOTH)), BOTH)
     assert {p.sessions: p.disagree for p in three.pairs} == {
         ("A", "B"): False,
@@ -276,7 +279,7 @@ def test_noise_of_several_sessions_is_told_in_one_figure():
 
 
 def test_estimates_of_the_same_session_are_not_apart():
-    found = estimate(build(Scene(session("A").dataset), BOTH))
+    found = stated(estimate(build(Scene(session("A").dataset), BOTH)))
     same = pair(("A", "A"), (found, found), ("theta4", "a2"))
     assert np.all(same.apart == 0)
     assert same.p_value == 1.0

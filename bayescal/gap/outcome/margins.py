@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.distributions import f_sf, t_sf
-from bayescal.estimate import Estimate, linearise
+from bayescal.estimate import Estimate, linearise, root
 from bayescal.gap.result import Margin
 from bayescal.gap.settings import OUTCOME
 from bayescal.model.length_blocks import length_blocks
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import VALIDATED, root
+from bayescal.predict.crossvalidation import VALIDATED
 from bayescal.predict.errors import ValidationErrors
 
 AXES = "xyz"

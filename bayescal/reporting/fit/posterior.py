@@ -98,7 +98,7 @@ def _labels(model: Model) -> dict[str, tuple[str, list[str]]]:
 
 def _pointwise(fit: Fit) -> Pointwise:
     """What the draws say of each fitted row; of a large session, some draws evenly out of each chain."""
-    estimate, draws = fit.final.estimate, fit.draws
+    estimate, draws = fit.final.estimate, fit.sampled
     chains, count, size = draws.z.shape
     rows = sum(len(b.rows) for b in estimate.model.states)
     most = max(MOST_VALUES // max(rows * chains, 1), FEWEST_DRAWS)

@@ -30,6 +30,7 @@ def fit_record(fit: Fit) -> dict[str, Any]:
         "prior_width": fit.prior_width,
         "parameters": _parameters(fit),
         "noise": _noise(level),
+        "discrepancy": _discrepancy(fit),
         "residuals": _residuals(level),
         "rejected": [fit.dataset.measurements.ids[row] for row in level.estimate.rejected],
         "identifiability": {
@@ -72,6 +73,7 @@ def _parameters(fit: Fit) -> list[dict[str, Any]]:
     at = model.physical(found.z) * factor
     low, high = np.quantile(draws, [0.025, 0.975], axis=0)
     variance = np.var(fit.draws.flat, axis=0)
+    plain = np.std(model.physical(fit.sampled.flat), axis=0) * factor
     out = []
     for k, name in enumerate(model.names):
         arm = model.parameters[k] if k < len(model.parameters) else None
@@ -83,6 +85,7 @@ def _parameters(fit: Fit) -> list[dict[str, Any]]:
                 "nominal": float(arm.nominal * factor[k]) if arm else 0.0,
                 "estimate": float(at[k]),
                 "sd": float(np.std(draws[:, k])),
+                "sd_without_discrepancy": float(plain[k]),
                 "prior_sd": float(prior[k]),
                 "contraction": float(1.0 - variance[k]),
                 "interval95": [float(low[k]), float(high[k])],
@@ -110,6 +113,16 @@ def _noise(level: ModelLevel) -> dict[str, Any]:
         "unexplained_um": UM * left.excess,
         "unexplained_p_value": left.p_value,
         "scale": {group: float(scale) for group, scale in found.weights.scale.items()},
+    }
+
+
+def _discrepancy(fit: Fit) -> dict[str, Any]:
+    """Shares of the variance of residuals, and of the stated variances of the arm's parameters by family."""
+    return {
+        "residual_share": 1.0 - fit.stated.white,
+        "families": [
+            {"family": name, "parameter_share": share} for name, share in fit.stated.parameter_shares.items()
+        ],
     }
 
 
@@ -159,6 +172,7 @@ def _forecast(forecast: Forecast) -> dict[str, Any]:
         "prior_share": forecast.prior_share,
         "prior_rms_um": UM * forecast.prior_rms,
         "unexplained_share": forecast.unexplained_share,
+        "discrepancy_share": forecast.discrepancy_share,
         "all": every,
     }
 

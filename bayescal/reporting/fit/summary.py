@@ -22,6 +22,8 @@ SAME_ROWS = 0.5
 """Share of a cause's rows from which on another cause has told of them."""
 MOST_ROWS = 6
 """Rejected rows named without --verbose."""
+MOST_FAMILIES = 3
+"""Families of the discrepancy that are named."""
 STYLES = {PASS: "bold green", FAIL: "bold red"}
 
 Facts = Iterable[tuple[str, str, str]]
@@ -151,6 +153,7 @@ def _details(fit: Fit, verbose: bool) -> Facts:
         repeats = f", repeated {left.group}s {UM * left.repeats:.1f} µm ({left.repeats_dof} d.o.f.)"
     what = "residual s.d." if left.group == "contact" else "single-point residual s.d."
     yield "noise", f"{what} {UM * left.fitted:.1f} µm, stated {UM * left.stated:.1f} µm{repeats}", ""
+    yield from _discrepancy(fit)
     if len(found.rejected):
         ids = [fit.dataset.measurements.ids[row] for row in found.rejected]
         shown = ids if verbose else ids[:MOST_ROWS]
@@ -163,6 +166,16 @@ def _details(fit: Fit, verbose: bool) -> Facts:
     if verbose:
         yield from _identifiable(fit)
     yield "posterior", _sampler(fit), ""
+
+
+def _discrepancy(fit: Fit) -> Facts:
+    """How much of the stated uncertainty is model discrepancy, by family."""
+    shares = fit.stated.parameter_shares
+    if shares:
+        named = ", ".join(f"{name} {percent(share)}" for name, share in [*shares.items()][:MOST_FAMILIES])
+        words = f"{percent(fit.forecast.discrepancy_share)} of the variance of a predicted distance"
+        yield "discrepancy", words, ""
+        yield "", f"of the variance of a parameter: {percent(sum(shares.values()))} ({named})", ""
 
 
 def _identifiable(fit: Fit) -> Facts:

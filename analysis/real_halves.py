@@ -1,0 +1,181 @@
+"""Halves of one session: do they agree within their stated uncertainty, and does one predict the other.
+
+Each session of a real arm is split by pose: at random, in time, and in the workspace. Of each split: the
+chi-square per degree of freedom of the difference of the arm's parameters, and the share of the other half's
+residuals that the 95 % intervals hold; both by the plain covariance and by the stated one
+(`bayescal.estimate.discrepancy`). Random halves share the discrepancy: its shared part is left out.
+
+``python -m analysis.real_halves --real ../shared/data/real --out docs/real_halves.md``
+"""
+
+from __future__ import annotations
+
+import os
+
+for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from analysis.knock_out_page import update
+from bayescal.arm import chain as reference
+from bayescal.assess.agreement import difference_covariance, known_directions
+from bayescal.dataset import Dataset, read_dataset
+from bayescal.effects import MODELS
+from bayescal.estimate import Estimate, calibrated, root
+from bayescal.estimate.clusters import poses
+from bayescal.estimate.discrepancy import Family, Stated, families, stated
+from bayescal.estimate.unexplained import unexplained
+from bayescal.model.scene import Scene
+from bayescal.predict.intervals import inside95
+from bayescal.predict.validation import validate
+
+MARKS = ("<!-- halves: begin -->", "<!-- halves: end -->")
+RANDOM, DRAWS = 4, 800
+KINDS = ("random", "time", "workspace")
+
+
+@dataclass(frozen=True)
+class Split:
+    """Two halves of the fitted rows."""
+
+    kind: str  # of KINDS
+    halves: tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Half:
+    """A fitted half, and the share of the other half within 95 %, by the plain and the stated covariance."""
+
+    plain: Estimate
+    stated: Stated
+    inside: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Of one split: by the plain and by the stated covariance."""
+
+    kind: str
+    chi2: tuple[float, float]  # per degree of freedom
+    inside: tuple[float, float]
+
+
+def splits(dataset: Dataset) -> Iterator[Split]:
+    """Splits of the calibrate rows; rows of one pose stay together."""
+    scene = Scene(dataset)
+    rows = scene.rows("calibrate")
+    pose = poses(dataset.measurements, rows)
+    count = int(pose.max()) + 1
+    first = np.array([np.flatnonzero(pose == k)[0] for k in range(count)])
+    c = scene.circumstances(rows)
+    at = reference.points(c.chain, c.q, c.tool_centres[c.tool])[rows[first]]
+    orders = [("random", np.random.default_rng(k).permutation(count)) for k in range(RANDOM)]
+    orders.append(("time", np.argsort(first, kind="stable")))
+    for value in (*at.T, np.hypot(at[:, 0], at[:, 1])):
+        orders.append(("workspace", np.argsort(value, kind="stable")))
+    for kind, order in orders:
+        one = np.isin(pose, order[: count // 2])
+        yield Split(kind, (rows[one], rows[~one]))
+
+
+def half(dataset: Dataset, own: np.ndarray, other: np.ndarray, functions: Sequence[Family]) -> Half:
+    """Fit some rows and predict others."""
+    m = dataset.measurements
+    role = np.full(len(m.role), "skip", dtype=object)
+    role[own], role[other] = "calibrate", "validate"
+    scene = Scene(replace(dataset, measurements=replace(m, role=role.astype(str))))
+    circumstances = scene.circumstances(scene.rows("calibrate"))
+    effects = tuple(e for e in ("geometry", "compliance") if not MODELS[e].missing(circumstances))
+    fitted = calibrated(scene, effects)
+    found, left = stated(fitted, functions), unexplained(fitted)
+    plain = share_inside(fitted, left.excess)
+    wide = share_inside(found.wide, found.remaining(left).excess, found.white)
+    return Half(fitted, found, (plain, wide))
+
+
+def share_inside(e: Estimate, excess: float, white: float = 1.0) -> float:
+    """Share of the validation residuals within the 95 % intervals of an estimate's normal posterior."""
+    rng = np.random.default_rng(0)
+    z = e.z + rng.standard_normal((DRAWS, len(e.z))) @ root(e.covariance).T
+    kappa = np.full(DRAWS, max(e.weights.scale.values()) * np.sqrt(white))
+    checked = validate(e, z, kappa, excess)
+    held = [inside95(p.residuals, p.predicted).ravel() for p in (*checked.planes, *checked.points)]
+    return float(np.mean(np.concatenate(held)))
+
+
+def chi2_per_dof(a: Half, b: Half, shared: bool) -> tuple[float, float]:
+    """Of the difference of the arm's parameters, by the plain and the stated covariances.
+
+    `shared`: the halves have the same discrepancy, so that only the difference of its effects counts.
+    """
+    k = len(a.plain.model.parameters)
+    one, other = (h.plain.covariance[:k, :k] for h in (a, b))
+    directions, spread = known_directions(one, other), difference_covariance(one, other)
+    along = directions.T @ (b.plain.z[:k] - a.plain.z[:k])
+    extra = np.zeros_like(spread)
+    for h in (a, b):
+        bias = sum(
+            size * h.stated.slopes[name][:k] @ h.stated.slopes[name][:k].T
+            for name, size in h.stated.variances.items()
+        )
+        extra += (h.stated.covariance - h.plain.covariance)[:k, :k] - (bias if shared else 0.0)
+    if shared:
+        for name, by in a.stated.slopes.items():
+            apart = by[:k] - b.stated.slopes[name][:k]
+            size = 0.5 * (a.stated.variances[name] + b.stated.variances[name])
+            extra += size * apart @ apart.T
+
+    def square(covariance: np.ndarray) -> float:
+        return float(along @ np.linalg.solve(directions.T @ covariance @ directions, along)) / len(along)
+
+    return square(spread), square(spread + extra)
+
+
+def figures(dataset: Dataset) -> list[Figures]:
+    """All splits of a session."""
+    scene, out = Scene(dataset), []
+    functions = families(scene.circumstances(scene.rows("calibrate")))
+    for split in splits(dataset):
+        one, other = split.halves
+        a, b = half(dataset, one, other, functions), half(dataset, other, one, functions)
+        inside = (0.5 * (a.inside[0] + b.inside[0]), 0.5 * (a.inside[1] + b.inside[1]))
+        out.append(Figures(split.kind, chi2_per_dof(a, b, split.kind == "random"), inside))
+    return out
+
+
+def row(name: str, found: Sequence[Figures], kind: str) -> str:
+    """A line of the table."""
+    own = [f for f in found if f.kind == kind]
+    plain, wide = (np.array([f.chi2[k] for f in own]) for k in (0, 1))
+    inside = [100 * np.mean([f.inside[k] for f in own]) for k in (0, 1)]
+    return (
+        f"| {name} | {kind} | {np.mean(plain):.2f} | {np.mean(wide):.2f} ({np.min(wide):.2f} to "
+        f"{np.max(wide):.2f}) | {inside[0]:.0f} % | {inside[1]:.0f} % |"
+    )
+
+
+def main() -> None:
+    """Write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--real", type=Path, required=True)
+    parser.add_argument("--out", type=Path, required=True)
+    args = parser.parse_args()
+    lines = [
+        "| session | halves | chi2 / dof, plain | stated (least to largest) | within 95 %, plain | stated |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for folder in sorted(p for p in args.real.iterdir() if p.is_dir()):
+        found = figures(read_dataset(folder))
+        lines += [row(folder.name, found, kind) for kind in KINDS]
+        print("\n".join(lines[-len(KINDS) :]), flush=True)
+    update(args.out, "\n".join(lines), MARKS)
+
+
+if __name__ == "__main__":
+    main()

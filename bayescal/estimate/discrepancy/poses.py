@@ -1,0 +1,49 @@
+"""Scatter of an estimate over poses: the rows of one pose are not independent."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayescal.estimate.discrepancy.size import of_equal_size
+
+SMALLEST = 1e-6
+"""Share of a pose's residual below which the fit leaves none."""
+
+
+def scatter(c: np.ndarray, j: np.ndarray, e: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """Covariance (D, D) of an estimate from the noise of its poses.
+
+    The estimator CR2 (Bell and McCaffrey 2002), sum of Delta Delta' with
+    Delta_p = C J_p' (1 - J_p C J_p')^(-1/2) e_p: without bias where all rows are independent. With few poses
+    for the parameters it is too uncertain: in proportion to the parameters per pose it is shrunk towards
+    C J' J C times a factor.
+
+    Parameters
+    ----------
+    c : np.ndarray, shape (D, D)
+        Covariance of the solver.
+    j : np.ndarray, shape (R, D)
+        Whitened Jacobian.
+    e : np.ndarray, shape (R,)
+        Whitened residuals.
+    pose : np.ndarray of int, shape (R,)
+        Pose of each residual.
+    """
+    by = j @ c
+    plain = by.T @ by
+    count = int(pose.max()) + 1 if len(pose) else 0
+    if count < 2:
+        return plain
+    out = np.zeros_like(c)
+    for at in of_equal_size(pose):
+        own = by[at]  # (poses, k, D)
+        left = np.eye(at.shape[1]) - own @ np.swapaxes(j[at], 1, 2)
+        values, vectors = np.linalg.eigh(0.5 * (left + np.swapaxes(left, 1, 2)))
+        # a pose that alone determines a direction has no residual there: nothing to divide
+        inverse = np.where(values > SMALLEST, np.maximum(values, SMALLEST) ** -0.5, 1.0)
+        rotated = np.swapaxes(vectors, 1, 2) @ e[at][..., None]
+        delta = np.sum(own * (vectors @ (inverse[..., None] * rotated)), axis=1)
+        out += delta.T @ delta
+    share = min(float(np.sum(by * j)) / count, 1.0)
+    factor = max(float(np.trace(out)) / float(np.trace(plain)), 1.0)
+    return (1.0 - share) * out + share * factor * plain

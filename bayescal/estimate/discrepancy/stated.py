@@ -1,0 +1,182 @@
+"""The stated uncertainty: the solver's covariance, widened by what a discrepancy could cause.
+
+The estimate stays. With C the solver's covariance, P0 the information of priors and certificates, J and G the
+whitened columns of the parameters and of the functions of `families`, and Lambda their variances (`size`):
+
+    A = C J' G                            error of the parameters by a unit of each function
+    C P0 C + w S + A Lambda A'            stated covariance of the parameters
+    (G - J A) Lambda (G - J A)'           of a prediction: the function and the parameters that it biased
+
+S is the scatter over the poses in place of C J' J C, so that rows of one pose do not count as independent,
+and w the share of the residual variance that the discrepancy leaves. An estimate with the functions as
+further unknowns predicts worse elsewhere; this one is unchanged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.effects import Parameter
+from bayescal.estimate.clusters import poses
+from bayescal.estimate.discrepancy.families import Family, families
+from bayescal.estimate.discrepancy.poses import scatter
+from bayescal.estimate.discrepancy.size import CHANCE, LIKELY, UNSEEN, variances
+from bayescal.estimate.estimate import Estimate
+from bayescal.estimate.linear import linearise, root
+from bayescal.estimate.unexplained import Unexplained, unexplained
+from bayescal.model import ARM, Model, with_parameters
+
+LEAST_WHITE = 0.1
+"""Smallest share of the residual variance that stays noise (assumed)."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """An estimate with its stated uncertainty."""
+
+    plain: Estimate
+    wide: Estimate  # of a model with the functions as further parameters, at zero; covariance of all
+    own: np.ndarray  # (D,) places of the plain estimate's unknowns in z of the wide one
+    slopes: Mapping[str, np.ndarray]  # A (D, K) by family
+    variances: Mapping[str, float]  # Lambda by family; 0 where the residuals show nothing
+    white: float  # w
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """Families that have a variance."""
+        return tuple(name for name, size in self.variances.items() if size > 0)
+
+    def share(self, family: str) -> np.ndarray:
+        """Variance (D,) of each unknown by a family."""
+        return self.variances[family] * np.sum(self.slopes[family] ** 2, axis=1)
+
+    @property
+    def parameter_shares(self) -> Mapping[str, float]:
+        """Mean share of the stated variances of the arm's parameters by family, the largest first."""
+        arm = self.plain.model.slices[ARM]
+        total = np.diag(self.covariance)[arm]
+        mean = {name: float(np.mean(self.share(name)[arm] / total)) for name in self.families if len(total)}
+        return dict(sorted(mean.items(), key=lambda item: -item[1]))
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Stated covariance of the unknowns, (D, D), before the prior limits it."""
+        return self.wide.covariance[np.ix_(self.own, self.own)]
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Stated standard deviations of z, (D,)."""
+        return np.linalg.norm(self._limit() @ root(self.covariance), axis=1)
+
+    def draws(self, z: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Draws (S, D') of all unknowns of `wide`, from draws z (S, D) of the plain posterior.
+
+        Deviations from the estimate are stretched to the covariance C P0 C + w S by the linear map that moves
+        them least (optimal transport of normal distributions), and the functions' biases are added.
+        """
+        plain, size = root(self.plain.covariance), len(self.wide.z) - len(self.own)
+        functions = rng.standard_normal((len(z), size))
+        extra = np.setdiff1d(np.arange(len(self.wide.z)), self.own)
+        across = self.wide.covariance[np.ix_(self.own, extra)]
+        target = self.covariance - across @ across.T
+        # in coordinates in which the plain covariance is one, the map is the root of the target's
+        inverse = np.linalg.pinv(plain)
+        stretch = plain @ _symmetric_root(inverse @ target @ inverse.T) @ inverse
+        out = np.zeros((len(z), len(self.wide.z)))
+        out[:, extra] = functions
+        out[:, self.own] = self.plain.z + (z - self.plain.z) @ stretch.T + functions @ across.T
+        return out
+
+    def reported(self, draws: np.ndarray) -> np.ndarray:
+        """Draws (S, D) of the plain estimate's unknowns, from `draws`, no wider than the prior."""
+        return self.plain.z + (draws[:, self.own] - self.plain.z) @ self._limit().T
+
+    def remaining(self, left: Unexplained) -> Unexplained:
+        """Unexplained residual without the part that the discrepancy explains."""
+        square = left.excess**2 - (1.0 - self.white) * left.fitted**2
+        return replace(left, excess=float(np.sqrt(max(square, 0.0))))
+
+    def _limit(self) -> np.ndarray:
+        """Map (D, D) of deviations that limits their covariance to the prior's."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        return (vectors / np.sqrt(np.maximum(values, 1.0))) @ vectors.T
+
+
+def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> Stated:
+    """State the uncertainty of an estimate.
+
+    Parameters
+    ----------
+    fitted : Estimate
+    functions : sequence of Family, optional
+        Default: those of the fitted rows. Estimates from parts of one session are comparable if all have the
+        functions of the whole.
+    """
+    model = fitted.model
+    if functions is None:
+        functions = families(model.scene.circumstances(model.scene.rows("calibrate")))
+    every = [p for f in functions for p in f.parameters]
+    family = np.repeat(np.arange(len(functions)), [len(f.parameters) for f in functions])
+    j, g, e, rows = _linearised(fitted, every)
+    pose = poses(model.scene.dataset.measurements, rows)
+    c = fitted.covariance
+    by = j @ c
+    a = by.T @ g
+    h = g - j @ a
+    level = LIKELY if unexplained(fitted).excess else CHANCE / max(len(functions), 1)
+    shown = variances(h, e, pose, family, len(e) - float(np.sum(by * j)), level)
+    explained = float(np.mean(h**2 @ shown[family])) if len(family) else 0.0
+    white = 1.0 - min(explained, 1.0 - LEAST_WHITE)
+    size = UNSEEN * shown
+    kept = np.flatnonzero(size[family] > 0)
+    sd = np.sqrt(size[family[kept]])
+    further = [replace(every[k], sd=every[k].sd * s) for k, s in zip(kept, sd, strict=True)]
+    wide, own, extra = _with(model, further)
+    z, covariance = np.zeros(wide.size), np.zeros((wide.size, wide.size))
+    z[own] = fitted.z
+    bias = a[:, kept] * sd
+    covariance[np.ix_(own, own)] = c - by.T @ by + white * scatter(c, j, e, pose) + bias @ bias.T
+    covariance[np.ix_(own, extra)] = -bias
+    covariance[np.ix_(extra, own)] = -bias.T
+    covariance[extra, extra] = 1.0
+    names = [f.name for f in functions]
+    return Stated(
+        fitted,
+        replace(fitted, model=wide, z=z, covariance=covariance),
+        own,
+        {name: a[:, family == k] for k, name in enumerate(names)},
+        dict(zip(names, size.tolist(), strict=True)),
+        white,
+    )
+
+
+def _linearised(
+    fitted: Estimate, every: Sequence[Parameter]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Whitened columns of the unknowns and of further parameters, residuals, rows; without outliers."""
+    model = fitted.model
+    wide, own, extra = _with(model, every)
+    z = np.zeros(wide.size)
+    z[own] = fitted.z
+    linear = linearise(wide, z, fitted.weights)
+    rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in model.blocks])
+    used = np.concatenate([np.tile(fitted.weights.row[b.name], b.kind.rows) for b in model.blocks]) > 0
+    at = np.flatnonzero(used)
+    jacobian = linear.jacobian[at]
+    return jacobian[:, own], jacobian[:, extra], linear.residual[at], rows[at]
+
+
+def _with(model: Model, further: Sequence[Parameter]) -> tuple[Model, np.ndarray, np.ndarray]:
+    """A model with further parameters of the arm; places of its own unknowns, and of the further ones."""
+    wide = with_parameters(model.scene, model.effects, (*model.parameters, *further))
+    first = model.slices[ARM].stop
+    extra = np.arange(first, first + len(further))
+    return wide, np.setdiff1d(np.arange(wide.size), extra), extra
+
+
+def _symmetric_root(matrix: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T

@@ -1,0 +1,54 @@
+"""Variances of families from residuals of a made linear problem with a known discrepancy."""
+
+import numpy as np
+import pytest
+
+from bayescal.estimate.discrepancy.size import variances, within_poses
+
+ROWS, FIRST, SECOND = 600, 12, 8
+FAMILY = np.repeat([0, 1], [FIRST, SECOND])
+
+
+def problem(seed, size, pose=None, shared=0.0):
+    """Columns and residuals of a fit by 20 parameters: functions of variances `size` and noise of one."""
+    rng = np.random.default_rng(seed)
+    pose = np.arange(ROWS) if pose is None else pose
+    t = rng.uniform(-1, 1, (ROWS, 2))
+    g = np.column_stack(
+        [np.cos(np.pi * k * t[:, [0]]) for k in range(1, FIRST + 1)]
+        + [np.cos(np.pi * k * t[:, [1]]) for k in range(1, SECOND + 1)]
+    )
+    j = rng.standard_normal((ROWS, 20))
+    d = rng.standard_normal(FIRST + SECOND) * np.sqrt(np.asarray(size)[FAMILY])
+    noise = rng.standard_normal(ROWS) + shared * rng.standard_normal(pose.max() + 1)[pose]
+    project = np.eye(ROWS) - j @ np.linalg.pinv(j)
+    return project @ g, project @ (g @ d + noise), pose
+
+
+def sizes(size, **how):
+    found = [variances(*problem(seed, size, **how), FAMILY, ROWS - 20, 0.025) for seed in range(40)]
+    return np.array(found)
+
+
+def test_the_variances_of_two_families_are_found_on_average():
+    found = sizes([0.5, 0.2])
+    assert np.mean(found[:, 0]) == pytest.approx(0.5, rel=0.15)
+    assert np.mean(found[:, 1]) == pytest.approx(0.2, rel=0.25)
+
+
+def test_noise_has_no_discrepancy():
+    found = sizes([0.0, 0.0])
+    assert np.mean(np.any(found > 0, axis=1)) < 0.15
+
+
+def test_an_error_that_the_rows_of_a_pose_share_is_no_discrepancy():
+    pose = np.repeat(np.arange(ROWS // 6), 6)
+    assert np.mean(sizes([0.0, 0.0], pose=pose, shared=2.0) > 0) < 0.08
+
+
+def test_products_within_poses_of_any_size_are_summed():
+    rng = np.random.default_rng(1)
+    h, pose = rng.standard_normal((30, 4)), np.sort(rng.integers(0, 12, 30))
+    pose = np.unique(pose, return_inverse=True)[1]
+    by_hand = sum((h[pose == p].T @ h[pose == p]) ** 2 for p in np.unique(pose))
+    np.testing.assert_allclose(within_poses(h, pose), by_hand)

@@ -1,0 +1,91 @@
+"""The stated uncertainty of simulated sessions: near the plain one without an effect, true with one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayescal.estimate import calibrated
+from bayescal.estimate.discrepancy import families, stated
+from bayescal.estimate.discrepancy.stated import LEAST_WHITE
+from bayescal.model.scene import Scene
+from bayescal.posterior import gaussian
+
+FULL = ("geometry", "compliance")
+
+
+@pytest.fixture(scope="module")
+def clean(cube):
+    return stated(calibrated(Scene(cube(seed=4).dataset), FULL))
+
+
+def bent(cube, seed=4):
+    """A session whose first link turns by a function of the two next readings that no model has."""
+    made = cube(seed=seed).dataset
+    m = made.measurements
+    readings = m.readings.copy()
+    readings[:, 0] += 1e-3 * np.sin(readings[:, 1] + readings[:, 2])
+    return replace(made, measurements=replace(m, readings=readings))
+
+
+@pytest.fixture(scope="module")
+def sick(cube):
+    return stated(calibrated(Scene(bent(cube)), FULL))
+
+
+def test_without_a_discrepancy_the_uncertainty_is_the_plain_one(clean):
+    ratio = clean.sd / clean.plain.sd
+    assert clean.families == ()
+    assert clean.white == 1.0
+    assert 0.9 < np.median(ratio) < 1.1
+    assert np.max(ratio) < 1.3
+
+
+def test_an_effect_that_no_model_has_widens_the_parameters_that_it_biases(clean, sick):
+    assert sick.families
+    assert sick.white < 0.9
+    moved = np.abs(sick.plain.z - clean.plain.z)[: len(sick.plain.model.parameters)]
+    plain, wide = (np.mean((moved / sd[: len(moved)]) ** 2) for sd in (sick.plain.sd, sick.sd))
+    assert plain > 4.0
+    assert wide < 2.0
+
+
+def test_residuals_above_the_noise_lower_the_gate(cube):
+    """A family is then found that the gate alone would miss, in a session of 150 rows."""
+    made = cube(seed=4).dataset
+    m = made.measurements
+    readings = m.readings.copy()
+    readings[:, 1] += 1e-3 * np.cos(1.5 * readings[:, 1])
+    scene = Scene(replace(made, measurements=replace(m, readings=readings)))
+    found = stated(calibrated(scene, FULL))
+    assert found.families
+    loud = replace(scene.dataset, noise=replace(scene.dataset.noise, contact=1e-4))
+    assert not stated(calibrated(Scene(loud), FULL)).families
+
+
+def test_draws_have_the_covariance_that_is_stated(sick):
+    z = gaussian(sick.plain, 0, 4000).flat
+    drawn = sick.draws(z, np.random.default_rng(0))
+    got = np.cov(drawn.T) / np.sqrt(np.outer(*2 * (np.diag(sick.wide.covariance),)))
+    want = sick.wide.covariance / np.sqrt(np.outer(*2 * (np.diag(sick.wide.covariance),)))
+    assert np.max(np.abs(got - want)) < 0.12
+    np.testing.assert_allclose(np.std(sick.reported(drawn), axis=0), sick.sd, rtol=0.1)
+
+
+def test_no_parameter_is_less_certain_than_its_prior(sick):
+    assert np.all(sick.sd <= 1.0 + 1e-9)
+
+
+def test_functions_of_the_whole_session_serve_its_parts(cube):
+    scene = Scene(cube(seed=4).dataset)
+    own = families(scene.circumstances(scene.rows("calibrate")))
+    assert [f.name for f in own][:3] == ["angle of joints", "angle of other joints", "torque of joints"]
+    found = stated(calibrated(scene, ("geometry",)), own)
+    assert found.families  # compliance is missing
+    assert found.parameter_shares.keys() == set(found.families)
+
+
+def test_a_family_explains_what_the_residual_variance_loses(sick):
+    """Residual variance of the fit is noise, a share `white`, and discrepancy."""
+    assert LEAST_WHITE - 1e-9 <= sick.white < 1.0
+    assert 0.0 < sum(sick.parameter_shares.values()) < 1.0
