@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import chdtri, fdtrc
 
 from bayescal.estimate.linear import linearise
-from bayescal.estimate.noise import by_group
+from bayescal.estimate.noise import STATED_WORTH, by_group
 from bayescal.estimate.solver import solve
 from bayescal.estimate.weights import Weights
 from bayescal.model.model import Model
@@ -159,8 +159,14 @@ class Judged:
 
     @property
     def robust(self) -> float:
-        """Scale of the noise by the median."""
-        return scale(self.chi2, self.rows)
+        """Scale of the noise by the median, and at least what the stated noise leaves of it.
+
+        With hardly more rows than unknowns the median of what is left says nothing of the noise: it may be
+        zero, and a fit would run through a few contacts. The stated noise is worth `STATED_WORTH` contacts, so
+        that residuals of zero would leave this scale.
+        """
+        least = np.sqrt(STATED_WORTH / (STATED_WORTH + self.dof))
+        return max(scale(self.chi2, self.rows), float(least))
 
     def student_weights(self) -> np.ndarray:
         """Weights (C,) for another fit, were noise Student t."""

@@ -1,10 +1,16 @@
 """Outliers: clean measurements are lost at the promised rate, whatever their rows and their number."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2 as chi2_distribution
 
+from bayescal.estimate import estimate
 from bayescal.estimate.outliers import FALSE_REJECTIONS, Judged, freed, rejected, scale, student_weights
+from bayescal.model import build
+from bayescal.model.scene import Scene
+from bayescal.simulation import Options, simulate
 
 
 def session(rng, count, rows, unknowns, off=0.0):
@@ -121,3 +127,14 @@ def test_student_weights_are_those_of_its_likelihood():
         t = rng.standard_normal((100000, rows)) / np.sqrt(rng.chisquare(4.0, (100000, 1)) / 4.0)
         chi2 = np.sum(t**2, axis=1)
         assert np.mean(chi2 * student_weights(chi2, rows, 1.0)) == pytest.approx(rows, rel=0.02)
+
+
+def test_few_contacts_are_not_fitted_beyond_their_noise():
+    """Hardly more rows than unknowns: the median of what is left is no measure of the noise."""
+    session = simulate(Options(seed=3, contacts=80, repeats=5, later=0, placements=0)).dataset
+    m = session.measurements
+    few = replace(session, measurements=replace(m, role=np.where(np.arange(80) < 14, m.role, "validate")))
+    found = estimate(build(Scene(few), ("geometry", "compliance")))
+    assert not len(found.rejected)
+    assert 0.6 < found.weights.scale["contact"] < 1.5
+    assert found.iterations < 60
