@@ -126,7 +126,8 @@ def wrenches(chain: Chain, q: np.ndarray, tool: np.ndarray, delta: np.ndarray, u
     def cross(frame: int, own: np.ndarray) -> None:
         nonlocal x, u
         for axis, turn, slide in ((2, 0, 1), (0, 2, 3), (1, 4, 5)):
-            out[:, frame, turn] = np.cross(x, u)[:, axis]
+            i, j = (axis + 1) % 3, (axis + 2) % 3
+            out[:, frame, turn] = x[:, i] * u[:, j] - x[:, j] * u[:, i]  # of p x u about the axis
             out[:, frame, slide] = u[:, axis]
             back = np.swapaxes(rotation(axis, own[:, turn]), -1, -2)
             x = (back @ x[..., None])[..., 0]
@@ -182,7 +183,8 @@ def _moved(delta: np.ndarray, parts: tuple[int, ...]) -> np.ndarray:
     steps = []
     for part in parts:
         axis = (2, 0, 1)[part]
-        step = np.tile(np.eye(4), (len(delta), 1, 1))
+        step = np.zeros((len(delta), 4, 4))
+        step[:, 3, 3] = 1.0
         step[:, :3, :3] = rotation(axis, delta[:, 2 * part])
         step[:, axis, 3] = delta[:, 2 * part + 1]
         steps.append(step)

@@ -6,6 +6,7 @@ import numpy as np
 
 from bayescal.arm.chain import Chain, displaced, frames
 from bayescal.arm.robot import Robot
+from bayescal.arm.transforms import cross
 
 
 def gravity_moments(
@@ -53,7 +54,7 @@ def gravity_moments(
     out = np.empty((len(q), n + 1, 3))
     weight = load_mass[:, None] * gravity  # of all beyond the frame, N, in F0
     where = (pose[:, n + 1, :3, :3] @ load_centre[..., None])[..., 0] + pose[:, n + 1, :3, 3]
-    moment = np.cross(where, weight)  # about F0's origin
+    moment = cross(where, weight)  # about F0's origin
     for i in range(n, -1, -1):
         if i > 0:
             # the contract's link frame stands behind the joint's whole row: in standard DH, behind `link`
@@ -65,8 +66,8 @@ def gravity_moments(
             where = (pose[:, i, :3, :3] @ centre[..., None])[..., 0] + pose[:, i, :3, 3]
             own = robot.masses[i - 1] * gravity
             weight = weight + own
-            moment = moment + np.cross(where, own)
+            moment = moment + cross(where, own)
         frame = pose[:, i] if i > 0 else np.broadcast_to(chain.base, (len(q), 4, 4))
-        about = moment - np.cross(frame[:, :3, 3], weight)
+        about = moment - cross(frame[:, :3, 3], weight)
         out[:, i] = (np.swapaxes(frame[:, :3, :3], -1, -2) @ about[..., None])[..., 0]
     return out

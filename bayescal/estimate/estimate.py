@@ -93,7 +93,7 @@ def standing(model: Model, values: np.ndarray) -> Scene:
     delta = model.motion(np.arange(len(scene.q))).displacements(values)
     # the model's reference includes the deflection by the robot file's compliances; the statics' does not
     delta[:, 1:-1, 0] += scene.q - link_angles(scene.dataset.robot, scene.dataset.measurements.readings)
-    return replace(scene, delta=delta, compliances=compliances(model.parameters, values))
+    return scene.posed_at(delta, compliances(model.parameters, values))
 
 
 def estimate(

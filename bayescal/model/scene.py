@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -60,6 +60,13 @@ class Scene:
     oriented: bool = False
     compliances: Mapping[str, float] = field(default_factory=dict)
 
+    def posed_at(self, delta: np.ndarray, compliances: Mapping[str, float]) -> Scene:
+        """This scene with other displacements (N, n + 2, 6) and compliances; shares what is equal in both."""
+        out = replace(self, delta=delta, compliances=compliances)
+        if not self._sags:
+            out.__dict__.update((k, v) for k, v in self.__dict__.items() if k in UNPOSED)
+        return out
+
     @cached_property
     def chain(self) -> Chain:
         """The nominal chain."""
@@ -84,6 +91,12 @@ class Scene:
         gravity, mass, centre = self.dataset.gravity, self._load_mass, self._load_centre
         return gravity_moments(robot, self.chain, self._rigid_angles, gravity, mass, centre, self.delta)
 
+    @property
+    def _sags(self) -> bool:
+        """Whether the robot file states compliances: then the nominal angles depend on the pose."""
+        known = self.dataset.robot.compliance
+        return known is not None and bool(np.any(known))
+
     @cached_property
     def _load_mass(self) -> np.ndarray:
         """Mass of the load on the flange, (N,), kg."""
@@ -101,14 +114,13 @@ class Scene:
     @cached_property
     def q(self) -> np.ndarray:
         """Nominal link angles (N, n), rad, with the deflection of compliances in the robot file."""
-        known = self.dataset.robot.compliance
-        if known is None or not np.any(known):
+        if not self._sags:
             return self._rigid_angles
         if self.moments is None:
             raise BayescalError(
                 "joint_compliance_rad_per_nm without links", "robot file", "add masses under links"
             )
-        return self._rigid_angles + known * self.moments[:, 1:, 2]
+        return self._rigid_angles + self.dataset.robot.compliance * self.moments[:, 1:, 2]
 
     @cached_property
     def points(self) -> np.ndarray:
@@ -171,10 +183,10 @@ class Scene:
             gravity=d.gravity,
             load_mass=self._load_mass,
             load_centre=self._load_centre,
-            approach=self._approach(),
+            approach=self._approach,
             tool_radii=tuple(tool.ball_radius for tool in d.tools),
             velocity=m.velocity,
-            speed=self._speed(),
+            speed=self._speed,
             time=m.time,
             temperature=None if d.temperature_of == "artefact" else m.temperature,
             faces=self._faces(fitted),
@@ -199,10 +211,12 @@ class Scene:
                 out[rows] = -u[0].T
         return out
 
+    @cached_property
     def _approach(self) -> np.ndarray:
         """The inward normals in the flange frame, (N, 3)."""
         return (np.swapaxes(self.flange, -1, -2) @ self._inward[..., None])[..., 0]
 
+    @cached_property
     def _speed(self) -> np.ndarray | None:
         """Speed of the nominal arm's ball along the inward normals, (N,), m/s; None without velocities."""
         velocity = self.dataset.measurements.velocity
@@ -300,3 +314,9 @@ class Scene:
 def _tied(targets: Sequence[Target]) -> bool:
     """Whether a target's position in F0 is stated."""
     return any(t.u is not None or t.u_angle is not None for t in targets)
+
+
+POSED = {"moments"}
+"""Cached quantities of a scene that depend on the fitted pose of an arm whose robot file states no compliance."""
+UNPOSED = {name for name, value in vars(Scene).items() if isinstance(value, cached_property)} - POSED
+"""Cached quantities that scenes of one dataset share at all poses of such an arm."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from bayescal.arm.chain import Chain, chain_of, frames, link_angles
 from bayescal.arm.robot import Robot
+from bayescal.arm.transforms import cross
 
 MARGIN = np.radians(4.0)
 """rad: margin to the joint limits, so that a contact can still be closed."""
@@ -86,7 +87,7 @@ class Arm:
     def jacobian(self, pose: np.ndarray) -> np.ndarray:
         """Derivatives (N, 6, n) of position (m/rad) and rotation of the ball by the limited angles."""
         axis, origin = pose[:, 1:-1, :3, 2], pose[:, 1:-1, :3, 3]
-        slide = np.cross(axis, self.ball(pose)[:, None] - origin)
+        slide = cross(axis, self.ball(pose)[:, None] - origin)
         return np.swapaxes(np.concatenate([slide, axis], axis=2), 1, 2) * self.sign
 
     def anywhere(self, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -150,7 +151,7 @@ def inverse(
 
 def _turn(own: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rotation vectors (M, 3), rad, from unit vectors `own` to `wanted`."""
-    across = np.cross(own, wanted)
+    across = cross(own, wanted)
     sine = np.linalg.norm(across, axis=1)
     angle = np.arctan2(sine, np.sum(own * wanted, axis=1))
     return own, across * (angle / np.maximum(sine, 1e-12))[:, None]
@@ -160,6 +161,6 @@ def cone(axis: np.ndarray, half_angle: float, rng: np.random.Generator) -> np.nd
     """Unit vectors (M, 3), uniform in the cone of `half_angle` (rad) about each of axis (M, 3)."""
     count = len(axis)
     cosine = rng.uniform(np.cos(half_angle), 1.0, count)
-    across = np.cross(axis, rng.normal(size=(count, 3)))
+    across = cross(axis, rng.normal(size=(count, 3)))
     across /= np.linalg.norm(across, axis=1)[:, None]
     return cosine[:, None] * axis + np.sqrt(1 - cosine**2)[:, None] * across

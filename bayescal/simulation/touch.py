@@ -37,16 +37,17 @@ class World:
 
         Gravity acts at the true, deflected pose, as on a real arm.
         """
-        scene, true = Scene(dataset), replace(dataset, targets=self.targets)
+        scene = Scene(dataset)
         for _ in range(SETTLING):
             parameters = parameters_of(self.effects, scene.circumstances(scene.rows("calibrate")))
-            model = Model(replace(scene, dataset=true), self.effects, parameters, (), ())
+            model = Model(scene, self.effects, parameters, (), ())
             if scene.moments is None:
                 break
-            before, scene = scene, replace(standing(model, self.deviations(model)), dataset=dataset)
+            before, scene = scene, standing(model, self.deviations(model))
             if before.delta is not None and np.max(np.abs(scene.delta - before.delta), initial=0.0) < STILL:
                 break
-        return model
+        true = replace(dataset, targets=self.targets)
+        return replace(model, scene=replace(model.scene, dataset=true))
 
     def residuals(self, dataset: Dataset) -> np.ndarray:
         """Distance of the ball of each row from the true surface, along its normal, (N,), m."""

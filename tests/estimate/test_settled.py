@@ -8,7 +8,7 @@ import pytest
 
 from bayescal.estimate import calibrated, estimate, settled, standing
 from bayescal.model import ARM, build
-from bayescal.model.scene import Scene
+from bayescal.model.scene import POSED, UNPOSED, Scene
 from bayescal.simulation import Options, simulate
 
 BOTH = ("geometry", "compliance")
@@ -81,3 +81,27 @@ def test_only_a_model_that_gravity_acts_on_is_fitted_twice(cube, monkeypatch, ef
     again = estimate(build(found.model.scene, effects), start=found.z)
     assert np.array_equal(again.rejected, found.rejected)
     assert np.allclose(again.z, found.z, atol=2e-3 if fits == 1 else 0.05)
+
+
+@pytest.mark.parametrize("sag", [0.0, 1e-5])
+def test_scenes_of_several_poses_share_only_what_is_equal(cube, sag):
+    """Against a scene made afresh, also where the robot file's compliances bend the nominal arm."""
+    dataset = cube(seed=1, count=20).dataset
+    dataset = replace(dataset, robot=replace(dataset.robot, compliance=np.full(6, sag)))
+    scene, rows = Scene(dataset, oriented=True), np.arange(20)
+    for name in UNPOSED | POSED:
+        getattr(scene, name)
+    delta = 1e-2 * np.random.default_rng(0).standard_normal((20, 8, 6))
+    moved, fresh = scene.posed_at(delta, {"compliance J2": 1e-6}), Scene(dataset, delta, True)
+    for name in UNPOSED | POSED:
+        a, b = getattr(moved, name), getattr(fresh, name)
+        np.testing.assert_equal(vars(a) if name == "chain" else a, vars(b) if name == "chain" else b, name)
+    a, b = moved.circumstances(rows), fresh.circumstances(rows)
+    np.testing.assert_array_equal(a.moments, b.moments)
+    np.testing.assert_array_equal(a.q, b.q)
+    np.testing.assert_array_equal(a.approach, b.approach)
+    assert not np.array_equal(a.moments, scene.circumstances(rows).moments)
+    assert np.array_equal(a.q, scene.q) == (sag == 0.0)
+    assert (moved.points is scene.points) == (sag == 0.0)
+    assert a.delta is delta
+    assert a.compliances == {"compliance J2": 1e-6}
