@@ -162,8 +162,8 @@ class Judged:
         """Scale of the noise by the median, and at least what the stated noise leaves of it.
 
         With hardly more rows than unknowns the median of what is left says nothing of the noise: it may be
-        zero, and a fit would run through a few contacts. The stated noise is worth `STATED_WORTH` contacts, so
-        that residuals of zero would leave this scale.
+        zero, and a fit would run through a few contacts. The stated noise is worth `STATED_WORTH` contacts:
+        residuals of zero would leave the scale that is the limit.
         """
         least = np.sqrt(STATED_WORTH / (STATED_WORTH + self.dof))
         return max(scale(self.chi2, self.rows), float(least))

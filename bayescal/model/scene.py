@@ -61,7 +61,7 @@ class Scene:
     compliances: Mapping[str, float] = field(default_factory=dict)
 
     def posed_at(self, delta: np.ndarray, compliances: Mapping[str, float]) -> Scene:
-        """This scene with other displacements (N, n + 2, 6) and compliances; shares what is equal in both."""
+        """Replace the displacements (N, n + 2, 6) and compliances; both scenes share what is equal."""
         out = replace(self, delta=delta, compliances=compliances)
         if not self._sags:
             out.__dict__.update((k, v) for k, v in self.__dict__.items() if k in UNPOSED)
@@ -317,6 +317,6 @@ def _tied(targets: Sequence[Target]) -> bool:
 
 
 POSED = {"moments"}
-"""Cached quantities of a scene that depend on the fitted pose of an arm whose robot file states no compliance."""
+"""Cached quantities that depend on the fitted pose, also of an arm whose robot file states no compliance."""
 UNPOSED = {name for name, value in vars(Scene).items() if isinstance(value, cached_property)} - POSED
 """Cached quantities that scenes of one dataset share at all poses of such an arm."""
