@@ -70,12 +70,12 @@ def whole(dataset: Dataset, folder: Path) -> Record:
     """Model levels of a session from nominal to all named effects, and the remaining error."""
     scene, effects = Scene(dataset), usual(dataset)
     gap, found = diagnose(dataset, effects), explain(scene, effects)
-    members, after = found.last.decision.members, found.after
+    members, after, known = found.last.decision.members, found.after, found.last.candidates
     levels = [("nominal", estimate(with_parameters(scene, (), ())))]
     levels += [(effects[k - 1], calibrated(scene, effects[:k])) for k in range(1, len(effects))]
     levels += [(effects[-1], found.first.fitted)]
     for k, member in enumerate(members, start=1):
-        levels.append((model_name(member), refit(found.last.fitted, found.last.candidates.pool, members[:k])))
+        levels.append((model_name(member, known), refit(found.last.fitted, known, members[:k])))
     left = next((w for w in gap.where if not w.explained_by), None)
     geometry = [p for p in found.first.fitted.model.parameters if p.effect == "geometry"]
     joints = [j for j in range(1, dataset.robot.n + 1) if any(_row(j).holds(p) for p in geometry)]
@@ -83,7 +83,7 @@ def whole(dataset: Dataset, folder: Path) -> Record:
         "robot": dataset.robot.name,
         "model": list(effects),
         "joints": joints,
-        "named": [model_name(m) for m in members],
+        "named": [model_name(m, known) for m in members],
         "verdict": gap.verdict.kind,
         "footnotes": list(gap.verdict.footnotes),
         "levels": [{"adds": name} | sizes(validation_errors(fitted)) for name, fitted in levels],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,12 +16,14 @@ from bayescal.assess.shared_causes import SharedCause, rejected_share, shared_ca
 from bayescal.dataset import Dataset
 from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.joint import JOINT
+from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, calibrated, check_enough, estimate
 from bayescal.estimate.discrepancy import Stated, stated
 from bayescal.estimate.flatness import FORM, FaceCheck, check_faces, with_form
 from bayescal.estimate.latent import with_latent_readings
 from bayescal.estimate.unexplained import Unexplained, unexplained
 from bayescal.model import check_asked, with_parameters
+from bayescal.model.parts import parts_of
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, gaussian
 from bayescal.predict import Forecast, Validation, forecast, validate
@@ -81,6 +83,7 @@ def fit(
     latent_joints: bool = False,
     progress: Callable[[str, float], None] = lambda stage, fraction: None,
     tolerance: float | None = None,
+    without: Sequence[str] = (),
 ) -> Fit:
     """Calibrate an arm from a session.
 
@@ -103,13 +106,16 @@ def fit(
         Called with the stage and its completed fraction.
     tolerance : float, optional
         m, of the error of a distance; conformance is decided by ISO 14253-1 (`assess.conformance`).
+    without : sequence of str
+        Parts of the effects that stay nominal: 'geometry at joint 4'; see `Part`.
 
     Raises
     ------
     BayescalError
-        If the session cannot be fitted, with the reason.
+        If the session cannot be fitted, or the model has no such part, with the reason.
     """
     check_asked(effects, prior_width)
+    parts = parts_of(without, effects)
     if tolerance is not None:
         check_tolerance(tolerance)
     scene = Scene(dataset, oriented=True)
@@ -122,14 +128,14 @@ def fit(
     for k, step in enumerate(steps):
         progress("estimate", k / len(steps))
         if step:
-            found = calibrated(scene, step, prior_width, robust)
+            found = calibrated(scene, step, prior_width, robust, parts)
         else:
             found = estimate(with_parameters(scene, (), ()), robust=robust)
         last = k == len(steps) - 1
         if last:
             faces = check_faces(found)
             uneven = tuple(f.target for f in faces if f.uneven)
-            if uneven and FORM not in effects and effects:
+            if uneven and effects and FORM not in map(plain, effects):
                 found = with_form(found.model.scene, found, uneven, robust)
             causes = shared_causes(found, of_causes) if robust else ()
             if causes:

@@ -18,6 +18,7 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.distributions import chi2_sf
 from bayescal.effects import MODELS
+from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, calibrated
 from bayescal.estimate.discrepancy import Stated, stated
@@ -134,7 +135,7 @@ def _possible(session: Dataset, effects: tuple[str, ...]) -> tuple[str, ...]:
     """The effects for which a session has what they need."""
     scene = Scene(session)
     circumstances = scene.circumstances(scene.rows("calibrate"))
-    return tuple(e for e in effects if not MODELS[e.partition("@")[0]].missing(circumstances))
+    return tuple(e for e in effects if not MODELS[plain(e)].missing(circumstances))
 
 
 def _arm(found: Estimate) -> frozenset[str]:

@@ -11,6 +11,7 @@ import numpy as np
 from bayescal.assess.acceptance import SHARED, Acceptance
 from bayescal.assess.directions import Directions, in_words
 from bayescal.assess.identifiability import Identifiability
+from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate
 from bayescal.estimate.flatness import FORM, FaceCheck
 from bayescal.estimate.unexplained import Unexplained
@@ -133,7 +134,7 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
             "negative", "warning",
             f"{', '.join(negative)}: negative, which is not physical; not identifiable from these contacts",
         )  # fmt: skip
-    absent = [name for name in model.effects if name not in IN_ROBOT_FILE]
+    absent = [name for name in model.effects if plain(name) not in IN_ROBOT_FILE]
     if absent:
         yield Finding(
             "not_in_robot_file", "note", f"robot.yaml cannot hold {', '.join(absent)}: see fit.json"

@@ -7,7 +7,17 @@ from typing import Annotated
 import typer
 
 from bayescal.cli import app
-from bayescal.cli.options import AllowXacro, Datasets, Model, Out, PriorWidth, Remounted, Robust, Seed
+from bayescal.cli.options import (
+    AllowXacro,
+    Datasets,
+    Model,
+    Out,
+    PriorWidth,
+    Remounted,
+    Robust,
+    Seed,
+    Without,
+)
 from bayescal.cli.output import run_folder, show
 from bayescal.cli.progress import progress
 from bayescal.errors import BayescalError
@@ -20,6 +30,7 @@ def fit(
     samples: Annotated[
         int, typer.Option(min=0, help="Effective draws of every parameter; 0: Gaussian approximation.")
     ] = 5000,
+    without: Without = "",
     seed: Seed = 0,
     out: Out = None,
     robust: Robust = True,
@@ -57,6 +68,7 @@ def fit(
             latent_joints=latent_joints,
             remounted=remounted,
             tolerance_mm=tolerance_mm,
+            without=without,
             allow_xacro=allow_xacro,
             progress=notify,
         )

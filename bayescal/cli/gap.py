@@ -7,7 +7,17 @@ from typing import Annotated
 import typer
 
 from bayescal.cli import app
-from bayescal.cli.options import AllowXacro, Datasets, Model, Out, PriorWidth, Remounted, Robust, Seed
+from bayescal.cli.options import (
+    AllowXacro,
+    Datasets,
+    Model,
+    Out,
+    PriorWidth,
+    Remounted,
+    Robust,
+    Seed,
+    Without,
+)
 from bayescal.cli.output import run_folder, show
 from bayescal.cli.progress import progress
 
@@ -16,14 +26,7 @@ from bayescal.cli.progress import progress
 def gap(
     datasets: Datasets,
     model: Model = "geometry,compliance",
-    without: Annotated[
-        str,
-        typer.Option(
-            help="Parts of these effects to keep nominal and to diagnose, separated by commas: "
-            "'geometry at joint 4' (theta4, d4, and a4, alpha4, beta4 of the next link), "
-            "'geometry at link 4', 'compliance at joint 3'."
-        ),
-    ] = "",
+    without: Without = "",
     seed: Seed = 0,
     out: Out = None,
     robust: Robust = True,

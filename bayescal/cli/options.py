@@ -23,7 +23,20 @@ Out = Annotated[
     ),
 ]
 """The run folder; see `output.run_folder`."""
-Model = Annotated[str, typer.Option(help="Effects of the calibrated model, separated by commas.")]
+Model = Annotated[
+    str,
+    typer.Option(
+        help="Effects of the calibrated model, separated by commas, each at all its sites or 'at joint 3'."
+    ),
+]
+Without = Annotated[
+    str,
+    typer.Option(
+        help="Parts of these effects that stay nominal, separated by commas: 'geometry at joint 4' (theta4, "
+        "d4, and a4, alpha4, beta4 of the next link), 'geometry at link 4', 'compliance at joint 3'. A "
+        "diagnosis takes them for candidates."
+    ),
+]
 Seed = Annotated[int, typer.Option(help="Random seed.")]
 Robust = Annotated[bool, typer.Option(help="Exclude outliers.")]
 PriorWidth = Annotated[float, typer.Option(help="Factor on the standard deviations of the arm's prior.")]

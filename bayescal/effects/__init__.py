@@ -30,6 +30,8 @@ from bayescal.effects.payload import PAYLOAD
 from bayescal.effects.plane_form import PLANE_FORM
 from bayescal.effects.registry import Vocabulary
 from bayescal.effects.second_harmonic import SECOND_HARMONIC
+from bayescal.effects.selection import Selection
+from bayescal.effects.sizes import Size
 from bayescal.effects.step import STEP
 from bayescal.effects.thermal_drift import THERMAL_DRIFT
 from bayescal.effects.tool import TOOL
@@ -100,6 +102,7 @@ __all__ = [
     "Session",
     "Setting",
     "Site",
+    "Size",
     "Term",
     "compliances",
     "confusable",
@@ -120,16 +123,16 @@ def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple
     BayescalError
         For an unknown effect, or if the session lacks data that the effect needs.
     """
-    chosen: list[tuple[Effect, Setting]] = [*(named(name) for name in names), (TOOL, None)]
     out: list[Parameter] = []
-    for effect, setting in chosen:
+    for name in names:
+        effect, setting = named(name)
         lacks = effect.missing(circumstances)
         scanned = effect.scan is not None and isinstance(setting, float)
         if lacks and not (scanned and effect.scan and len(effect.scan.values(circumstances))):
             remedy = "leave it out, or add what is missing"
             raise BayescalError(f"{effect.name} cannot be judged: {lacks}", "--model", remedy)
-        out += effect.at(circumstances, setting)
-    return tuple(out)
+        out += Selection.read(name).of(effect.at(circumstances, setting), f"--model '{name}'")
+    return (*out, *TOOL.at(circumstances))
 
 
 def confusable(one: str, other: str) -> bool:
@@ -141,16 +144,19 @@ def confusable(one: str, other: str) -> bool:
 def named(name: str) -> tuple[Effect, Setting]:
     """An effect and the setting or form that its name may carry: ``step@212``, ``backlash@reading``.
 
+    For the other parts of a name see `selection`.
+
     Raises
     ------
     BayescalError
         For an effect, a setting or a form that does not exist.
     """
-    plain, at, setting = name.partition("@")
+    asked = Selection.read(name)
+    plain, setting = asked.effect, asked.setting
     if plain not in MODELS:
         raise BayescalError(f"no effect is called '{plain}'", "--model", f"known: {', '.join(MODELS)}")
     effect = MODELS[plain]
-    if not at:
+    if setting is None:
         return effect, None
     if effect.form(setting) is not None:
         return effect, setting

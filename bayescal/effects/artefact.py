@@ -13,6 +13,7 @@ from __future__ import annotations
 from bayescal.arm.motion import CERTIFICATE, Term
 from bayescal.effects import location
 from bayescal.effects.location import Driver
+from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 TIMES = {"rad": 10.0, "m": 3.0}  # the stated uncertainty
@@ -38,5 +39,6 @@ ARTEFACT = Effect(
     "a certified value is in error",
     _parameters,
     _missing,
+    sizes={"m": Size("error of the certified value"), "rad": Size("error of the certified value")},
     phrase=("the artefact", "has a certified value in error"),
 )

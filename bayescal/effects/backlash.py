@@ -14,6 +14,7 @@ import numpy as np
 
 from bayescal.effects.joints import at, motion, side_of, sides, turned, without_velocity
 from bayescal.effects.location import Driver
+from bayescal.effects.sizes import Size, magnitude
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 8e-5  # rad
@@ -37,6 +38,7 @@ BACKLASH = Effect(
     "lost motion on reversal of joint k, half-width b",
     lambda c: _parameters(c, side_of(c.robot)),
     without_velocity,
+    sizes={"rad": Size("half-width", magnitude)},
     phrase=("every joint", "has lost motion on reversal"),
     forms=sides(_parameters),
 )

@@ -14,6 +14,7 @@ import numpy as np
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects.joints import without_surface
 from bayescal.effects.location import PROBE
+from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 10e-6  # m
@@ -35,5 +36,6 @@ BALL_RADIUS = Effect(
     "effective stylus-ball radius differs from its stated value",
     _parameters,
     without_surface,
+    sizes={"m": Size("deviation of the radius")},
     phrase=("the probe", "has a stylus-ball radius that differs from its stated value"),
 )

@@ -18,6 +18,7 @@ from bayescal.arm.motion import Term
 from bayescal.effects.compliance import SPREAD, typical
 from bayescal.effects.joints import carries, without_masses
 from bayescal.effects.location import Driver, link
+from bayescal.effects.sizes import COMPLIANT, FACTOR
 from bayescal.effects.stand import LEANING, first_axis, vertical
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
 
@@ -54,6 +55,7 @@ BENDING = Effect(
     "transverse (bending) compliance of link k",
     _parameters,
     without_masses,
+    sizes={"rad/(N m)": COMPLIANT, "1": FACTOR},
     phrase=("every link", "has transverse (bending) compliance"),
     confusable_with=("coupling",),
     requires=("compliance",),

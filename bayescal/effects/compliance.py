@@ -16,6 +16,7 @@ from bayescal.arm.motion import Term
 from bayescal.arm.robot import Robot
 from bayescal.effects.joints import at, carries, without_masses
 from bayescal.effects.location import Driver
+from bayescal.effects.sizes import COMPLIANT, FACTOR
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SHOULDER, ELBOW, WRIST = 3e-5, 2e-4, 2e-3  # rad/(N m)
@@ -58,5 +59,6 @@ COMPLIANCE = Effect(
     "joint k yields elastically to its gravity torque",
     _parameters,
     without_masses,
+    sizes={"rad/(N m)": COMPLIANT, "1": FACTOR},
     phrase=("every joint", "deflects under gravity torque"),
 )

@@ -12,6 +12,7 @@ import numpy as np
 from bayescal.arm.motion import Term
 from bayescal.effects.joints import at, motion, side_of, turned
 from bayescal.effects.location import Driver
+from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 1e-4  # rad per rad
@@ -40,6 +41,7 @@ COUPLING = Effect(
     "coupling",
     "joint k turns when a neighbouring joint turns",
     _parameters,
+    sizes={"1": Size("share of the other angle")},
     phrase=("every joint", "has an error proportional to the preceding joint"),
     confusable_with=("bending",),
 )

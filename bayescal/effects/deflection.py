@@ -25,8 +25,14 @@ COMPLIANT = (COMPLIANCE, BENDING, BASE_COMPLIANCE)
 def compliances(parameters: Sequence[Parameter], deviations: np.ndarray) -> Mapping[str, float]:
     """Values (SI) of all compliances among P parameters, by name, at deviations (P,) from nominal."""
     names = {effect.name for effect in COMPLIANT}
-    pairs = zip(parameters, deviations.tolist(), strict=True)
-    return {p.name: p.nominal + value for p, value in pairs if p.effect in names}
+    out: dict[str, float] = {}
+    for p, value in zip(parameters, deviations.tolist(), strict=True):
+        if p.effect not in names:
+            continue
+        out |= {own.name: own.nominal + value * own.centre for own in p.stands_for} or {
+            p.name: p.nominal + value
+        }
+    return out
 
 
 def deflections(c: Circumstances, moments: np.ndarray) -> tuple[Term, ...]:

@@ -7,6 +7,7 @@ Driver: sine and cosine of the link-relative angle. Prior: 0.1 mrad each, from a
 from __future__ import annotations
 
 from bayescal.effects.joints import waves
+from bayescal.effects.sizes import WAVE
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 1e-4  # rad
@@ -20,6 +21,7 @@ ECCENTRICITY = Effect(
     "eccentricity",
     "error once per revolution of joint k",
     _parameters,
+    sizes={"rad": WAVE},
     phrase=("every joint", "has an error once per revolution"),
     confusable_with=("second-harmonic", "encoder-scale"),
 )

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from bayescal.effects.joints import at, motion, side_of, sides, turned
 from bayescal.effects.location import Driver
+from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 1e-4  # rad per rad
@@ -31,6 +32,7 @@ ENCODER_SCALE = Effect(
     "encoder-scale",
     "joint k turns by more or less than its reading says",
     lambda c: _parameters(c, side_of(c.robot)),
+    sizes={"1": Size("relative error of the angle")},
     phrase=("every joint", "has an encoder scale error"),
     confusable_with=("eccentricity", "second-harmonic"),
     forms=sides(_parameters),

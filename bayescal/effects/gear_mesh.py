@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.effects.joints import waves
+from bayescal.effects.sizes import WAVE
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 
 SD = 5e-5  # rad
@@ -55,5 +56,6 @@ GEAR_MESH = Effect(
     Scan(
         "motor revolutions per joint revolution", "{:g} motor revolutions per joint revolution", _ratios, _at
     ),
+    sizes={"rad": WAVE},
     phrase=("every joint", "has an error at its gear-mesh frequency"),
 )

@@ -16,6 +16,7 @@ from bayescal.arm.motion import Term
 from bayescal.effects.compliance import loaded
 from bayescal.effects.joints import at, usual, without_masses
 from bayescal.effects.location import Driver
+from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 
 CHANGE = 0.3  # of the compliance
@@ -55,6 +56,10 @@ HARDENING = Effect(
         lambda c: KNEES,
         _at,
     ),
+    sizes={
+        "rad/(N m)^2": Size("change of the compliance per torque"),
+        "rad": Size("deflection of the soft part"),
+    },
     phrase=("every joint", "has torque-dependent stiffness"),
     confusable_with=("hysteresis",),
     requires=("compliance",),

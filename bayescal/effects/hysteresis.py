@@ -15,6 +15,7 @@ from bayescal.arm.motion import Term
 from bayescal.effects.compliance import loaded
 from bayescal.effects.joints import at, usual, without_masses
 from bayescal.effects.location import Driver
+from bayescal.effects.sizes import Size, magnitude
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 
 SD = 5e-5  # rad
@@ -46,6 +47,7 @@ HYSTERESIS = Effect(
         lambda c: SHARES,
         _at,
     ),
+    sizes={"rad": Size("half-width", magnitude)},
     phrase=("every joint", "has torque-reversal hysteresis"),
     confusable_with=("hardening",),
     requires=("compliance",),

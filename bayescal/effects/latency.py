@@ -12,6 +12,7 @@ import numpy as np
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects.joints import without_surface, without_velocity
 from bayescal.effects.location import PROBE, Driver
+from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 2e-3  # s
@@ -37,5 +38,6 @@ LATENCY = Effect(
     "joint readings delayed by t",
     _parameters,
     _missing,
+    sizes={"s": Size("delay")},
     phrase=("every joint", "has delayed readings"),
 )

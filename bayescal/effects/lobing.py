@@ -13,6 +13,7 @@ import numpy as np
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects.joints import without_surface
 from bayescal.effects.location import PROBE, Driver
+from bayescal.effects.sizes import WAVE
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
 
 SD = 5e-6  # m
@@ -36,5 +37,6 @@ LOBING = Effect(
     "three-lobe pre-travel variation of the probe",
     _parameters,
     without_surface,
+    sizes={"m": WAVE},
     phrase=("the probe", "has three-lobe pre-travel variation"),
 )

@@ -16,6 +16,7 @@ from bayescal.arm.statics import gravity_moments
 from bayescal.effects.deflection import deflections
 from bayescal.effects.joints import without_masses
 from bayescal.effects.location import TOOL, Driver
+from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 0.3  # kg
@@ -35,6 +36,7 @@ PAYLOAD = Effect(
     "payload mass or centre of mass differs from what was stated",
     _parameters,
     without_masses,
+    sizes={"kg": Size("additional mass")},
     phrase=("the tool", "carries a payload that differs from what was stated"),
     requires=("compliance",),
 )

@@ -13,6 +13,7 @@ from numpy.polynomial.legendre import legvander2d
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects import location
 from bayescal.effects.location import Driver
+from bayescal.effects.sizes import Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Face, Parameter, Where
 
 GRANITE = 3e-6  # m, root mean square
@@ -56,5 +57,6 @@ PLANE_FORM = Effect(
     "a face is not flat",
     _parameters,
     _missing,
+    sizes={"m": Size("RMS form deviation", length)},
     phrase=("every face", "has a form error"),
 )

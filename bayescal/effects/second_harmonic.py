@@ -7,6 +7,7 @@ Driver: sine and cosine of twice the link-relative angle. Prior: 0.07 mrad each,
 from __future__ import annotations
 
 from bayescal.effects.joints import waves
+from bayescal.effects.sizes import WAVE
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 7e-5  # rad
@@ -20,6 +21,7 @@ SECOND_HARMONIC = Effect(
     "second-harmonic",
     "error twice per revolution of joint k",
     _parameters,
+    sizes={"rad": WAVE},
     phrase=("every joint", "has an error twice per revolution"),
     confusable_with=("eccentricity", "encoder-scale"),
 )

@@ -14,6 +14,7 @@ import numpy as np
 from bayescal.arm.motion import Term
 from bayescal.effects.location import BASE, Driver
 from bayescal.effects.sessions import apart, each, within
+from bayescal.effects.sizes import Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan, Where
 
 SD = {"t": ("m", 5e-5), "r": ("rad", 1e-4)}
@@ -69,6 +70,7 @@ STEP = Effect(
     lambda c: apart(c, _middle),
     _missing,
     Scan("first row after it", "from row {:.0f} on", moments, _at),
+    sizes={"m": Size("shift", length), "rad": Size("rotation", length)},
     phrase=("the base", "shifted suddenly"),
     confusable_with=("thermal-drift",),
 )

@@ -18,6 +18,7 @@ from bayescal.arm.motion import Term
 from bayescal.effects.joints import at
 from bayescal.effects.location import ARM, BASE, Driver
 from bayescal.effects.sessions import apart, each
+from bayescal.effects.sizes import Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 from bayescal.errors import BayescalError
 
@@ -119,6 +120,11 @@ THERMAL_DRIFT = Effect(
     _missing,
     Scan("time constant of the warm-up, s", "warm-up time constant {:.0f} s", _constants, _warming),
     whole=True,
+    sizes={
+        "1": Size("half of the change of lengths, relative"),
+        "m": Size("half of the shift", length),
+        "rad": Size("half of the change of the zero"),
+    },
     phrase=("the arm", "has thermal drift"),
     confusable_with=("step",),
 )

@@ -12,6 +12,7 @@ from bayescal.arm.chain import Chain
 from bayescal.arm.motion import CERTIFICATE, Term
 from bayescal.arm.robot import Robot
 from bayescal.effects.location import ARM, CONSTANT, Driver, Site
+from bayescal.effects.sizes import Size
 from bayescal.errors import BayescalError
 
 UNITS = {
@@ -120,6 +121,9 @@ class Parameter:
     The terms are driven by value - nominal, so that nominal values displace nothing. The prior's mean
     is the nominal value by default. A physically positive value has a normal prior too, which keeps the model
     linear in it; a negative estimate is reported.
+
+    A parameter that is a common factor of others, `stands_for`, displaces each by the factor times its prior
+    mean.
     """
 
     name: str
@@ -132,6 +136,7 @@ class Parameter:
     site: Site = ARM
     driver: Driver = CONSTANT
     effect: str = field(default="", compare=False)
+    stands_for: tuple[Parameter, ...] = field(default=(), compare=False)
 
     @property
     def centre(self) -> float:
@@ -224,6 +229,8 @@ class Effect:
         Effects that must be in the model before a diagnosis can name this one: it acts through them.
     part_of : tuple of str
         Effects with the same parameters; a model has either this effect or these.
+    sizes : mapping from str to Size
+        How its parameters read as an amplitude, by their SI unit; others are told as they are.
     forms : tuple of Form
         Other forms, which a diagnosis compares with the usual one if they differ from it.
     """
@@ -238,6 +245,7 @@ class Effect:
     confusable_with: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
     part_of: tuple[str, ...] = ()
+    sizes: Mapping[str, Size] = field(default_factory=dict)
     forms: tuple[Form, ...] = ()
 
     def form(self, name: str) -> Form | None:

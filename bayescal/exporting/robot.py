@@ -10,10 +10,12 @@ from bayescal.arm.chain import chain_of, displaced
 from bayescal.arm.robot import Robot
 from bayescal.arm.rows import split
 from bayescal.arm.transforms import AXES, rigid
+from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.encoder_scale import ENCODER_SCALE
 from bayescal.effects.geometry import PARALLEL
 from bayescal.effects.joint import JOINT
-from bayescal.effects.joints import READING, SIDES, side_of
+from bayescal.effects.joints import READING, side_of
+from bayescal.effects.selection import Selection
 from bayescal.estimate import Estimate
 from bayescal.model import ARM
 
@@ -31,8 +33,8 @@ def calibrated_robot(fitted: Estimate, name: str = "") -> Robot:
     delta = np.zeros((robot.n + 2, 6))
     compliance = np.zeros(robot.n) if robot.compliance is None else robot.compliance.copy()
     coupling = robot.link_from_reading.copy()
-    asked = [side for side in SIDES if f"{ENCODER_SCALE.name}@{side}" in model.effects]
-    side = asked[0] if asked else side_of(robot)
+    asked = [s.setting for s in map(Selection.read, model.effects) if s.effect == ENCODER_SCALE.name]
+    side = asked[0] if asked and asked[0] else side_of(robot)
     for value, p in zip(values, model.parameters, strict=True):
         if p.effect in (ENCODER_SCALE.name, JOINT.name) and p.unit == "1":  # not a joint's zero
             joint = p.site.number - 1
@@ -40,12 +42,12 @@ def calibrated_robot(fitted: Estimate, name: str = "") -> Robot:
                 coupling[:, joint] *= 1.0 + value
             else:
                 coupling[joint] *= 1.0 + value
+        if p.effect == COMPLIANCE.name:
+            for own in p.stands_for or (p,):
+                compliance[own.site.number - 1] += value * (own.centre if p.stands_for else 1.0)
+            continue
         for term in p.terms:
-            if p.effect == "compliance":
-                compliance[term.frame - 1] += value
-            elif (
-                0 <= term.frame <= robot.n and np.ndim(term.driver) == 0
-            ):  # not of a contact or a certificate
+            if 0 <= term.frame <= robot.n and np.ndim(term.driver) == 0:  # not of a contact or a certificate
                 delta[term.frame, AXES.index(term.axis)] += value * float(term.driver)
     out = _displaced_rows(robot, delta)
     return replace(

@@ -56,8 +56,8 @@ def _named(member, d: Decision, e: Examined) -> Named:
     v = member.variant
     setting = EFFECTS[v.effect].words(v.setting)
     return Named(
-        v.effect, model_name(member), v.sites, setting, stated(d.probability[v.effect]), d.lost(v.effect),
-        v.effect not in d.unclaimed,
+        v.effect, model_name(member, e.candidates), v.sites, setting, stated(d.probability[v.effect]),
+        d.lost(v.effect), v.effect not in d.unclaimed,
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.estimate import Estimate, check_enough
+from bayescal.estimate.discrepancy import stated
 from bayescal.gap.design.advise import advise
 from bayescal.gap.design.blind_spots import blind_spots, unseen
 from bayescal.gap.examine import Examined
@@ -17,6 +18,7 @@ from bayescal.gap.level_fits import fitted_levels
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import again
 from bayescal.gap.locations import where
+from bayescal.gap.outcome.amplitudes import amplitudes
 from bayescal.gap.outcome.levels import model_levels
 from bayescal.gap.outcome.magnitude import magnitude, noise_floor
 from bayescal.gap.outcome.margins import margins
@@ -24,6 +26,7 @@ from bayescal.gap.outcome.notes import warnings
 from bayescal.gap.outcome.shrinkage import shrinkage
 from bayescal.gap.result import Gap
 from bayescal.gap.search.beam import COMPLIANCE, Hypothesis
+from bayescal.gap.search.refit import still_without
 from bayescal.gap.settings import VERDICT
 from bayescal.model import check_asked
 from bayescal.model.length_blocks import length_blocks
@@ -76,7 +79,7 @@ def diagnose(
     progress("report", 0.8)
     of_magnitude, of_shrinkage = spawned(seed, 2)
     size = magnitude(first.fitted, final, before, after, of_magnitude)
-    chosen = last.decision.hypothesis
+    chosen, verdict = last.decision.hypothesis, found.verdict
     changed = bool(members) or promoted
     levels = fitted_levels(scene, effects, prior_width, robust, parts, found)
     known = {id(first.fitted): before, id(final): after}
@@ -107,6 +110,9 @@ def diagnose(
         residuals=_residuals(first.fitted, final),
         warnings=warnings(first.fitted, final, before, after),
         without=tuple(map(str, parts)),
+        amplitudes=amplitudes(final, stated(final).limited, verdict.named) if verdict.named else (),
+        refit=final.model.effects,
+        still_without=tuple(map(str, still_without(parts, members))),
     )
 
 

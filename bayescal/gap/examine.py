@@ -61,7 +61,7 @@ def examine(
     found = _weighed(fitted, fitted, c, known, nuisance, robust, further)
     members = found.decision.members
     if members and ORIENTATION in fitted.weights.scale:
-        final = refit(fitted, found.candidates.pool, members, robust)
+        final = refit(fitted, found.candidates, members, robust, prior_width, without)
         if not _alike(fitted, final):
             found = _weighed(fitted, final, c, known, nuisance, robust, further)
     return found

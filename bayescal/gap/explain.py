@@ -55,21 +55,27 @@ def explain(
         last = examine(scene, (*effects, COMPLIANCE), robust, prior_width, without, further=True)
     progress("refit", 0.6)
     before = validation_errors(first.fitted)
-    last, final, after = _confirmed(last, validation_errors(last.fitted) if promoted else before, robust)
-    return Explained(first, last, promoted, before, final, after)
+    alone = validation_errors(last.fitted) if promoted else before
+
+    known: dict[tuple[int, ...], tuple[Estimate, ValidationErrors]] = {(): (last.fitted, alone)}
+
+    def fitted(members: Sequence[Member]) -> tuple[Estimate, ValidationErrors]:
+        key = tuple(map(id, members))
+        if key not in known:
+            final = refit(last.fitted, last.candidates, members, robust, prior_width, without)
+            known[key] = final, validation_errors(final)
+        return known[key]
+
+    confirmed_last, final, after = _confirmed(last, alone, fitted)
+    return Explained(first, confirmed_last, promoted, before, final, after)
 
 
 def _confirmed(
-    e: Examined, before: ValidationErrors, robust: bool
+    e: Examined,
+    before: ValidationErrors,
+    fitted: Callable[[Sequence[Member]], tuple[Estimate, ValidationErrors]],
 ) -> tuple[Examined, Estimate, ValidationErrors]:
     """The refit with the named effects that the validation data admit, and the decision with its reasons."""
-
-    def fitted(members: Sequence[Member]) -> tuple[Estimate, ValidationErrors]:
-        if not members:
-            return e.fitted, before
-        final = refit(e.fitted, e.candidates.pool, members, robust)
-        return final, validation_errors(final)
-
     d = e.decision
     found = confirmed(d.members, fitted, before, lambda m: d.probability[m.effect] > VERDICT.certain)
     costs = "explains the calibration rows but makes the validation data less probable, by {:.1f} nats"

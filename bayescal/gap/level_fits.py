@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.gap.explain import Explained
 from bayescal.gap.search.beam import COMPLIANCE
-from bayescal.gap.search.refit import refit
+from bayescal.gap.search.refit import model_name, refit
 from bayescal.model import with_parameters
 from bayescal.model.parts import Part
 from bayescal.model.scene import Scene
@@ -33,7 +33,8 @@ def fitted_levels(
         e = (
             found.final
             if k == len(members)
-            else refit(last.fitted, last.candidates.pool, members[:k], robust)
+            else refit(last.fitted, last.candidates, members[:k], robust, width, without)
         )
-        out.append((e.model.effects, e))
+        names = (model_name(m, last.candidates) for m in members[:k])
+        out.append(((*last.fitted.model.effects, *names), e))
     return out

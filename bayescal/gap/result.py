@@ -102,6 +102,22 @@ class Named:
 
 
 @dataclass(frozen=True)
+class Amplitude:
+    """The amplitude of a named effect at one site, from the refit, SI."""
+
+    effect: str
+    site: Site
+    driver: Driver
+    parameters: tuple[str, ...]  # their names
+    what: str  # "half-width"
+    value: float
+    u: float  # standard uncertainty
+    unit: str  # a key of effects.UNITS
+    phase: tuple[float, float] | None  # of a wave, with u, rad
+    significant: bool  # at OUTCOME.significant, corrected for all amplitudes of the effect
+
+
+@dataclass(frozen=True)
 class Hypothetical:
     """A set of effects with its probability."""
 
@@ -195,3 +211,6 @@ class Gap:
     ]  # rows of the session, before, after (m), fitted ones
     warnings: tuple[str, ...]
     without: tuple[str, ...] = ()  # parts that the baseline lacks: "geometry at joint 4"
+    amplitudes: tuple[Amplitude, ...] = ()  # of all named effects
+    refit: tuple[str, ...] = ()  # the refitted model, in the form of --model
+    still_without: tuple[str, ...] = ()  # parts that the refitted model lacks

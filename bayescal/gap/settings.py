@@ -244,7 +244,8 @@ class OutcomeSettings:
     places_named: int = 3
     """Maximum number of listed locations of each named effect."""
     significant: float = 0.01
-    """Family p-value up to which a further location is searched for (convention)."""
+    """Family p-value up to which an amplitude is significant, or a further location is searched for
+    (convention)."""
     fewest_in_bin: int = 4
     """Minimum number of contacts in a bin of a margin (assumed)."""
     joint_bins: int = 4

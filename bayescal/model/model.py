@@ -16,6 +16,7 @@ from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Motion, Term
 from bayescal.dataset import Certificate as CertificateEntry
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import MODELS, UNITS, Parameter, parameters_of
+from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.model.block import ARM, Block, Constraint, Turned
 from bayescal.model.orientations import sigma
@@ -220,11 +221,12 @@ def check_asked(effects: tuple[str, ...], prior_width: float) -> None:
             "--prior-width",
             "give a number above 0",
         )
-    plain = {name.partition("@")[0] for name in effects}
-    if len(plain) < len(effects):
-        raise BayescalError("an effect is named twice", "--model", "name it once")
-    for name in plain & MODELS.keys():
-        if others := plain.intersection(MODELS[name].part_of):
+    asked = {plain(name) for name in effects}
+    if len(asked) < len(effects):
+        remedy = "name it once; for several sites: 'backlash at joint 2 and joint 3'"
+        raise BayescalError("an effect is named twice", "--model", remedy)
+    for name in asked & MODELS.keys():
+        if others := asked.intersection(MODELS[name].part_of):
             what = f"{name} is part of {' and of '.join(sorted(others))}"
             raise BayescalError(what, "--model", f"leave {name} out")
 

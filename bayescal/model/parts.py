@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bayescal.effects import Parameter, Site
+from bayescal.effects.selection import Selection, plain
 from bayescal.errors import BayescalError
 
 OPTION = "--without"
@@ -26,21 +27,21 @@ class Part:
     @classmethod
     def of(cls, words: str) -> Part:
         """Read ``geometry at joint 4``."""
-        effect, _, site = (" ".join(w.split()) for w in words.partition(" at "))
-        if not effect or not site:
+        asked = Selection.read(words)
+        if len(asked.sites) != 1 or asked != Selection(asked.effect, sites=asked.sites):
             raise BayescalError(
                 f"'{words.strip()}' is not an effect at a site",
                 OPTION,
                 "write, for example, 'geometry at joint 4'",
             )
-        return cls(effect, Site.read(site))
+        return cls(asked.effect, asked.sites[0])
 
     def __str__(self) -> str:
         return f"{self.effect} at {self.site}"
 
     def holds(self, p: Parameter) -> bool:
         """Whether a parameter belongs to the part."""
-        return p.effect == self.effect and str(self.site) in map(str, p.site.also)
+        return p.effect == self.effect and Selection(self.effect, sites=(self.site,)).holds(p)
 
 
 def parts_of(words: Sequence[str], effects: Sequence[str]) -> tuple[Part, ...]:
@@ -52,10 +53,10 @@ def parts_of(words: Sequence[str], effects: Sequence[str]) -> tuple[Part, ...]:
         For a text that is not an effect at a site, or an effect that the model does not have.
     """
     parts = tuple(dict.fromkeys(map(Part.of, words)))
-    plain = dict.fromkeys(name.partition("@")[0] for name in effects)
+    modelled = dict.fromkeys(map(plain, effects))
     for part in parts:
-        if part.effect not in plain:
-            remedy = f"the model has: {', '.join(plain)}" if plain else "the model has no effect"
+        if part.effect not in modelled:
+            remedy = f"the model has: {', '.join(modelled)}" if modelled else "the model has no effect"
             raise BayescalError(f"{part.effect} is not in the model", f"{OPTION} '{part}'", remedy)
     return parts
 

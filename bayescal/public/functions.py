@@ -69,6 +69,7 @@ def fit(
     latent_joints: bool = False,
     remounted: bool = False,
     tolerance_mm: float | None = None,
+    without: Sequence[str] | str = (),
     allow_xacro: bool = False,
     progress: Progress = silent,
 ) -> FitResult:
@@ -79,7 +80,8 @@ def fit(
     dataset : Dataset, SimulatedSession or path, or a sequence of them
         Several are sessions of one arm and are fitted together.
     model : sequence of str, or str
-        Names of effects, comma separated if in one string; see `bayescal.effects.names`.
+        Names of effects, comma separated if in one string; see `bayescal.effects.names`. A name may state a
+        setting, sites and priors: 'backlash at joint 3', 'step@212', 'hysteresis at joint 2 x4'.
     samples : int
         Effective posterior draws of every parameter; 0: Gaussian approximation.
     seed : int
@@ -94,6 +96,8 @@ def fit(
         Of several sessions: the tools were remounted in between.
     tolerance_mm : float, optional
         mm; decide whether distance errors are within it (ISO 14253-1).
+    without : sequence of str, or str
+        Parts of the effects that stay nominal: 'geometry at joint 4'; comma separated if in one string.
     allow_xacro : bool
         As of `read_dataset`, where `dataset` is a path.
     progress : callable
@@ -124,7 +128,8 @@ def fit(
 
     effects, session = _names(model), _session(dataset, remounted, True, allow_xacro)
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
-    found = run(session, effects, samples, seed, robust, prior_width, latent_joints, progress, tolerance)
+    options = (samples, seed, robust, prior_width, latent_joints, progress, tolerance, _names(without))
+    found = run(session, effects, *options)
     if not session.sessions:
         return FitResult(found)
     progress("compare", 1.0)

@@ -118,6 +118,13 @@ class GapTables:
         return DataFrame(ranked, columns=["effect", "probability"]).set_index("effect")
 
     @property
+    def amplitudes(self) -> DataFrame:
+        """Named effects, site by site: `what`, `value`, `u` (standard uncertainty) and `unit`; see gap.md."""
+        from pandas import DataFrame
+
+        return DataFrame(list(self.record.get("amplitudes", ())))
+
+    @property
     def where(self) -> DataFrame:
         """Locations of the error, largest first: site, driver, `rms_um`, share of the excess, p-values."""
         from pandas import DataFrame

@@ -9,6 +9,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS
+from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.robots import load_robot
 from bayescal.simulation.options import Options, stream
@@ -54,8 +55,10 @@ def simulate(options: Options, allow_xacro: bool = False) -> Simulation:
     """
     options.check()
     for name in options.effects:
-        if (plain := name.partition("@")[0]) not in EFFECTS:
-            raise BayescalError(f"no effect is called '{plain}'", "--effects", f"known: {', '.join(EFFECTS)}")
+        if (effect := plain(name)) not in EFFECTS:
+            raise BayescalError(
+                f"no effect is called '{effect}'", "--effects", f"known: {', '.join(EFFECTS)}"
+            )
     robot, _ = load_robot(options.robot, allow_xacro=allow_xacro)
     planned, scenery = plan(options, robot)
     targets = true_targets(options, scenery)

@@ -29,7 +29,7 @@ def draws(options: Options, model: Model) -> np.ndarray:
     """
     out = np.empty(len(model.parameters))
     for k, p in enumerate(model.parameters):
-        seed = options.seed if p.effect.partition("@")[0] in OF_SESSION else options.seed_of_arm
+        seed = options.seed if p.effect in OF_SESSION else options.seed_of_arm
         z = stream(seed, "truth", p.effect, p.name).normal()
         if p.positive:
             value = p.centre * np.exp(np.log1p(p.sd / p.centre) * z) if p.centre > 0 else abs(p.sd * z)

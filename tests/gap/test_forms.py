@@ -44,15 +44,17 @@ def test_the_side_of_a_coupled_axis_is_found(bench, effect, joint, side):
     decision, _ = bench.decided(bench.made_up(1, bench.visible(column, 800.0, 1)))
     (member,) = decision.members
     assert (member.effect, member.variant.site) == (effect, f"joint {joint}")
-    usual = named(model_name(member))[1] or "link"
+    usual = named(model_name(member, bench.known))[1] or "link"
     assert usual == side
     own = [
         p
-        for p in parameters_of((model_name(member),), c)
+        for p in parameters_of((model_name(member, bench.known),), c)
         if p.site == location.joint(joint) and p.effect != "tool"
     ]
     columns = bench.slopes.columns(own)
-    np.testing.assert_allclose(columns, bench.problem.pool[:, member.variant.columns], atol=1e-12)
+    np.testing.assert_allclose(
+        columns, member.scale * bench.problem.pool[:, member.variant.columns], atol=1e-12
+    )
 
 
 def test_other_forms_share_a_part_of_the_prior(bench):

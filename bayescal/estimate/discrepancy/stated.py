@@ -71,6 +71,12 @@ class Stated:
         """Stated standard deviations of z, (D,)."""
         return np.linalg.norm(self._limit() @ root(self.covariance), axis=1)
 
+    @property
+    def limited(self) -> np.ndarray:
+        """Stated covariance (D, D), no wider than the prior: that of `sd` and of `reported` draws."""
+        by = self._limit() @ root(self.covariance)
+        return by @ by.T
+
     def draws(self, z: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Draws (S, D') of all unknowns of `wide`, from draws z (S, D) of the plain posterior.
 

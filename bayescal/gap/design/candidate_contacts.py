@@ -12,13 +12,14 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from bayescal.effects import EFFECTS, Circumstances, Parameter, Setting, parameters_of
+from bayescal.effects.selection import in_proportion
 from bayescal.estimate import Estimate
 from bayescal.gap.design.blind_spots import located
 from bayescal.gap.design.interventions import Intervention, widened
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.known import with_compliances
 from bayescal.gap.search.beam import Hypothesis, Member
-from bayescal.gap.search.candidates import Candidates, in_proportion
+from bayescal.gap.search.candidates import Candidates
 from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
 from bayescal.model.length_blocks import length_blocks, main_group
@@ -216,7 +217,7 @@ def _again(old: Sequence[Parameter], new: Sequence[Parameter]) -> list[Parameter
 
 def _candidates(name: str, setting: Setting, c: Circumstances) -> list[Parameter]:
     found = EFFECTS[name].at(c, setting)
-    return [*found, *in_proportion(EFFECTS[name], found)]
+    return [*found, *in_proportion(name, found)]
 
 
 def _poses(fitted: Estimate) -> np.ndarray:

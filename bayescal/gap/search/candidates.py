@@ -12,8 +12,8 @@ from itertools import compress
 import numpy as np
 
 from bayescal.effects import EFFECTS, Circumstances, Effect, Parameter, Setting, named, parameters_of
-from bayescal.effects.compliance import SPREAD
-from bayescal.effects.location import ARM, Driver, Site, words_of
+from bayescal.effects.location import Driver, Site, words_of
+from bayescal.effects.selection import in_proportion, plain
 from bayescal.gap.search.alias import ALIASED, unaliased
 from bayescal.gap.settings import SEARCH
 from bayescal.model.parts import Part
@@ -31,6 +31,8 @@ class Variant:
     columns: np.ndarray  # (k,)
     log_prior: float  # within the effect
     places: tuple[tuple[Site, Driver], ...] = ()  # of its columns
+    partial: bool = False  # the effect has further parameters, which are not assessed
+    together: bool = False  # its column is one factor for all parameters, in proportion
 
     @property
     def site(self) -> str:
@@ -55,10 +57,10 @@ def candidates(
     circumstances: Circumstances, baseline: tuple[str, ...], without: Sequence[Part] = ()
 ) -> Candidates:
     """List the candidates for a baseline model, except wide scans, which are screened first."""
-    plain = {name.partition("@")[0] for name in baseline}
+    modelled = {plain(name) for name in baseline}
     out = Candidates((), {}, {})
     for effect in EFFECTS.values():
-        if effect.name in plain or wide(effect, circumstances):
+        if effect.name in modelled or wide(effect, circumstances):
             continue
         lacks = effect.missing(circumstances)
         settings: list[float | None] = [] if lacks else [None]
@@ -66,7 +68,7 @@ def candidates(
             settings += [float(v) for v in effect.scan.values(circumstances)]
         out = extended(out, effect, settings, circumstances, lacks)
     for name in baseline:
-        if mine := [part for part in without if part.effect == name.partition("@")[0]]:
+        if mine := [part for part in without if part.effect == plain(name)]:
             out = with_parts(out, name, mine, circumstances)
     return out
 
@@ -120,12 +122,17 @@ def extended(
     usual = float(np.log(1.0 - SEARCH.other_forms)) if forms else 0.0
     pool, variants = list(known.pool), []
     for value, parameters in found:
-        joined = in_proportion(effect, parameters)
+        joined = in_proportion(effect.name, parameters)
         weight = usual - float(np.log(count)) - float(np.log(2.0)) * len(joined)
-        variants += _subsets(effect, value, parameters, len(pool), weight)
+        whole = next(len(table) for setting, table in tables if setting == value)
+        own = _subsets(effect, value, parameters, len(pool), weight)
+        variants += [replace(v, partial=len(parameters) < whole) for v in own]
         pool += parameters
         places = tuple(dict.fromkeys((p.site, p.driver) for p in parameters))
-        variants += [Variant(effect.name, value, (), np.array([len(pool)]), weight, places) for _ in joined]
+        variants += [
+            Variant(effect.name, value, (), np.array([len(pool)]), weight, places, together=True)
+            for _ in joined
+        ]
         pool += joined
     for name, parameters, others in forms:
         weight = float(np.log(SEARCH.other_forms / len(forms)))
@@ -153,23 +160,6 @@ def _same_motion(a: Parameter, b: Parameter) -> bool:
         (s.frame, s.axis) == (t.frame, t.axis) and np.allclose(s.driver, t.driver)
         for s, t in zip(a.terms, b.terms, strict=True)
     )
-
-
-def in_proportion(effect: Effect, parameters: Sequence[Parameter]) -> list[Parameter]:
-    """One common factor for several physically positive parameters, in proportion to their prior means."""
-    if len(parameters) < 2 or not all(p.positive and p.mean for p in parameters):
-        return []
-    terms = tuple(
-        replace(t, driver=np.asarray(t.driver) * (p.mean or 0.0)) for p in parameters for t in p.terms
-    )
-    sites = {p.site for p in parameters}
-    name = f"{effect.name} in proportion"
-    return [
-        Parameter(
-            name, "1", terms, SPREAD, site=sites.pop() if len(sites) == 1 else ARM,
-            driver=replace(parameters[0].driver, joint=0), effect=effect.name,
-        )
-    ]  # fmt: skip
 
 
 def _subsets(

@@ -1,43 +1,63 @@
-"""The non-linear refit of a model with the named effects."""
+"""The non-linear refit of a model with the named effects: the same fit as that of `fit` with their names."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from bayescal.effects import Parameter
-from bayescal.estimate import Estimate, estimate
+from bayescal.effects.selection import Selection, driver_words, shortest
+from bayescal.estimate import Estimate, calibrated
 from bayescal.gap.search.beam import Member
-from bayescal.model import ARM, with_parameters
+from bayescal.gap.search.candidates import Candidates
+from bayescal.model.parts import Part
 
 
-def model_name(member: Member) -> str:
-    """An effect in the form of ``--model``, with its setting where it has one."""
-    setting = member.variant.setting
-    if setting is None:
-        return member.effect
-    return f"{member.effect}@{setting if isinstance(setting, str) else format(setting, 'g')}"
+def model_name(member: Member, known: Candidates) -> str:
+    """A member in the form of ``--model``: effect, setting, site and priors; see `selection`."""
+    v = member.variant
+    own = [known.pool[k] for k in v.columns]
+    sites = v.sites
+    drivers: tuple[str, ...] = ()
+    if v.partial:
+        sites = tuple(dict.fromkeys(p.site for p in own))
+        drivers = tuple(dict.fromkeys(map(driver_words, own)))
+    elif v.sites and v.effect not in known.partly:
+        alike = (o for o in known.variants[v.effect] if (o.setting, o.sites) == (v.setting, v.sites))
+        here = {driver_words(known.pool[k]) for o in alike for k in o.columns}
+        drivers = (driver_words(own[0]),) if len(here) > 1 else ()
+    setting = None if v.setting is None else v.setting if isinstance(v.setting, str) else shortest(v.setting)
+    usual = v.effect in known.partly or (member.scale == 1.0 and all(p.centre == p.nominal for p in own))
+    factor = None if usual else member.scale
+    return str(Selection(v.effect, setting, sites, drivers, v.together, factor))
 
 
-def parameters_of_members(pool: Sequence[Parameter], members: Sequence[Member]) -> list[Parameter]:
-    """Parameters of the variants of members, with prior mean zero and the prior scales of the best fit."""
-    return [
-        replace(pool[k], sd=pool[k].sd * m.scale, mean=pool[k].nominal)
-        for m in members
-        for k in m.variant.columns
-    ]
+def still_without(without: Sequence[Part], members: Sequence[Member]) -> tuple[Part, ...]:
+    """Parts that stay nominal: those that no member is."""
+    named = {Part(m.effect, site) for m in members for site in m.variant.sites}
+    return tuple(part for part in without if part not in named)
 
 
 def refit(
-    before: Estimate, pool: Sequence[Parameter], members: Sequence[Member], robust: bool = True
+    before: Estimate,
+    known: Candidates,
+    members: Sequence[Member],
+    robust: bool = True,
+    prior_width: float = 1.0,
+    without: Sequence[Part] = (),
 ) -> Estimate:
-    """Fit a model again with the parameters of some effects in addition to its own."""
-    old = before.model
-    extra = parameters_of_members(pool, members)
-    effects = (*old.effects, *(model_name(m) for m in members))
-    model = with_parameters(old.scene, effects, (*old.parameters, *extra))
-    own = old.slices[ARM].stop
-    start = np.concatenate([before.z[:own], np.zeros(len(extra)), before.z[own:]])
-    return estimate(model, robust=robust, start=start)
+    """Fit a baseline with some effects in addition to its own.
+
+    Parameters
+    ----------
+    before : Estimate
+        Of the baseline.
+    known : Candidates
+        Of the search; a member that is a part of the baseline's effects has the priors of the effect.
+    members : sequence of Member
+    robust, prior_width, without
+        As of the baseline.
+    """
+    extra = tuple(model_name(m, known) for m in members if m.effect not in known.partly)
+    scene = replace(before.model.scene, delta=None, compliances={})
+    left = still_without(without, members)
+    return calibrated(scene, (*before.model.effects, *extra), prior_width, robust, left)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bayescal.effects import EFFECTS, Circumstances
+from bayescal.effects.selection import plain
 from bayescal.gap.linear.evidence import Bank, weigh_sets
 from bayescal.gap.linear.slopes import Slopes
 from bayescal.gap.linear.state import State
@@ -19,9 +20,9 @@ def screened(
     known: Candidates, slopes: Slopes, states: Sequence[State], c: Circumstances, baseline: tuple[str, ...]
 ) -> Candidates:
     """Candidates with the leading settings of every wide scan, by site, from gains over several states."""
-    plain = {name.partition("@")[0] for name in baseline}
+    modelled = {plain(name) for name in baseline}
     for effect in EFFECTS.values():
-        if effect.name in plain or not wide(effect, c) or effect.scan is None:
+        if effect.name in modelled or not wide(effect, c) or effect.scan is None:
             continue
         values = effect.scan.values(c)
         best = np.full(len(values), -np.inf)

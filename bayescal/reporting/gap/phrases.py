@@ -9,6 +9,7 @@ import numpy as np
 from bayescal.effects import EFFECTS
 from bayescal.gap.result import Gap, Named, Place
 from bayescal.model.orientations import posed
+from bayescal.reporting.gap.amplitudes import sites
 
 NO_PLACE = "at no single location"
 LOOSE = 4.0
@@ -22,11 +23,20 @@ def place(where: Place) -> str:
     return f"{where.site}, {where.driver.text}"
 
 
-def named(effect: Named) -> str:
-    """A named effect: ``joint 3 has lost motion on reversal (backlash, probability 0.97)``."""
+def named(effect: Named, gap: Gap) -> str:
+    """A named effect: ``joint 3 has lost motion on reversal (backlash, probability 0.97)``.
+
+    Of an effect at all its sites, the sites with a significant amplitude.
+    """
     who, does = EFFECTS[effect.effect].phrase
-    if effect.sites:
-        who = listed(site.text for site in effect.sites)
+    clear, everywhere = sites(gap, effect.effect)
+    if effect.sites or (who.startswith("every ") and not everywhere):
+        told = [site.text for site in effect.sites or clear]
+        who = (
+            f"each of {listed(told)}"
+            if len(told) > 1
+            else "".join(told) or who.replace("every", "at least one")
+        )
     setting = f", {effect.setting}" if effect.setting else ""
     return f"{who} {does}{setting} ({effect.effect}, probability {probability(effect.probability)})"
 
@@ -75,8 +85,8 @@ def headline(gap: Gap) -> list[str]:
         rivals = dict.fromkeys((*verdict.credible_set90, *noise))
         lines = [f"Ambiguous: these data do not distinguish {listed(map(rival, rivals))}"]
         return lines + ([f"Largest location: {place(largest)}"] if largest else [])
-    lines = [f"Effect found: {named(n)}" for n in verdict.named[:1]]
-    lines += [f"Also found: {named(n)}" for n in verdict.named[1:]]
+    lines = [f"Effect found: {named(n, gap)}" for n in verdict.named[:1]]
+    lines += [f"Also found: {named(n, gap)}" for n in verdict.named[1:]]
     if verdict.kind == "named+unexplained":
         lines.append(f"Also: an unmodelled effect outside the vocabulary, {there}")
     return lines

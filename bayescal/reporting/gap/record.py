@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.gap.result import Advice, BlindSpot, Gap, Magnitude, Margin, Place, Shrinkage, Verdict
+from bayescal.reporting.gap import amplitudes
 from bayescal.reporting.gap.phrases import headline, warnings
 from bayescal.reporting.shared.origin import origin
 from bayescal.reporting.shared.text import UM, amplitude
@@ -46,6 +47,8 @@ def gap_record(gap: Gap) -> dict[str, Any]:
             }
             for n in verdict.named
         ],
+        "amplitudes": amplitudes.records(gap),
+        "refit": {"model": ",".join(gap.refit), "without": list(gap.still_without)},
         "credible_set90": list(verdict.credible_set90),
         "probability": dict(verdict.probability),
         "hypotheses": [

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
+from bayescal.reporting.gap import amplitudes
 from bayescal.reporting.gap.phrases import headline, listed, p_value, place, probability, rival, warnings
 from bayescal.reporting.shared.text import facts, model_label, plain_table, size, um
 
@@ -48,7 +49,7 @@ def gap_summary(gap: Gap) -> RenderableType:
         parts.append(facts(_largest(gap)))
     elif gap.where:
         parts += [_where(gap), facts(_margins(gap))]
-    parts += [facts(_which(gap)), ""]
+    parts += [facts(_which(gap)), facts(_amplitudes(gap)), ""]
     if gap.shrinkage and not nothing:
         parts += [_shrinkage(gap), facts(_not_claimed(gap))]
     if gap.levels:
@@ -145,6 +146,15 @@ def _which(gap: Gap) -> Facts:
         yield "90 % set", text, "" if together else "yellow"
     for k, note in enumerate(verdict.footnotes):
         yield "" if k else "footnote", note, "dim"
+
+
+def _amplitudes(gap: Gap) -> Facts:
+    """Amplitudes of the named effects, and the model that has them."""
+    for k, text in enumerate(amplitudes.lines(gap)):
+        yield "" if k else "amplitude", text, "bold"
+    if gap.amplitudes:
+        without = f" --without '{','.join(gap.still_without)}'" if gap.still_without else ""
+        yield "refit", f"--model '{','.join(gap.refit)}'{without}", ""
 
 
 def _shrinkage(gap: Gap) -> Table:

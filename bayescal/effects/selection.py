@@ -1,0 +1,165 @@
+"""An effect as a model names it: its setting, its site and its priors.
+
+The text is ``EFFECT[@SETTING] [in proportion] [at SITE and ...] [by DRIVER and ...] [xFACTOR]``:
+
+- ``backlash``, ``step@212``: the effect at all its sites, in its usual setting or in another one;
+- ``backlash at joint 3``, ``compliance at joint 2 and joint 3``: only there; a joint includes its link;
+- ``coupling at joint 5 by angle 4``: only the parameters with this driver (without its commas);
+- ``compliance in proportion``: one factor for all its parameters, in proportion to their prior means;
+- ``backlash at joint 3 x4``: prior standard deviations times 4 and prior means at the nominal values.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.effects.compliance import SPREAD
+from bayescal.effects.location import ARM, Site, words_of
+from bayescal.effects.vocabulary import Parameter
+from bayescal.errors import BayescalError
+
+WORDS = re.compile(
+    r"(?P<effect>[^@\s]+)(?:@(?P<setting>\S*))?(?P<together> in proportion)?"
+    r"(?: at (?P<sites>.+?))?(?: by (?P<driver>.+?))?(?: x(?P<factor>[^\sA-Za-z]+))?"
+)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """An effect, or a part of it, with its priors; its `str` is the text that `read` reads."""
+
+    effect: str
+    setting: str | None = None
+    sites: tuple[Site, ...] = ()  # () for all
+    drivers: tuple[str, ...] = ()  # () for all
+    together: bool = False  # one common factor
+    factor: float | None = None  # on the prior standard deviations; None for the usual prior
+
+    @classmethod
+    def read(cls, words: str) -> Selection:
+        """Read a text; one that does not follow the form is a name without anything else.
+
+        Raises
+        ------
+        BayescalError
+            For a factor that is not a number above 0.
+        """
+        plain = " ".join(words.split())
+        found = WORDS.fullmatch(plain)
+        if found is None:
+            return cls(plain)
+        part, setting = {key: text or "" for key, text in found.groupdict().items()}, found["setting"]
+        sites = tuple(dict.fromkeys(Site.read(s) for s in part["sites"].split(" and ") if s))
+        drivers = tuple(dict.fromkeys(d for d in part["driver"].split(" and ") if d))
+        factor = _factor(part["factor"], plain) if part["factor"] else None
+        return cls(part["effect"], setting, sites, drivers, bool(part["together"]), factor)
+
+    @property
+    def name(self) -> str:
+        """The effect with its setting: ``step@212``."""
+        return self.effect if self.setting is None else f"{self.effect}@{self.setting}"
+
+    def __str__(self) -> str:
+        return "".join(
+            (
+                self.name,
+                " in proportion" if self.together else "",
+                f" at {words_of(self.sites)}" if self.sites else "",
+                f" by {' and '.join(self.drivers)}" if self.drivers else "",
+                "" if self.factor is None else f" x{shortest(self.factor)}",
+            )
+        )
+
+    def holds(self, p: Parameter) -> bool:
+        """Whether a parameter of the effect is at one of the sites and has the driver."""
+        at = not self.sites or any(str(site) in map(str, p.site.also) for site in self.sites)
+        return at and (not self.drivers or driver_words(p) in self.drivers)
+
+    def of(self, parameters: Sequence[Parameter], where: str) -> list[Parameter]:
+        """The selected ones of an effect's parameters, with the priors that the text states.
+
+        Parameters
+        ----------
+        parameters : sequence of Parameter
+            All parameters of the effect, in its setting.
+        where : str
+            The option, for a message.
+
+        Raises
+        ------
+        BayescalError
+            If the effect has no parameters at a site, none with the driver, or no proportion.
+        """
+        for site in self.sites:
+            if not any(replace(self, sites=(site,), drivers=()).holds(p) for p in parameters):
+                raise BayescalError(
+                    f"{self.effect} has no parameters at '{site}'",
+                    where,
+                    f"its sites are: {_sites(parameters)}",
+                )
+        own = [p for p in parameters if self.holds(p)]
+        there = dict.fromkeys(driver_words(p) for p in parameters if replace(self, drivers=()).holds(p))
+        if unknown := [driver for driver in self.drivers if driver not in there]:
+            what = f"{self.effect} has no parameters by '{unknown[0]}' there"
+            raise BayescalError(what, where, f"its drivers there are: {', '.join(there)}")
+        if self.together:
+            joined = in_proportion(self.effect, own)
+            if own and not joined:
+                remedy = f"say {replace(self, together=False)}"
+                raise BayescalError(f"{self.effect} has no parameters in proportion there", where, remedy)
+            own = joined
+        if self.factor is None:
+            return own
+        return [replace(p, sd=p.sd * self.factor, mean=p.nominal) for p in own]
+
+
+def plain(name: str) -> str:
+    """The effect that a name of a model is about: ``step`` of ``step@212``."""
+    return Selection.read(name).effect
+
+
+def shortest(value: float) -> str:
+    """The shortest text that reads as this number."""
+    text = format(value, "g")
+    return text if float(text) == value else repr(float(value))
+
+
+def driver_words(p: Parameter) -> str:
+    """A parameter's driver, without the commas that separate effects."""
+    return str(p.driver).replace(",", "")
+
+
+def in_proportion(effect: str, parameters: Sequence[Parameter]) -> list[Parameter]:
+    """One common factor for several physically positive parameters, in proportion to their prior means."""
+    if len(parameters) < 2 or not all(p.positive and p.mean for p in parameters):
+        return []
+    terms = tuple(
+        replace(t, driver=np.asarray(t.driver) * (p.mean or 0.0)) for p in parameters for t in p.terms
+    )
+    sites = {p.site for p in parameters}
+    return [
+        Parameter(
+            f"{effect} in proportion", "1", terms, SPREAD, site=sites.pop() if len(sites) == 1 else ARM,
+            driver=replace(parameters[0].driver, joint=0), effect=effect,
+            stands_for=tuple(parameters),
+        )
+    ]  # fmt: skip
+
+
+def _factor(words: str, whole: str) -> float:
+    try:
+        value = float(words)
+    except ValueError:
+        value = float("nan")
+    if not 0 < value < np.inf:
+        what = f"'{words}' is not a number above 0"
+        raise BayescalError(what, f"--model '{whole}'", "give a factor on the prior, for example x2")
+    return value
+
+
+def _sites(parameters: Iterable[Parameter]) -> str:
+    return ", ".join(dict.fromkeys(str(site) for p in parameters for site in p.site.also))
