@@ -33,6 +33,7 @@ from bayescal.model.length_blocks import length_blocks
 from bayescal.model.parts import parts_of
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
+from bayescal.predict.errors import kept
 from bayescal.streams import spawned
 
 
@@ -104,7 +105,7 @@ def diagnose(
         margins=margins(first.fitted, before, noise.sd, noise.dof),
         verdict=verdict,
         shrinkage=reduction,
-        levels=model_levels(levels, errors),
+        levels=model_levels(levels, errors, kept(before, after)),
         advice=advise(last.fitted, last.candidates, pairs),
         blind_spots=unseen(spots),
         residuals=_residuals(first.fitted, final),
@@ -129,10 +130,13 @@ def _rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:
 
 
 def _residuals(before: Estimate, after: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of the session, and residual lengths before and after at each, m."""
+    """Rows of the session in the order of time, and residuals before and after at each, m."""
     rows, old, new = [], [], []
     for a, b in zip(length_blocks(before.model), length_blocks(after.model), strict=True):
         rows.append(np.tile(a.rows, a.kind.rows))
         old.append(before.residuals(a).ravel())
         new.append(after.residuals(b).ravel())
-    return np.concatenate(rows), np.concatenate(old), np.concatenate(new)
+    at = np.concatenate(rows)
+    m = before.model.scene.dataset.measurements
+    order = np.lexsort((at, at if m.time is None else m.time[at]))
+    return at[order], np.concatenate(old)[order], np.concatenate(new)[order]

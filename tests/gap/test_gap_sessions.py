@@ -274,7 +274,7 @@ def test_points_of_an_instrument(tracker):
     gap = diagnose(tracker(seed=3, count=100).dataset)
     record = sane(gap)
     assert set(record["shrinkage"]) >= {"planes", "distances"}
-    assert "per coordinate" in printed(gap)
+    assert "per point (length)" in printed(gap)
     assert {"lobing", "ball-radius", "plane-form"} <= set(gap.verdict.missing)
 
 

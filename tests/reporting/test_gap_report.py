@@ -80,7 +80,7 @@ def diagnosis(dataset, kind: str = "named", distances: bool = True) -> Gap:
     shrinkage = (Shrinkage("planes", 60, 13e-6, 6.4e-6, 6e-6, 0.96, (0.91, 0.99), 12e-6, 6.2e-6, True),)
     if distances:
         shrinkage += (Shrinkage("distances", 12, 27e-6, 31e-6, 5e-6, NAN, (NAN, NAN), 33e-6, 30e-6, False),)
-    measured = (Measured("validation contacts", 60, 13e-6, 6e-6, (5e-6, 7e-6)),)
+    measured = (Measured("validation contacts", 60, 6.2e-6 if null else 13e-6, 6e-6, (5e-6, 7e-6)),)
     at = 500e-6 if distances else NAN
     models = (("nominal",), ("geometry",), ("geometry", "compliance"))
     ladder = [Step(m, 600e-6 / 5**k, at / 4**k, NAN, 40.0 if k else NAN, 6.0) for k, m in enumerate(models)]

@@ -14,7 +14,9 @@ from bayescal.predict.errors import ValidationErrors, kept
 
 
 def model_levels(
-    levels: Sequence[tuple[tuple[str, ...], Estimate]], held: Sequence[ValidationErrors] | None = None
+    levels: Sequence[tuple[tuple[str, ...], Estimate]],
+    held: Sequence[ValidationErrors] | None = None,
+    fair: np.ndarray | None = None,
 ) -> tuple[Step, ...]:
     """Validation errors of model levels, each with the change in log predictive density.
 
@@ -24,9 +26,12 @@ def model_levels(
         Of one session, the nominal model first.
     held : sequence of ValidationErrors, optional
         Validation errors of each level, if already computed.
+    fair : np.ndarray of bool, shape (R,), optional
+        Residuals that are used, the same for all levels; default: all but those gross under the last two.
     """
     held = [validation_errors(e) for _, e in levels] if held is None else held
-    fair = kept(*held[-2:]) if len(held) > 2 else kept(held[-1])
+    if fair is None:
+        fair = kept(*held[-2:]) if len(held) > 2 else kept(held[-1])
     out: list[Step] = []
     before: np.ndarray | None = None
     for (effects, _), h in zip(levels, held, strict=True):

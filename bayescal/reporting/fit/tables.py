@@ -34,7 +34,7 @@ def level_table(levels: Sequence[ModelLevel]) -> FigureTable:
     v = levels[-1].validation
     headings = ["contacts RMS"] * bool(v.planes)
     headings += ["distances RMS", "maximum", "95 % predicted"] * bool(v.distances)
-    headings += ["points mean", "maximum"] * bool(v.points)
+    headings += ["points RMS", "mean", "maximum"] * bool(v.points)
     headings += ["angles mean (mdeg)"] * bool(v.turns)
     table = plain_table("validation (µm)", *headings, "within 95 %")
     for level in levels:
@@ -48,7 +48,7 @@ def level_table(levels: Sequence[ModelLevel]) -> FigureTable:
             cells += [um(v.maximum_distance_error), f"{UM * low:+.0f} .. {UM * high:+.0f}"]
         if v.points:
             length = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])
-            cells += [um(np.mean(length)), um(np.max(length))]
+            cells += [um(np.sqrt(np.mean(length**2))), um(np.mean(length)), um(np.max(length))]
         if v.turns:
             angles = np.concatenate([np.linalg.norm(t.residuals, axis=0) for t in v.turns])
             cells.append(f"{MDEG * np.mean(angles):.2g}")

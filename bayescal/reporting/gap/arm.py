@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PLACES = 7
+EVENT = "event"
+"""Kind of driver of a sudden change: at whichever site it is seen, it is one event."""
 CURVES = 3
 SIGNIFICANT = 0.01
 AXIS = 0.07
@@ -32,9 +35,7 @@ def draw_where(gap: Gap) -> Figure:
     """Above: bars of the largest locations, the arm. Below: residuals over the coordinates they depend on."""
     import matplotlib
 
-    curves = [w for w in gap.where if len(w.curve.x)][:CURVES]
-    if gap.verdict.kind == "null":
-        curves = curves[:1]
+    curves = drawn_curves(gap.where)
     out = figure(12, 9.0 if curves else 5.4, headline(gap))
     parts: Any = out.subfigures(
         1 + bool(curves), 1, height_ratios=(1.35, 1)[: 1 + bool(curves)], squeeze=False
@@ -52,6 +53,16 @@ def draw_where(gap: Gap) -> Figure:
             _curve(axes, w, first=k == 0)
             tidy(axes)
     return out
+
+
+def drawn_curves(places: Sequence[Place]) -> list[Place]:
+    """Significant locations whose functions are drawn, each event once."""
+    out: list[Place] = []
+    for w in places:
+        event = w.driver.kind == EVENT and any(own.driver.kind == EVENT for own in out)
+        if len(w.curve.x) and w.family_p_value < SIGNIFICANT and not event:
+            out.append(w)
+    return out[:CURVES]
 
 
 def _bars(gap: Gap, axes: Any) -> None:

@@ -75,6 +75,9 @@ def headline(gap: Gap) -> list[str]:
         size = gap.magnitude.measured[:1]
         if size and size[0].predicted_rms > LOOSE * gap.magnitude.noise:
             return ["No effect found: with these contacts the model is too uncertain to show any"]
+        odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
+        if odd:
+            return [f"No effect found, but errors of {listed(odd)} are larger than the model predicts"]
         return ["No effect above noise: the model explains these data"]
     if verdict.kind == "unknown":
         p = probability(verdict.probability.get("unknown", float("nan")))

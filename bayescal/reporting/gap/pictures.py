@@ -12,6 +12,7 @@ import numpy as np
 
 from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Gap
 from bayescal.reporting.gap.arm import draw_where
+from bayescal.reporting.gap.lengths import length, main
 from bayescal.reporting.gap.phrases import headline, probability, rival
 from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, INK, NOISE, SERIES, figure, remark, tidy
 from bayescal.reporting.shared.text import UM, model_label
@@ -71,9 +72,9 @@ def draw_levels(gap: Gap) -> Figure:
     axes = out.subplots()
     at = np.arange(len(gap.levels))
     series = (
-        (VALIDATION_CONTACTS, "o", [s.validation_rms for s in gap.levels]),
+        (VALIDATION_CONTACTS, "o", [length(main(gap), s.validation_rms) for s in gap.levels]),
         ("sphere distances", "s", [s.distance_rms for s in gap.levels]),
-        (VALIDATION_POINTS, "D", [s.point_rms for s in gap.levels]),
+        (VALIDATION_POINTS, "D", [length("points", s.point_rms) for s in gap.levels]),
     )
     drawn = [(w, m, UM * np.array(v)) for w, m, v in series if np.any(np.isfinite(v))]
     points_only = len(drawn) > 1 and np.allclose(drawn[0][2], drawn[-1][2], equal_nan=True)
@@ -85,9 +86,10 @@ def draw_levels(gap: Gap) -> Figure:
             top = v >= np.nanmax([other[j] for _, _, other in shown])
             text = f"{v:.1f}" if v < 100 else f"{v:.0f}"
             axes.annotate(text, (j, v), (9, 5 if top else -13), textcoords="offset points", color=SERIES[k])
-    noise = UM * gap.magnitude.noise
-    axes.axhspan(*(UM * np.array(gap.magnitude.noise_interval95)), color=NOISE, lw=0)
-    axes.axhline(noise, color=GREY, lw=1.2, ls="--", label=f"noise of a contact, {noise:.1f} µm (95 %)")
+    one, what = length(main(gap), UM), "contact" if main(gap) == VALIDATION_CONTACTS else "point"
+    noise = one * gap.magnitude.noise
+    axes.axhspan(*(one * np.array(gap.magnitude.noise_interval95)), color=NOISE, lw=0)
+    axes.axhline(noise, color=GREY, lw=1.2, ls="--", label=f"noise of a {what}, {noise:.1f} µm (95 %)")
     for s in gap.shrinkage:
         if s.what == "distances":
             axes.axhline(
@@ -99,7 +101,8 @@ def draw_levels(gap: Gap) -> Figure:
             )
     axes.set_yscale("log")
     axes.set_ylabel("RMS error (µm)")
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    for axis in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+        axis(lambda value, _: f"{value:g}")
     axes.set_xticks(at, [_level(gap, k) for k in range(len(at))])
     axes.set_xlim(-0.4, max(len(at) - 1, 0) + 0.6)
     axes.legend(frameon=False, loc="upper right")
@@ -125,31 +128,32 @@ def draw_residuals(gap: Gap) -> Figure:
     lines = ["Residuals of the fitted contacts" + ("" if same else ", before and after the refit")]
     out = figure(12, 3.9 if same else 6.6, lines)
     grid = out.subplots(1 if same else 2, 2, width_ratios=(3.2, 1), sharey=True, squeeze=False)
-    x = np.arange(len(rows), dtype=float) if m.time is None else (m.time[rows] - np.min(m.time)) / 60.0
+    x = rows + 1.0 if m.time is None else (m.time[rows] - np.min(m.time)) / 60.0
     both = UM * np.concatenate([before, after])
     edge = 1.15 * max(float(np.quantile(np.abs(both), CLIP)), 3.2 * UM * gap.magnitude.noise)
     bins = np.linspace(-edge, edge, 45)
     values = [before] if same else [before, after]
     baseline = model_label(gap.baseline)
     named = " + ".join((baseline, *(n.effect for n in gap.verdict.named)))
+    inside = np.max(np.abs(UM * np.array(values)), axis=0) <= edge  # the same rows before and after
+    beyond = f", without {np.sum(~inside)} outside the axis" if not np.all(inside) else ""
+    each = "" if main(gap) == VALIDATION_CONTACTS else " per coordinate"
     for k, r in enumerate(values):
         along, across = grid[k]
         _in_order(gap, along, x, UM * r, edge, legend=k == 0)
-        inside = np.abs(UM * r) <= edge
-        beyond = f", {np.sum(~inside)} outside the axis" if not np.all(inside) else ""
         rms = UM * np.sqrt(np.mean(r[inside] ** 2))
-        along.set_title(f"{(baseline, named)[k]}: RMS {rms:.1f} µm{beyond}", loc="left")
+        along.set_title(f"{(baseline, named)[k]}: RMS {rms:.1f} µm{each}{beyond}", loc="left")
         across.hist(UM * r, bins=bins, orientation="horizontal", color=SERIES[0], alpha=0.75, density=True)
         fine, sd = np.linspace(-edge, edge, 200), UM * gap.magnitude.noise
         bell = np.exp(-0.5 * (fine / sd) ** 2) / (sd * np.sqrt(2 * np.pi))
         across.plot(bell, fine, color=INK, lw=1.3, label=f"noise, {sd:.1f} µm")
         across.set_xticks([])
         across.legend(frameon=False, loc="upper right", handlelength=1.2)
-        along.set_ylabel("residual (µm)")
+        along.set_ylabel(f"residual{each} (µm)")
         for axes in (along, across):
             axes.set_ylim(-edge, edge)
             tidy(axes)
-    grid[-1][0].set_xlabel("measurement order" if m.time is None else "time (min)")
+    grid[-1][0].set_xlabel("row" if m.time is None else "time (min)")
     grid[-1][1].set_xlabel("density (band: 2 x noise)")
     return out
 

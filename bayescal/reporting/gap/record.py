@@ -9,6 +9,7 @@ import numpy as np
 
 from bayescal.gap.result import Advice, BlindSpot, Gap, Magnitude, Margin, Place, Shrinkage, Verdict
 from bayescal.reporting.gap import amplitudes
+from bayescal.reporting.gap.lengths import as_lengths, length, main
 from bayescal.reporting.gap.phrases import headline, warnings
 from bayescal.reporting.shared.origin import origin
 from bayescal.reporting.shared.text import UM, amplitude
@@ -61,12 +62,14 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "where": [_place(w) for w in gap.where],
         "where_marginal": {key: [_margin(m) for m in gap.margins.get(key, ())] for key in MARGINS},
         "shrinkage": dict.fromkeys(MEASURES) | {s.what: _shrinkage(s) for s in gap.shrinkage},
+        "lengths": _lengths(gap),
         "ladder": [
             {
                 "model": list(step.model),
                 "heldout_rms_um": UM * step.validation_rms,
                 "distance_rms_um": UM * step.distance_rms,
                 "point_rms_um": UM * step.point_rms,
+                "point_length_rms_um": UM * length("points", step.point_rms),
                 "delta_elpd": step.delta_elpd,
                 "delta_elpd_se": step.delta_elpd_se,
             }
@@ -156,6 +159,21 @@ def _shrinkage(s: Shrinkage) -> dict[str, Any]:
         "predicted_before_rms_um": UM * s.predicted_before,
         "predicted_rms_um": UM * s.predicted,
         "claimed": s.claimed,
+    }
+
+
+def _lengths(gap: Gap) -> dict[str, Any]:
+    """The errors as the summary states them: of points, the length of the error vector."""
+    m, what = gap.magnitude, main(gap)
+    return {
+        "of": what,
+        "validation_rms_um": UM * length(what, m.validation_rms),
+        "noise_um": UM * length(what, m.noise),
+        "excess_um": UM * length(what, m.excess),
+        "shrinkage": {
+            s.what: {"before_rms_um": UM * s.before, "after_rms_um": UM * s.after, "floor_um": UM * s.floor}
+            for s in map(as_lengths, gap.shrinkage)
+        },
     }
 
 

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting.gap import amplitudes
+from bayescal.reporting.gap.lengths import as_lengths, length, main
 from bayescal.reporting.gap.phrases import headline, listed, p_value, place, probability, rival, warnings
 from bayescal.reporting.shared.text import facts, model_label, plain_table, size, um
 
@@ -63,15 +64,20 @@ def gap_summary(gap: Gap) -> RenderableType:
 
 def _size(gap: Gap) -> Facts:
     m = gap.magnitude
-    low, high = m.noise_interval95
-    each = "contact" if any(x.what == VALIDATION_CONTACTS for x in m.measured) else "coordinate"
-    yield "validation", f"{um(m.validation_rms)} µm RMS per {each} ({m.validation})", ""
-    yield "noise", f"{um(m.noise)} µm per {each}, {um(low)} to {um(high)} (95 %, from {_noise_from(gap)})", ""
-    low, high = m.excess_interval95
-    if gap.verdict.kind == "null":
-        yield "excess", f"none above noise; at most {um(high)} µm (95 %)", ""
+    what = main(gap)
+    each = "contact" if what == VALIDATION_CONTACTS else "point (length)"
+
+    def size(value: float) -> str:
+        return um(length(what, value))
+
+    low, high = map(size, m.noise_interval95)
+    yield "validation", f"{size(m.validation_rms)} µm RMS per {each} ({m.validation})", ""
+    yield "noise", f"{size(m.noise)} µm per {each}, {low} to {high} (95 %, from {_noise_from(gap)})", ""
+    low, high = map(size, m.excess_interval95)
+    if m.excess_interval95[0] == 0 and gap.verdict.kind == "null":
+        yield "excess", f"none above noise; at most {high} µm (95 %)", ""
     else:
-        yield "excess", f"{um(m.excess)} µm, {um(low)} to {um(high)} (95 %)", "bold"
+        yield "excess", f"{size(m.excess)} µm, {low} to {high} (95 %)", "bold"
 
 
 def _noise_from(gap: Gap) -> str:
@@ -87,9 +93,9 @@ def _measured(gap: Gap) -> Table:
         table.add_row(
             x.what,
             str(x.count),
-            um(x.rms),
-            um(x.predicted_rms),
-            f"{um(low)} .. {um(high)}",
+            um(length(x.what, x.rms)),
+            um(length(x.what, x.predicted_rms)),
+            f"{um(length(x.what, low))} .. {um(length(x.what, high))}",
             Text("within", style="green") if inside else Text("outside", style="yellow"),
         )
     return table
@@ -160,7 +166,7 @@ def _amplitudes(gap: Gap) -> Facts:
 def _shrinkage(gap: Gap) -> Table:
     headings = ("count", "before", "after", "expected", "limit", "removed", "95 %")
     table = plain_table("refit: RMS (µm)", *headings)
-    for s in gap.shrinkage:
+    for s in map(as_lengths, gap.shrinkage):
         low, high = s.removed_interval95
         shown = s.claimed and np.isfinite(s.removed)
         table.add_row(
@@ -180,7 +186,7 @@ def _not_claimed(gap: Gap) -> Facts:
     doubted = [n.effect for n in gap.verdict.named if not n.confirmed]
     if doubted:
         yield "", f"the validation data do not confirm {listed(doubted)}: no improvement is claimed", "yellow"
-    for s in gap.shrinkage:
+    for s in map(as_lengths, gap.shrinkage):
         if not s.claimed and not doubted:
             why = (
                 f"the refitted model expects {um(s.predicted)} µm, not less than before"
@@ -192,14 +198,14 @@ def _not_claimed(gap: Gap) -> Facts:
 
 def _levels(gap: Gap) -> Table:
     distances = any(np.isfinite(s.distance_rms) for s in gap.levels)
-    points = any(np.isfinite(s.point_rms) for s in gap.levels)
+    points = main(gap) == VALIDATION_CONTACTS and any(np.isfinite(s.point_rms) for s in gap.levels)
     headings = ["validation"] + ["distances"] * distances + ["points"] * points
     table = plain_table("model: RMS (µm)", *headings, "difference of log density (nats)")
     before: tuple[str, ...] = ()
     for k, step in enumerate(gap.levels):
-        cells = [um(step.validation_rms)]
+        cells = [um(length(main(gap), step.validation_rms))]
         cells += [um(step.distance_rms)] if distances else []
-        cells += [um(step.point_rms)] if points else []
+        cells += [um(length("points", step.point_rms))] if points else []
         gain = (
             f"{step.delta_elpd:+.0f} +- {step.delta_elpd_se:.0f}"
             if k and np.isfinite(step.delta_elpd)
