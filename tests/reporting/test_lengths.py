@@ -1,13 +1,11 @@
 """Errors of points are lengths everywhere; figures are in the order of time and show what is significant."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint
-from bayescal.gap.diagnose import _residuals
 from bayescal.gap.result import VALIDATION_POINTS
 from bayescal.reporting.gap.arm import drawn_curves
 from bayescal.reporting.gap.lengths import length
@@ -31,20 +29,6 @@ def test_only_significant_curves_and_an_event_once():
     chance, none = at(PROBE, "event", 0.5), at(joint(3), "angle", 0.0, points=0)
     assert drawn_curves([chance, first, again, none, angle]) == [first, angle]
     assert drawn_curves([chance]) == []
-
-
-def test_residuals_are_in_the_order_of_time(cube):
-    from gap_problems import unsolved
-
-    dataset = cube(seed=1).dataset
-    time = np.random.default_rng(2).permutation(len(dataset.measurements.ids)).astype(float)
-    shuffled = replace(dataset, measurements=replace(dataset.measurements, time=time))
-    for own, clock in ((dataset, np.arange(len(time))), (shuffled, time)):
-        fitted = unsolved(own)
-        rows, before, after = _residuals(fitted, fitted)
-        if own is shuffled or own.measurements.time is None:
-            assert np.all(np.diff(clock[rows]) > 0)
-        np.testing.assert_array_equal(before, after)
 
 
 @pytest.mark.parametrize(
