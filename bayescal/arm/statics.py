@@ -71,3 +71,15 @@ def gravity_moments(
         about = moment - cross(frame[:, :3, 3], weight)
         out[:, i] = (np.swapaxes(frame[:, :3, :3], -1, -2) @ about[..., None])[..., 0]
     return out
+
+
+def torques_on_links(robot: Robot, torques: np.ndarray) -> np.ndarray:
+    """Torques on the links from those on the readings, both (C, n), N m.
+
+    If the readings of coupled axes are a matter of display, a motor drives its own link, and only the sense
+    of rotation may differ. If a linkage couples the axes, the power is equal: the torques on the readings are
+    ``link_from_reading.T`` times those on the links.
+    """
+    if robot.coupling == "display":
+        return torques * np.sign(np.diag(robot.link_from_reading))
+    return np.linalg.solve(robot.link_from_reading.T, torques.T).T

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.dataset import session
-from bayescal.dataset.checks import orientation_check, plausibility
+from bayescal.dataset.checks import orientation_check, plausibility, torque_check
 from bayescal.dataset.rows import measurements_of
 from bayescal.dataset.schema import SCHEMA, file_model
 from bayescal.dataset.table import read_table
@@ -55,7 +55,9 @@ def read_dataset(folder: Path | str, judge: bool = True, allow_xacro: bool = Fal
         measurements=measurements_of(table, n, bare.tools, bare.targets, bare.noise),
         sha256=_digest(document.content, table.content, robot_content),
     )
+    torque_check.check_present(dataset, document)
     if judge:
+        torque_check.check_sign(dataset, document)
         plausibility.check(dataset, table, document)
         orientation_check.check(dataset, table)
     return dataset
@@ -89,6 +91,7 @@ def read_settings(path: Path, allow_xacro: bool = False) -> tuple[Dataset, Docum
         certificates=session.certificates_of(document, file, targets),
         measurements=no_rows(robot.n),
         temperature_of=file.temperature_of,
+        torques=file.torques,
         source=file.source,
     )
     return dataset, document, robot_content

@@ -103,6 +103,7 @@ class DatasetFile(Keys):
     targets: Annotated[dict[str, Any], Field(min_length=1)]  # see `file_model`
     certificates: tuple[AnyCertificate, ...] = ()
     temperature_of: Literal["arm", "air", "artefact"] | None = None
+    torques: Literal["computed", "measured"] = "computed"
     source: str | None = None
 
 

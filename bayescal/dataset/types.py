@@ -117,6 +117,7 @@ class Dataset:
     certificates: tuple[Certificate, ...]
     measurements: Measurements
     temperature_of: str | None = None
+    torques: str = "computed"  # of the joints: "computed" from the masses, or "measured"
     source: str | None = None
     sha256: str = ""  # of dataset.yaml, measurements.csv and the robot file
     sessions: tuple[Dataset, ...] = ()  # those joined in this one, each as it was read

@@ -157,6 +157,8 @@ def _settings(dataset: Dataset, robot: str) -> str:
         lines += ["certificates:", *(f"  - {_certificate(c)}" for c in dataset.certificates)]
     if dataset.temperature_of is not None:
         lines.append(f"temperature_of: {dataset.temperature_of}")
+    if dataset.torques != "computed":
+        lines.append(f"torques: {dataset.torques}")
     if dataset.source is not None:
         lines.append(f"source: {scalar(dataset.source)}")
     return "\n".join(lines) + "\n"

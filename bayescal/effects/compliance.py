@@ -3,7 +3,8 @@
 Prior: the mean is the compliance of small arms (an ABB IRB 120 measured with a laser tracker): shoulder
 3e-5, elbow 2e-4, wrist 2e-3 rad/(N m). The standard deviation is 1.5 times the mean, so that a factor
 of 3 is well within it. If the robot file states a compliance, that is the mean.
-Only the product of compliance and mass is identifiable: masses are assumed to be as stated.
+Only the product of compliance and mass is identifiable: masses are assumed to be as stated. If the session
+measures torques (``torques: measured``), these are the driver, and no masses are needed.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.arm.robot import Robot
-from bayescal.effects.joints import at, carries, without_masses
+from bayescal.effects.joints import at, carries, without_torques
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import COMPLIANT, FACTOR
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
@@ -35,10 +36,10 @@ def expected(robot: Robot) -> np.ndarray:
 
 
 def loaded(c: Circumstances) -> Iterator[tuple[int, str, float, np.ndarray]]:
-    """Joints that carry gravity torque: number (from 1), name, expected compliance, torque (N,), N m."""
-    assert c.moments is not None
+    """Joints that carry a torque: number (from 1), name, expected compliance, torque (N,), N m."""
+    assert c.torques is not None
     for j, (name, usual) in enumerate(zip(c.robot.joint_names, expected(c.robot), strict=True), start=1):
-        torque = c.moments[:, j, 2]
+        torque = c.torques[:, j - 1]
         if carries(torque):
             yield j, name, float(usual), torque
 
@@ -58,7 +59,7 @@ COMPLIANCE = Effect(
     "compliance",
     "joint k yields elastically to its gravity torque",
     _parameters,
-    without_masses,
+    without_torques,
     sizes={"rad/(N m)": COMPLIANT, "1": FACTOR},
     phrase=("every joint", "deflects under gravity torque"),
 )

@@ -2,7 +2,8 @@
 
 A site that the model contains deflects by its fitted (or true) compliance: joints, bearings, links and the
 base. A joint of unknown compliance has the value of the robot file, or a typical one; any other site whose
-compliance is unknown is rigid.
+compliance is unknown is rigid. Measured torques contain the torque of every mass: then only links and base
+deflect by an added one.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ def deflections(c: Circumstances, moments: np.ndarray) -> tuple[Term, ...]:
     """Displacements of all compliant sites by added gravity moments (N, n + 1, 3), N m, of frames 0 to n."""
     added, out = replace(c, moments=moments), []
     for effect in COMPLIANT:
+        if effect is COMPLIANCE and c.measured_torques is not None:
+            continue
         if effect is not COMPLIANCE and not any(k.startswith(f"{effect.name} ") for k in c.compliances):
             continue
         for p in effect.parameters(added):

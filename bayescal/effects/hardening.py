@@ -14,7 +14,7 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.effects.compliance import loaded
-from bayescal.effects.joints import at, usual, without_masses
+from bayescal.effects.joints import at, usual, without_torques
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
@@ -49,7 +49,7 @@ HARDENING = Effect(
     "hardening",
     "torque-dependent stiffness of joint k",
     _parameters,
-    without_masses,
+    without_torques,
     Scan(
         "knee as a share of the usual torque",
         "low stiffness up to {:.0%} of the usual torque",

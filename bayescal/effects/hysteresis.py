@@ -13,7 +13,7 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.effects.compliance import loaded
-from bayescal.effects.joints import at, usual, without_masses
+from bayescal.effects.joints import at, usual, without_torques
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import Size, magnitude
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
@@ -40,7 +40,7 @@ HYSTERESIS = Effect(
     "hysteresis",
     "torque-reversal hysteresis of joint k",
     _parameters,
-    without_masses,
+    without_torques,
     Scan(
         "share of the usual torque within which it changes",
         "changing flanks within {:.0%} of the usual torque",

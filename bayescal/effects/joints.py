@@ -95,6 +95,11 @@ def without_masses(c: Circumstances) -> str:
     return "" if c.moments is not None else "the robot file gives no links (mass_kg, centre_of_mass_mm)"
 
 
+def without_torques(c: Circumstances) -> str:
+    """A message if the torques of the joints are neither measured nor computed, or ""."""
+    return "" if c.torques is not None else without_masses(c)
+
+
 def without_velocity(c: Circumstances) -> str:
     """A message if the session has no joint velocities, or ""."""
     return "" if c.velocity is not None else "no j1_degps ...: the session records no joint velocities"

@@ -178,9 +178,10 @@ def _velocity(d: Driver, site: Site, c: Circumstances) -> Found:
 
 
 def _torque(d: Driver, site: Site, c: Circumstances) -> Found:
-    if c.moments is None or not d.joint:  # all joints together have no common torque
+    if c.torques is None or not d.joint:  # all joints together have no common torque
         return None
-    return Coordinate(f"gravity torque on joint {d.joint}", "N m", c.moments[:, d.joint, 2])
+    name = "gravity torque" if c.measured_torques is None else "measured torque"
+    return Coordinate(f"{name} on joint {d.joint}", "N m", c.torques[:, d.joint - 1])
 
 
 def _base_moment(d: Driver, site: Site, c: Circumstances) -> Found:

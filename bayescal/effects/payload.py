@@ -31,11 +31,16 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     return [Parameter("payload mass", "kg", terms, SD, site=TOOL, driver=Driver("mass"))] if terms else []
 
 
+def _missing(c: Circumstances) -> str:
+    measured = "the torques are measured: they contain the payload"
+    return without_masses(c) if c.measured_torques is None else measured
+
+
 PAYLOAD = Effect(
     "payload",
     "payload mass or centre of mass differs from what was stated",
     _parameters,
-    without_masses,
+    _missing,
     sizes={"kg": Size("additional mass")},
     phrase=("the tool", "carries a payload that differs from what was stated"),
     requires=("compliance",),

@@ -65,6 +65,7 @@ class Circumstances:
     `tied_base`: a target's position in F0 is stated. `tied_tool`: a tool's centre is stated. Only then are
     the base, and theta and d of the last row, distinguishable from the targets and the tool.
     `moments` are the gravity moments of `statics.gravity_moments`, None if the robot has no masses.
+    `measured_torques` are the torques of the joints that the session measured, if they replace computed ones.
     `approach` is the unit direction, in the flange frame at nominal geometry, in which the ball meets the
     surface (its inward normal), and `speed` is the ball's speed in that direction; nan if the target is not a
     surface.
@@ -100,6 +101,14 @@ class Circumstances:
     delta: np.ndarray | None = None  # (N, n + 2, 6) displacements of the frames from nominal, if known
     compliances: Mapping[str, float] = field(default_factory=dict)
     """Known compliances of joints, bearings, links and the base, by the names of their parameters, SI."""
+    measured_torques: np.ndarray | None = None  # (N, n) N m, on the links of the joints
+
+    @property
+    def torques(self) -> np.ndarray | None:
+        """Torques (N, n), N m, on the links about their joints; None if neither measured nor computed."""
+        if self.measured_torques is not None:
+            return self.measured_torques
+        return None if self.moments is None else self.moments[:, 1:, 2]
 
     @property
     def touching(self) -> np.ndarray:

@@ -10,9 +10,10 @@ import numpy as np
 
 from bayescal.arm import chain as reference
 from bayescal.arm.chain import Chain, chain_of, link_angles
-from bayescal.arm.statics import gravity_moments
+from bayescal.arm.statics import gravity_moments, torques_on_links
 from bayescal.dataset import Certificate, Dataset, Target
 from bayescal.dataset.joins import forms_of
+from bayescal.dataset.load import load_centre, load_mass
 from bayescal.dataset.target_kinds import KINDS, TargetKind, kinds_of, seen
 from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
@@ -88,8 +89,16 @@ class Scene:
         robot = self.dataset.robot
         if robot.masses is None:
             return None
-        gravity, mass, centre = self.dataset.gravity, self._load_mass, self._load_centre
+        gravity, mass, centre = self.dataset.gravity, load_mass(self.dataset), load_centre(self.dataset)
         return gravity_moments(robot, self.chain, self._rigid_angles, gravity, mass, centre, self.delta)
+
+    @cached_property
+    def measured_torques(self) -> np.ndarray | None:
+        """Torques (N, n), N m, on the links, if the session states that measured ones are used."""
+        d = self.dataset
+        if d.torques != "measured" or d.measurements.torque is None:
+            return None
+        return torques_on_links(d.robot, d.measurements.torque)
 
     @property
     def _sags(self) -> bool:
@@ -98,29 +107,18 @@ class Scene:
         return known is not None and bool(np.any(known))
 
     @cached_property
-    def _load_mass(self) -> np.ndarray:
-        """Mass of the load on the flange, (N,), kg."""
-        m = self.dataset.measurements
-        mass = np.array([tool.mass for tool in self.dataset.tools], float)[m.tool]
-        return mass if m.payload is None else mass + m.payload
-
-    @cached_property
-    def _load_centre(self) -> np.ndarray:
-        """Centre of mass of the load in the flange frame, (N, 3), m; default: the ball's centre."""
-        tools = self.dataset.tools
-        centres = [t.centre if t.centre_of_mass is None else t.centre_of_mass for t in tools]
-        return np.array(centres)[self.dataset.measurements.tool]
-
-    @cached_property
     def q(self) -> np.ndarray:
         """Nominal link angles (N, n), rad, with the deflection of compliances in the robot file."""
         if not self._sags:
             return self._rigid_angles
-        if self.moments is None:
+        torques = self.measured_torques
+        if torques is None and self.moments is not None:
+            torques = self.moments[:, 1:, 2]
+        if torques is None:
             raise BayescalError(
                 "joint_compliance_rad_per_nm without links", "robot file", "add masses under links"
             )
-        return self._rigid_angles + self.dataset.robot.compliance * self.moments[:, 1:, 2]
+        return self._rigid_angles + self.dataset.robot.compliance * torques
 
     @cached_property
     def points(self) -> np.ndarray:
@@ -181,8 +179,8 @@ class Scene:
             or any(d.tools[k].u_angle is not None for k in turned),
             readings=m.readings,
             gravity=d.gravity,
-            load_mass=self._load_mass,
-            load_centre=self._load_centre,
+            load_mass=load_mass(d),
+            load_centre=load_centre(d),
             approach=self._approach,
             tool_radii=tuple(tool.ball_radius for tool in d.tools),
             velocity=m.velocity,
@@ -196,6 +194,7 @@ class Scene:
             tool_u_angle=tuple(tool.u_angle for tool in d.tools),
             delta=self.delta,
             compliances=self.compliances,
+            measured_torques=self.measured_torques,
         )
 
     @cached_property

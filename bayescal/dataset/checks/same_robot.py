@@ -27,6 +27,7 @@ def check_alike(first: Dataset, other: Dataset) -> None:
     pairs = (
         ("gravity_mps2", first.gravity, other.gravity),
         ("readings", first.readings, other.readings),
+        ("torques", first.torques, other.torques),
         ("noise.joint_deg", np.degrees(first.noise.joint), np.degrees(other.noise.joint)),
         ("noise.orientation_deg", np.degrees(turns[0]), np.degrees(turns[-1])),
     )

@@ -87,8 +87,10 @@ def _bends(j: int, drivers: list[np.ndarray], driver: Driver) -> Iterator[Parame
 
 
 def _torques(c: Circumstances) -> Iterator[Parameter]:
-    for j, torque in _moments_of(c, 2):
-        yield from _turns(j, waves(torque, c.fitted), j, "torque")
+    if c.torques is not None:
+        for j, torque in enumerate(c.torques.T, start=1):
+            if np.ptp(torque[c.fitted]) > STILL:
+                yield from _turns(j, waves(torque, c.fitted), j, "torque")
 
 
 def _moments(c: Circumstances) -> Iterator[Parameter]:

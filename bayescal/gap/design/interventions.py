@@ -37,7 +37,7 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
     if m.time is not None:
         late["time"] = m.time.max()
     choices: list[tuple[str, np.ndarray, Mapping[str, Any]]] = [(AGAIN, rows, late)]
-    if scene.dataset.robot.masses is not None:
+    if scene.dataset.robot.masses is not None and scene.measured_torques is None:  # these would not be known
         load = DESIGN.payload + (0.0 if m.payload is None else m.payload[rows])
         choices.append(
             (f"the same poses with {DESIGN.payload:g} kg additional payload", rows, late | {"payload": load})

@@ -61,11 +61,12 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
                 bends = [at_joint(c, j, [d], side) for side, angle in forms for d in _beyond(angle, c.fitted)]
                 yield Cell(site, Driver("angle", k, form="beyond"), tuple(bends))
         yield Cell(site, Driver("angle", j, form="one place"), tuple(_bumps(c, j)))
-        if c.moments is not None:
-            load = smooth(c.moments[:, j, 2], c.fitted)
-            if load and np.ptp(c.moments[c.fitted, j, 2]) > 1e-3:
+        if c.torques is not None:
+            torque = c.torques[:, j - 1]
+            load = smooth(torque, c.fitted)
+            if load and np.ptp(torque[c.fitted]) > 1e-3:
                 yield Cell(site, Driver("torque", j), (at_joint(c, j, load),))
-                late = [at_joint(c, j, [d]) for d in _past(c, c.moments[:, j, 2])]
+                late = [at_joint(c, j, [d]) for d in _past(c, torque)]
                 yield Cell(site, Driver("torque", j, form="past"), tuple(late))
         if c.velocity is not None:
             speeds = [(side, motion(c.robot, j, c.velocity, side)) for side in sides_of(c, j)]

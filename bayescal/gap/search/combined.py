@@ -19,11 +19,11 @@ def torque_and_angle(c: Circumstances) -> Iterator[Cell]:
 
     A torque turns the joint's own link, between which and the link before its gear yields.
     """
-    if c.moments is None:
+    if c.torques is None:
         return
     angles = [smooth(c.readings[:, k], c.fitted, CELLS.factor_waves) for k in range(c.robot.n)]
     for j in range(1, c.robot.n + 1):
-        torque = c.moments[:, j, 2]
+        torque = c.torques[:, j - 1]
         if not np.ptp(torque[c.fitted]) > 1e-3:
             continue
         load = torque / np.sqrt(np.mean(torque[c.fitted] ** 2))
