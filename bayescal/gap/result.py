@@ -169,6 +169,18 @@ class Step:
 
 
 @dataclass(frozen=True)
+class NextContact:
+    """A contact to be measured, SI."""
+
+    target: str
+    tool: str
+    readings: tuple[float, ...]  # of the joints, rad, in the convention of the session
+    velocity: tuple[float, ...] | None  # of the readings at the contact, rad/s, where the session records it
+    payload: float | None  # kg
+    repeat_of: str  # the contact of the session that it repeats unchanged, or ""
+
+
+@dataclass(frozen=True)
 class Advice:
     """Next measurements that distinguish two explanations."""
 
@@ -177,6 +189,7 @@ class Advice:
     poses: tuple[tuple[float, ...], ...]  # joint readings, rad, the best first
     lambda_before: float
     lambda_after: float
+    contacts: tuple[NextContact, ...] = ()  # to be measured, the best first; () if they are measured already
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bayescal.dataset import Dataset
 from bayescal.estimate import Estimate
-from bayescal.gap.design.candidate_contacts import Side, possibilities
-from bayescal.gap.result import Advice
+from bayescal.gap.design.candidate_contacts import Possible, Side, possibilities
+from bayescal.gap.design.interventions import AGAIN
+from bayescal.gap.result import Advice, NextContact
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.candidates import Candidates
 from bayescal.gap.settings import DESIGN
@@ -84,7 +86,8 @@ def advise(
     if not members:
         return ()
     interventions = possibilities(fitted, known, members)
-    readings = fitted.model.scene.dataset.measurements.readings
+    dataset = fitted.model.scene.dataset
+    readings = dataset.measurements.readings
     out: list[Advice] = []
     for a, b in pairs:
         names = [
@@ -100,11 +103,31 @@ def advise(
                 break
             before = min(s.strength for s in sides)
             order, after = choose(sides, intervention.contact, intervention.pose, contacts)
+            contacts_of = () if intervention.measured else next_contacts(dataset, intervention, order)
             poses = tuple(tuple(pose) for pose in readings[intervention.pose[order]].tolist())
-            tried.append(Advice((names[0], names[1]), intervention.what, poses, before, after))
+            pair = names[0], names[1]
+            tried.append(Advice(pair, intervention.what, poses, before, after, contacts_of))
         if max((t.lambda_after for t in tried), default=0.0) < DESIGN.least:
             continue
         better = [t for t in tried[1:] if t.lambda_after > DESIGN.better * tried[0].lambda_after]
         better.sort(key=lambda t: -t.lambda_after)
         out += [t for t in better[:2] if t.lambda_after > 0.5 * better[0].lambda_after] or tried[:1]
     return tuple(out)
+
+
+def next_contacts(dataset: Dataset, chosen: Possible, order: Sequence[int]) -> tuple[NextContact, ...]:
+    """Contacts of an intervention as they are to be measured: at rows of a session, under its conditions."""
+    m = dataset.measurements
+
+    def contact(k: int) -> NextContact:
+        row = int(chosen.pose[k])
+        return NextContact(
+            dataset.targets[m.target[row]].name,
+            dataset.tools[m.tool[row]].name,
+            tuple(m.readings[row].tolist()),
+            None if chosen.velocity is None else tuple(chosen.velocity[k].tolist()),
+            None if chosen.payload is None else float(chosen.payload[k]),
+            m.ids[row] if chosen.what == AGAIN else "",
+        )
+
+    return tuple(contact(k) for k in order)

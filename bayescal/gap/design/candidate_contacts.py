@@ -26,7 +26,7 @@ from bayescal.model.length_blocks import length_blocks, main_group
 from bayescal.model.scene import Scene
 from bayescal.predict.targets import centre_of
 
-SPHERES = "contacts on the certified spheres, also fitted"
+SPHERES = "no new contacts: fit those on the certified spheres too (role calibrate)"
 
 
 @dataclass
@@ -73,6 +73,9 @@ class Possible:
     pool: np.ndarray  # (R, K)
     own: np.ndarray
     spread: np.ndarray
+    velocity: np.ndarray | None = None  # (contacts, n) rad/s
+    payload: np.ndarray | None = None  # (contacts,) kg
+    measured: bool = False  # already: only to be fitted
 
     def side(self, true: Hypothesis, rival: Hypothesis) -> Side | None:
         """The effects of `true` that its rival lacks, as the truth; None without such effects."""
@@ -150,7 +153,13 @@ def _linear(
         pools.append(by_arm[:, count:])
     none = np.zeros((sum(map(len, contact)), 0)), np.zeros((0, 0))
     own, pool = np.concatenate(designs), np.concatenate(pools)
-    return Possible(intervention.what, intervention.source, np.concatenate(contact), own, used, pool, *none)
+    m, stated = wide.scene.dataset.measurements, model.scene.dataset.measurements
+    loaded = m.payload is not None and (stated.payload is not None or np.any(m.payload[intervention.rows]))
+    return Possible(
+        intervention.what, intervention.source, np.concatenate(contact), own, used, pool, *none,
+        None if m.velocity is None else m.velocity[intervention.rows],
+        m.payload[intervention.rows] if m.payload is not None and loaded else None,
+    )  # fmt: skip
 
 
 def _spheres(
@@ -192,7 +201,7 @@ def _spheres(
     return [
         Possible(
             SPHERES, np.concatenate(rows), np.concatenate(contact), design, used, arm[:, count:],
-            np.concatenate(owns), np.linalg.inv(information),
+            np.concatenate(owns), np.linalg.inv(information), measured=True,
         )
     ]  # fmt: skip
 

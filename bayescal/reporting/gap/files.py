@@ -7,13 +7,16 @@ from pathlib import Path
 
 from bayescal.folders import whole
 from bayescal.gap.result import Gap
+from bayescal.reporting.gap.contacts import table_of_contacts
 from bayescal.reporting.gap.record import gap_record
 
 GAP = "gap.json"
+NEXT = "next.csv"
+"""Contacts to be measured next; only where some are advised."""
 
 
 def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
-    """Write gap.json and the figures atomically.
+    """Write gap.json, next.csv and the figures atomically.
 
     Parameters
     ----------
@@ -32,6 +35,9 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
     names = [GAP]
     with whole(folder, GAP) as stage:
         (stage / GAP).write_text(record, encoding="utf-8")
+        if any(a.contacts for a in gap.advice):
+            (stage / NEXT).write_text(table_of_contacts(gap), encoding="utf-8")
+            names.append(NEXT)
         if pictures:
             from bayescal.reporting.gap.pictures import PICTURES
             from bayescal.reporting.gap.style import save_figure

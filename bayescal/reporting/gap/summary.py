@@ -11,6 +11,7 @@ from rich.text import Text
 
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting.gap import amplitudes
+from bayescal.reporting.gap.contacts import first_contacts
 from bayescal.reporting.gap.lengths import as_lengths, length, main
 from bayescal.reporting.gap.phrases import headline, listed, p_value, place, probability, rival, warnings
 from bayescal.reporting.shared.text import facts, model_label, plain_table, size, um
@@ -56,6 +57,8 @@ def gap_summary(gap: Gap) -> RenderableType:
     if gap.levels:
         parts += [_levels(gap), ""]
     parts.append(facts(_next(gap)))
+    if any(a.contacts for a in gap.advice):
+        parts.append(first_contacts(gap))
     if gap.blind_spots:
         parts.append(_blind(gap))
     parts.append(facts(_remarks(gap)))
@@ -226,7 +229,7 @@ def level_label(model: tuple[str, ...], before: tuple[str, ...]) -> str:
 
 def _next(gap: Gap) -> Facts:
     for k, a in enumerate(gap.advice[:ADVICE]):
-        more = f", {len(a.poses)} poses listed in gap.json" if a.poses else ""
+        more = f", {len(a.contacts)} contacts in next.csv" if a.contacts else ""
         yield (
             "" if k else "measure next",
             f"to distinguish {listed(map(rival, a.separates), 'from')}: {a.what}{more} "
