@@ -11,6 +11,7 @@ from bayescal.arm import chain as reference
 from bayescal.effects.location import ARTEFACT, BASE, PROBE, TOOL, Site
 from bayescal.gap.result import Curve, Gap, Place
 from bayescal.model.scene import Scene
+from bayescal.reporting.gap.lengths import per_residual
 from bayescal.reporting.gap.phrases import headline, place, unexplained
 from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, INK, MARKED, NOISE, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
@@ -79,7 +80,7 @@ def _bars(gap: Gap, axes: Any) -> None:
         axes.annotate(text, (UM * w.rms, k), (5, 0), textcoords="offset points", va="center", color=INK)
     axes.set_yticks(range(len(shown)), [place(w).replace(", ", "\n", 1) for w in shown])
     axes.set_xlim(0, 1.6 * max(sizes, default=1.0))
-    axes.set_xlabel("RMS of the explained residuals (µm)")
+    axes.set_xlabel(f"RMS of the explained residuals{per_residual(gap)} (µm)")
     axes.set_ylim(-0.7, max(len(shown), 4) - 0.3)
     title = "locations; none is significant"
     if any(w.family_p_value < SIGNIFICANT for w in shown):

@@ -24,6 +24,11 @@ def main(gap: Gap) -> str:
     return VALIDATION_CONTACTS if contacts or not gap.magnitude.measured else VALIDATION_POINTS
 
 
+def per_residual(gap: Gap) -> str:
+    """What a figure that is not a length of points is per, to be added to its label."""
+    return "" if main(gap) == VALIDATION_CONTACTS else " per coordinate"
+
+
 def as_lengths(s: Shrinkage) -> Shrinkage:
     """A reduction of errors whose errors of points are lengths."""
     return replace(

@@ -12,7 +12,7 @@ import numpy as np
 
 from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Gap
 from bayescal.reporting.gap.arm import draw_where
-from bayescal.reporting.gap.lengths import length, main
+from bayescal.reporting.gap.lengths import length, main, per_residual
 from bayescal.reporting.gap.phrases import headline, probability, rival
 from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, INK, NOISE, SERIES, figure, remark, tidy
 from bayescal.reporting.shared.text import UM, model_label
@@ -101,8 +101,8 @@ def draw_levels(gap: Gap) -> Figure:
             )
     axes.set_yscale("log")
     axes.set_ylabel("RMS error (µm)")
-    for axis in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-        axis(lambda value, _: f"{value:g}")
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")
     axes.set_xticks(at, [_level(gap, k) for k in range(len(at))])
     axes.set_xlim(-0.4, max(len(at) - 1, 0) + 0.6)
     axes.legend(frameon=False, loc="upper right")
@@ -137,7 +137,7 @@ def draw_residuals(gap: Gap) -> Figure:
     named = " + ".join((baseline, *(n.effect for n in gap.verdict.named)))
     inside = np.max(np.abs(UM * np.array(values)), axis=0) <= edge  # the same rows before and after
     beyond = f", without {np.sum(~inside)} outside the axis" if not np.all(inside) else ""
-    each = "" if main(gap) == VALIDATION_CONTACTS else " per coordinate"
+    each = per_residual(gap)
     for k, r in enumerate(values):
         along, across = grid[k]
         _in_order(gap, along, x, UM * r, edge, legend=k == 0)

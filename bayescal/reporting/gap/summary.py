@@ -12,7 +12,7 @@ from rich.text import Text
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting.gap import amplitudes
 from bayescal.reporting.gap.contacts import first_contacts
-from bayescal.reporting.gap.lengths import as_lengths, length, main
+from bayescal.reporting.gap.lengths import as_lengths, length, main, per_residual
 from bayescal.reporting.gap.phrases import headline, listed, p_value, place, probability, rival, warnings
 from bayescal.reporting.shared.text import facts, model_label, plain_table, size, um
 
@@ -105,7 +105,7 @@ def _measured(gap: Gap) -> Table:
 
 
 def _where(gap: Gap) -> Table:
-    table = plain_table("location: RMS (µm)", "RMS", "share", "p", "explained by")
+    table = plain_table(f"location: RMS{per_residual(gap)} (µm)", "RMS", "share", "p", "explained by")
     table.columns[0].no_wrap = False
     shown = gap.where[:PLACES]
     if gap.verdict.kind == "named+unexplained" and all(w.explained_by for w in shown):
@@ -124,10 +124,11 @@ def _where(gap: Gap) -> Table:
 
 
 def _largest(gap: Gap) -> Facts:
+    each = per_residual(gap)
     for w in gap.where[:1]:
         yield (
             "location",
-            f"largest, not significant: {place(w)}, {um(w.rms)} µm (p {p_value(w.family_p_value)})",
+            f"largest, not significant: {place(w)}, {um(w.rms)} µm{each} (p {p_value(w.family_p_value)})",
             "dim",
         )
 
@@ -139,7 +140,11 @@ def _margins(gap: Gap) -> Facts:
         groups += sorted((m for m in bins if m.p_value < SIGNIFICANT), key=lambda m: -m.rms)[:1]
     largest = sorted(groups, key=lambda m: -m.rms)[:MARGINS]
     if largest:
-        yield "largest groups", "; ".join(f"{m.text} ({um(m.rms)} µm)" for m in largest), ""
+        yield (
+            "largest groups",
+            "; ".join(f"{m.text} ({um(m.rms)} µm{per_residual(gap)})" for m in largest),
+            "",
+        )
 
 
 def _which(gap: Gap) -> Facts:
