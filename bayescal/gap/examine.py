@@ -8,20 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.effects import EFFECTS, Circumstances, Parameter
-from bayescal.estimate import Estimate, calibrated
+from bayescal.estimate import Estimate, calibrated, clusters
 from bayescal.gap.linear.known import with_compliances
 from bayescal.gap.linear.masses import masses
 from bayescal.gap.linear.problem import Problem
+from bayescal.gap.linear.shared_error import shared_variance, worth
 from bayescal.gap.linear.slopes import Slopes, of_certificate
-from bayescal.gap.linear.state import fit_state
+from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.beam import COMPLIANCE, Search
 from bayescal.gap.search.candidates import Candidates, candidates, wide
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.refit import refit
 from bayescal.gap.search.screen import screened
-from bayescal.gap.search.unknown import Pool
+from bayescal.gap.search.unknown import Pool, with_set
 from bayescal.gap.search.verdict import Decision, decide
-from bayescal.gap.settings import VERDICT
+from bayescal.gap.settings import LINEAR, VERDICT
 from bayescal.model import ORIENTATION
 from bayescal.model.length_blocks import main_group
 from bayescal.model.parts import Part
@@ -72,7 +73,6 @@ def _weighed(
     robust: bool, further: bool,
 ) -> Examined:  # fmt: skip
     """Evaluate all effects that a fit lacks, with the noise ratio of orientations to lengths of `noise`."""
-    effects, generic = fitted.model.effects, cells(c)
     scale = dict(fitted.weights.scale)
     if ORIENTATION in scale:
         main = main_group(fitted.model)
@@ -81,6 +81,40 @@ def _weighed(
         replace(fitted, weights=replace(fitted.weights, scale=scale)),
         [p for p in known.pool if of_certificate(p)],
     )
+
+    poses = clusters.poses(fitted.model.scene.dataset.measurements, slopes.rows)
+    poses = poses[slopes.contact[: len(slopes.sigma)]]
+
+    def searched(variance: float) -> Examined:
+        return _searched(fitted, _worth(slopes, poses, variance), c, known, nuisance, robust, further)
+
+    bare = fit_state(slopes.problem(fitted.z, (), nuisance), (), (), robust=robust)
+    variance = shared_variance(bare, slopes.gradient, poses)
+    own = worth(variance, slopes.contact, len(slopes.sigma), slopes.gradient, poses)
+    if np.mean(own) > LINEAR.independent:
+        return searched(0.0)
+    found = searched(variance)
+    # what an effect explains is no shared error: from above, because many effects explain any error of poses
+    for _ in range(LINEAR.shared_rounds):
+        before, variance = variance, shared_variance(_leading(found), slopes.gradient, poses)
+        if variance > before - LINEAR.settled:
+            break
+        found = searched(variance)
+    return found
+
+
+def _worth(slopes: Slopes, poses: np.ndarray, variance: float) -> Slopes:
+    """Derivatives with what each residual is worth where its pose shares an error."""
+    own = worth(variance, slopes.contact, len(slopes.sigma), slopes.gradient, poses)
+    return replace(slopes, worth=own if variance else None)
+
+
+def _searched(
+    fitted: Estimate, slopes: Slopes, c: Circumstances, known: Candidates, nuisance: Sequence[Parameter],
+    robust: bool, further: bool,
+) -> Examined:  # fmt: skip
+    """Evaluate all effects that a fit lacks, with its derivatives."""
+    effects, generic = fitted.model.effects, cells(c)
     p = slopes.problem(fitted.z, known.pool, nuisance)
     if any(wide(effect, c) for effect in EFFECTS.values()):
         states = [fit_state(p, (), (), robust=robust)]
@@ -88,12 +122,20 @@ def _weighed(
             states.append(fit_state(p, (), (), robust=False))
         known = screened(known, slopes, states, c, effects)
         p = slopes.problem(fitted.z, known.pool, nuisance)
-    pool = Pool.of(
-        generic, slopes.columns([q for cell in generic for own in cell.sets for q in own]), p.count
-    )
+    columns = slopes.columns([q for cell in generic for own in cell.sets for q in own])
+    pool = Pool.of(generic, columns, p.count, slopes.worth)
     search = Search(p, known, robust, further)
     search.run()
     return Examined(fitted, c, known, p, pool, search, decide(search, pool))
+
+
+def _leading(found: Examined) -> State:
+    """The state of the most probable hypothesis, with its unmodelled effect: what they leave is error."""
+    best = found.decision.weighed[0]
+    state = best.hypothesis.state
+    if best.cell is None or found.pool.cells[best.cell.cell].clusters is not None:
+        return state
+    return with_set(state, found.pool, best.cell.best, best.cell.scale, state.weight)
 
 
 def _looseness(fitted: Estimate) -> float:

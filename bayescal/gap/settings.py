@@ -25,6 +25,16 @@ class LinearSettings:
     """Factor by which these prior standard deviations may be wrong, one sigma of its logarithm (assumed)."""
     noise_nodes: int = 9
     """Nodes of the Gauss-Hermite quadrature over the noise scale (cost)."""
+    shared: float = 0.01
+    """Level of the test for an error that the measurements of one pose share (convention)."""
+    shared_rounds: int = 2
+    """Further searches at most, each with the shared error that the last one left (cost)."""
+    settled: float = 0.3
+    """Decrease of the shared variance from which on the search is repeated (cost)."""
+    independent: float = 0.9
+    """Mean worth of a residual from which on a shared error is not considered (cost)."""
+    dependent: float = 0.05
+    """Share of the largest singular value below which directions of one pose are dependent (assumed)."""
     mass_share: float = 0.05
     """Standard uncertainty of a link's mass, and of each coordinate of its centre, as a share (assumed)."""
     load_share: float = 0.005

@@ -71,6 +71,13 @@ class Bank:
     columns: np.ndarray
     sets: tuple[np.ndarray, ...]
     count: int  # rows that are contacts
+    worth: np.ndarray | None = None  # (C,) see `Problem`
+
+    @cached_property
+    def weighted(self) -> np.ndarray:
+        """Columns of the contacts (C, K), each row by the root of what it is worth."""
+        own = self.columns[: self.count]
+        return own if self.worth is None else own * np.sqrt(self.worth)[:, None]
 
     @cached_property
     def groups(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
@@ -83,7 +90,7 @@ class Bank:
             at = np.array([self.sets[i] for i in members], int).reshape(len(members), -1)
             contacts, constraints = (
                 np.stack([x.T @ x for x in (part[:, own] for own in at)])
-                for part in (self.columns[: self.count], self.columns[self.count :])
+                for part in (self.weighted, self.columns[self.count :])
             )
             out.append((np.array(members), at, contacts, constraints))
         return out
@@ -100,7 +107,7 @@ def weigh_sets(state: State, bank: Bank) -> np.ndarray:
     left = np.flatnonzero(state.weight[:count] == 0)
     out = np.empty((len(bank.sets), len(SCALES)))
     for members, at, contacts, constraints in bank.groups:
-        gone = bank.columns[left[:, None, None], at]  # (rows left out, B, k)
+        gone = bank.weighted[left[:, None, None], at]  # (rows left out, B, k)
         information = (contacts - np.einsum("rbi,rbj->bij", gone, gone)) / state.kappa**2 + constraints
         a, s = across.T[at], solved.T[at]
         out[members] = _factors(state, information - a @ np.swapaxes(s, 1, 2), score[at])
@@ -130,7 +137,7 @@ def weigh_clusters(state: State, column: np.ndarray, clusters: np.ndarray) -> np
 
 def log_bayes(p: Projected, sets: Sequence[np.ndarray]) -> np.ndarray:
     """Log Bayes factors (len(sets), scales) of adding sets of a projected pool's columns, by prior scale."""
-    return weigh_sets(p.state, Bank(p.pool, tuple(sets), p.state.problem.count))
+    return weigh_sets(p.state, Bank(p.pool, tuple(sets), p.state.problem.count, p.state.problem.worth))
 
 
 def _factors(state: State, information: np.ndarray, score: np.ndarray) -> np.ndarray:

@@ -21,7 +21,8 @@ class Problem:
 
     Contacts are whitened by their stated noise, columns scaled by their prior standard deviations. `z` (D,)
     is where the problem was linearised; the prior mean is 0. `contact` (C,) numbers the contact of each of
-    the first C rows; the three rows of a point are used or excluded together. The first L of these rows are
+    the first C rows; the three rows of a point are used or excluded together. `worth` (C,) is the number of
+    independent residuals that each is worth; 1 if not given. The first L of these rows are
     lengths, the others orientations, each with its own contact number. Columns and evidence use both;
     results in metres are of lengths only.
     """
@@ -33,6 +34,15 @@ class Problem:
     contact: np.ndarray
     rows: np.ndarray  # (contacts,) row of the session of each contact
     sigma: np.ndarray  # (L,) m, stated noise of each of the first L rows
+    worth: np.ndarray | None = None
+
+    @cached_property
+    def base(self) -> np.ndarray:
+        """Weights (R,) of rows that are not excluded; constraints 1."""
+        out = np.ones(len(self.residual))
+        if self.worth is not None:
+            out[: self.count] = self.worth
+        return out
 
     @property
     def count(self) -> int:
@@ -59,7 +69,8 @@ class Problem:
     @cached_property
     def gross(self) -> np.ndarray:
         """Log density (contacts,) of an outlier: that of a good contact at the limit of rejection."""
-        return -0.5 * limit(np.bincount(self.contact))
+        size = np.bincount(self.contact)
+        return -0.5 * limit(size) * np.bincount(self.contact, self.base[: self.count]) / size
 
 
 def without_nuisance(p: Problem, size: int) -> Problem:

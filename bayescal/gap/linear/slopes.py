@@ -41,6 +41,7 @@ class Slopes:
     contact: np.ndarray  # (C,)
     rows: np.ndarray  # (contacts,)
     sigma: np.ndarray  # (L,) m
+    worth: np.ndarray | None = None  # (C,) see `Problem`
 
     @classmethod
     def of(cls, fitted: Estimate, certified_values: Sequence[Parameter] = ()) -> Slopes:
@@ -87,7 +88,13 @@ class Slopes:
             self.contact,
             self.rows,
             self.sigma,
+            self.worth,
         )
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """Derivatives (L, 3) of the lengths by a displacement along the axes of the base."""
+        return self.axes[: len(self.sigma), [AXES.index(axis) for axis in ("tx", "ty", "tz")]]
 
     def columns(self, parameters: Sequence[Parameter]) -> np.ndarray:
         """Columns (R, K) of parameters, each times its prior standard deviation."""

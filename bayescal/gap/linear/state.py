@@ -21,7 +21,7 @@ class State:
     problem: Problem
     columns: np.ndarray  # (k,) of the pool
     scales: np.ndarray  # (k,) prior scale of each
-    weight: np.ndarray  # (R,) 0 for rows left out; constraints 1
+    weight: np.ndarray  # (R,) 0 for rows left out, else what they are worth; constraints 1
     kappa: float  # noise scale
     residual: np.ndarray  # (R,) at the optimum
     step: np.ndarray  # (D + k,) from the linearisation
@@ -61,7 +61,7 @@ def fit_state(
     columns, scales : np.ndarray, shape (k,)
         Columns of the pool in the hypothesis, and factors on their prior standard deviations.
     start : np.ndarray, shape (R,), optional
-        Initial row weights; full weights if not given.
+        Row weights of another fit, whose rows of weight 0 are left out initially.
     robust : bool
         Search for outliers.
     """
@@ -69,7 +69,8 @@ def fit_state(
     design = np.column_stack([p.jacobian, p.pool[:, columns] * scales])
     pull = np.concatenate([p.z, np.zeros(len(columns))])
     count = p.count
-    weight = np.ones(len(p.residual)) if start is None else start.copy()
+    base = p.base
+    weight = base.copy() if start is None else np.where(start > 0, base, 0.0)
     fixed = np.eye(design.shape[1]) + design[count:].T @ design[count:]
     push = design[count:].T @ p.residual[count:] + pull
     size = np.bincount(p.contact)
@@ -95,9 +96,15 @@ def fit_state(
         return step, p.residual + design @ step, info, factor
 
     def judged(r: np.ndarray, kappa: float, factor) -> Judged:
-        slopes = solve_triangular(factor[0], design[:count].T, lower=True).T / kappa
+        # rows that are worth less than 1 have a larger covariance in proportion
+        slopes = (
+            solve_triangular(factor[0], (np.sqrt(base)[:, None] * design)[:count].T, lower=True).T / kappa
+        )
         return Judged.of(
-            [(r[at], slopes[at] @ np.swapaxes(slopes[at], 1, 2), weight[at[:, 0]]) for at in p.by_size]
+            [
+                (r[at], slopes[at] @ np.swapaxes(slopes[at], 1, 2), (weight / base)[at[:, 0]])
+                for at in p.by_size
+            ]
         )
 
     kappa = 1.0
@@ -107,7 +114,7 @@ def fit_state(
             square = np.bincount(p.contact, r[:count] ** 2)
             taken = float(np.trace(cho_solve(factor, info)))
             before, kappa = kappa, scale(square, size, taken)
-            weight[:count] = student_weights(square, size, kappa)[p.contact]
+            weight[:count] = base[:count] * student_weights(square, size, kappa)[p.contact]
             if k > 2 and abs(np.log(kappa / before)) < 3e-3:
                 break
     for _ in range(LINEAR.rounds):
@@ -120,7 +127,7 @@ def fit_state(
         if robust:
             good = np.split(~judged(r, kappa, factor).outliers(), p.ends)
             for at, own in zip(p.by_size, good, strict=True):
-                weight[at] = own[:, None]
+                weight[at] = own[:, None] * base[at]
         before, kappa = kappa, float(np.sqrt((chi2 + STATED_WORTH) / dof))
         if abs(np.log(kappa / before)) < 1e-4 and np.array_equal(old, weight):
             break

@@ -113,7 +113,7 @@ class Search:
         """All variants of all candidates, in order."""
         if self.bank is None:
             sets = [v.columns for own in self.candidates.variants.values() for v in own]
-            self.bank = Bank(self.problem.pool, tuple(sets), self.problem.count)
+            self.bank = Bank(self.problem.pool, tuple(sets), self.problem.count, self.problem.worth)
         return self.bank
 
     def allowed(self, names: Sequence[str]) -> bool:

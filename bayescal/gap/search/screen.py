@@ -39,7 +39,7 @@ def screened(
                         sets.append(own[seen[own]])
                         owner.append(first + k)
                 at += len(table)
-            bank = Bank(columns, tuple(sets), len(slopes.contact))
+            bank = Bank(columns, tuple(sets), len(slopes.contact), slopes.worth)
             for state in states:
                 np.maximum.at(best, owner, weigh_sets(state, bank).max(axis=1))
         leading = np.sort(values[np.argsort(-best)[: SEARCH.screened]])

@@ -24,11 +24,12 @@ class Pool:
     sets: tuple[np.ndarray, ...]
     owner: np.ndarray
     count: int  # number of rows that are contacts
+    worth: np.ndarray | None = None  # (C,) see `Problem`
 
     @cached_property
     def bank(self) -> Bank:
         """The sets, prepared for the evaluation of their evidence."""
-        return Bank(self.columns, self.sets, self.count)
+        return Bank(self.columns, self.sets, self.count, self.worth)
 
     @cached_property
     def log_prior(self) -> np.ndarray:
@@ -41,7 +42,9 @@ class Pool:
             return np.log(weight / np.sum(weight))
 
     @classmethod
-    def of(cls, cells: Sequence[Cell], columns: np.ndarray, count: int) -> Pool:
+    def of(
+        cls, cells: Sequence[Cell], columns: np.ndarray, count: int, worth: np.ndarray | None = None
+    ) -> Pool:
         """Pool of cells whose columns (R, K) are in the order of the cells; `count` rows are contacts."""
         sets, owner, first = [], [], 0
         for i, cell in enumerate(cells):
@@ -49,7 +52,7 @@ class Pool:
                 sets.append(np.arange(first, first + len(own)))
                 owner.append(i)
                 first += len(own)
-        return cls(tuple(cells), columns, tuple(sets), np.array(owner, int), count)
+        return cls(tuple(cells), columns, tuple(sets), np.array(owner, int), count, worth)
 
 
 @dataclass(frozen=True)
