@@ -1,4 +1,4 @@
-"""Groups of rows that may share a cause: target, tool, direction of motion, pose, period of time."""
+"""Groups of rows that may share a cause: target, tool, direction of motion, pose, period of time, slip."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ SHORTEST = 4
 """Rows of the shortest stretch of time, and of the smallest neighbourhood of a pose."""
 COARSEST = 8
 """A joint's range is looked at in parts of 1/8, 1/4 and 1/2 of its rows."""
+SLIPS = 400
+"""Rows of a tool or target at which a slip is tried: all of most sessions (cost)."""
 CENTRES = 200
 """At most so many poses whose neighbourhoods are looked at."""
 
@@ -22,7 +24,7 @@ CENTRES = 200
 class Group:
     """Rows that have something in common."""
 
-    kind: str  # target, tool, session, role, payload, direction of motion, joint range, pose, stretch of time
+    kind: str  # target, tool, session, role, payload, direction of motion, joint range, pose, slip, ...
     label: str
     rows: np.ndarray  # (K,) positions among the rows that were given, in order
 
@@ -30,7 +32,7 @@ class Group:
 def groups_of(scene: Scene, rows: np.ndarray) -> tuple[Group, ...]:
     """All groups of some rows of a session that hold some, but not all, of them."""
     every = (*_named(scene, rows), *_directions(scene, rows), *_ranges(scene, rows),
-             *_neighbourhoods(scene, rows), *_stretches(scene, rows))  # fmt: skip
+             *_neighbourhoods(scene, rows), *_stretches(scene, rows), *_slips(scene, rows))  # fmt: skip
     return tuple(g for g in every if 0 < len(g.rows) < len(rows))
 
 
@@ -91,6 +93,21 @@ def _stretches(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
         part = order[start:stop]
         label = f"rows {m.ids[rows[part[0]]]} to {m.ids[rows[part[-1]]]}"
         yield Group("stretch of time", label, np.sort(part))
+
+
+def _slips(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
+    """All rows of a tool or a target from one row on, and all before: what a slip of it separates."""
+    d, m = scene.dataset, scene.dataset.measurements
+    time = rows if m.time is None else m.time[rows]
+    for kind, of, names in (("tool", m.tool, d.tools), ("target", m.target, d.targets)):
+        for k in np.unique(of[rows]):
+            own = np.flatnonzero(of[rows] == k)
+            own = own[np.argsort(time[own], kind="stable")]
+            at = np.linspace(SHORTEST, len(own) - SHORTEST, min(max(len(own) - 2 * SHORTEST + 1, 0), SLIPS))
+            for first in np.unique(at.astype(int)):
+                row, name = m.ids[rows[own[first]]], names[k].name
+                yield Group("slip", f"{kind} {name} from row {row} on", np.sort(own[first:]))
+                yield Group("slip", f"{kind} {name} before row {row}", np.sort(own[:first]))
 
 
 def _windows(count: int, shortest: int) -> Iterator[tuple[int, int]]:

@@ -125,6 +125,12 @@ def with_sharing_rows(found: Estimate, causes: Sequence[SharedCause]) -> Estimat
     return estimate(found.model, start=found.z, left_out=np.setdiff1d(found.rejected, kept))
 
 
+def judged_complete(found: Estimate, seed: int = 0) -> tuple[Estimate, tuple[SharedCause, ...]]:
+    """Judge the outliers of a complete model: those that share a cause are fitted, the others are not."""
+    causes = shared_causes(found, seed)
+    return (with_sharing_rows(found, causes), causes) if causes else (found, ())
+
+
 def rejected_share(found: Estimate) -> float:
     """Share of the fitted rows that an estimate rejects."""
     return len(found.rejected) / sum(len(b.rows) for b in found.model.states)

@@ -109,7 +109,10 @@ def diagnose(
         advice=advise(last.fitted, last.candidates, pairs),
         blind_spots=unseen(spots),
         residuals=_residuals(first.fitted, final),
-        warnings=warnings(first.fitted, final, before, after),
+        warnings=(
+            *(f"{cause.words}: they are no outliers, and all models use them" for cause in first.causes),
+            *warnings(first.fitted, final, before, after),
+        ),
         without=tuple(map(str, parts)),
         amplitudes=amplitudes(final, stated(final).limited, verdict.named) if verdict.named else (),
         refit=final.model.effects,

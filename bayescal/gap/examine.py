@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayescal.assess.shared_causes import SharedCause, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.estimate import Estimate, calibrated, clusters
 from bayescal.gap.linear.known import with_compliances
@@ -40,6 +41,7 @@ class Examined:
     pool: Pool
     search: Search
     decision: Decision
+    causes: tuple[SharedCause, ...] = ()  # of rows that the baseline rejects and that are used all the same
 
 
 def examine(
@@ -55,22 +57,23 @@ def examine(
     `further`: an effect was named before.
     """
     fitted = calibrated(scene, effects, prior_width, robust, without)
+    fitted, causes = judged_complete(fitted) if robust else (fitted, ())
     stands = fitted.model.scene
     c = with_compliances(stands.circumstances(stands.rows("calibrate")), fitted)
     nuisance = masses(c) if COMPLIANCE in effects else []
     known = candidates(c, effects, without)
-    found = _weighed(fitted, fitted, c, known, nuisance, robust, further)
+    found = _weighed(fitted, fitted, c, known, nuisance, robust, further, causes)
     members = found.decision.members
     if members and ORIENTATION in fitted.weights.scale:
         final = refit(fitted, found.candidates, members, robust, prior_width, without)
         if not _alike(fitted, final):
-            found = _weighed(fitted, final, c, known, nuisance, robust, further)
+            found = _weighed(fitted, final, c, known, nuisance, robust, further, causes)
     return found
 
 
 def _weighed(
     fitted: Estimate, noise: Estimate, c: Circumstances, known: Candidates, nuisance: Sequence[Parameter],
-    robust: bool, further: bool,
+    robust: bool, further: bool, causes: Sequence[SharedCause],
 ) -> Examined:  # fmt: skip
     """Evaluate all effects that a fit lacks, with the noise ratio of orientations to lengths of `noise`."""
     scale = dict(fitted.weights.scale)
@@ -82,6 +85,8 @@ def _weighed(
         [p for p in known.pool if of_certificate(p)],
     )
 
+    if causes:
+        slopes = replace(slopes, sharing=np.isin(slopes.rows, np.concatenate([x.rows for x in causes])))
     poses = clusters.poses(fitted.model.scene.dataset.measurements, slopes.rows)
     poses = poses[slopes.contact[: len(slopes.sigma)]]
 
@@ -91,16 +96,15 @@ def _weighed(
     bare = fit_state(slopes.problem(fitted.z, (), nuisance), (), (), robust=robust)
     variance = shared_variance(bare, slopes.gradient, poses)
     own = worth(variance, slopes.contact, len(slopes.sigma), slopes.gradient, poses)
-    if np.mean(own) > LINEAR.independent:
-        return searched(0.0)
+    variance = 0.0 if np.mean(own) > LINEAR.independent else variance
     found = searched(variance)
     # what an effect explains is no shared error: from above, because many effects explain any error of poses
-    for _ in range(LINEAR.shared_rounds):
+    for _ in range(LINEAR.shared_rounds if variance else 0):
         before, variance = variance, shared_variance(_leading(found), slopes.gradient, poses)
         if variance > before - LINEAR.settled:
             break
         found = searched(variance)
-    return found
+    return replace(found, causes=tuple(causes))
 
 
 def _worth(slopes: Slopes, poses: np.ndarray, variance: float) -> Slopes:

@@ -22,7 +22,8 @@ class Problem:
     Contacts are whitened by their stated noise, columns scaled by their prior standard deviations. `z` (D,)
     is where the problem was linearised; the prior mean is 0. `contact` (C,) numbers the contact of each of
     the first C rows; the three rows of a point are used or excluded together. `worth` (C,) is the number of
-    independent residuals that each is worth; 1 if not given. The first L of these rows are
+    independent residuals that each is worth; 1 if not given. `sharing` (contacts,) are those that are no
+    outliers of any hypothesis, because they share a cause. The first L of these rows are
     lengths, the others orientations, each with its own contact number. Columns and evidence use both;
     results in metres are of lengths only.
     """
@@ -35,6 +36,7 @@ class Problem:
     rows: np.ndarray  # (contacts,) row of the session of each contact
     sigma: np.ndarray  # (L,) m, stated noise of each of the first L rows
     worth: np.ndarray | None = None
+    sharing: np.ndarray | None = None
 
     @cached_property
     def base(self) -> np.ndarray:

@@ -42,6 +42,7 @@ class Slopes:
     rows: np.ndarray  # (contacts,)
     sigma: np.ndarray  # (L,) m
     worth: np.ndarray | None = None  # (C,) see `Problem`
+    sharing: np.ndarray | None = None  # (contacts,)
 
     @classmethod
     def of(cls, fitted: Estimate, certified_values: Sequence[Parameter] = ()) -> Slopes:
@@ -89,6 +90,7 @@ class Slopes:
             self.rows,
             self.sigma,
             self.worth,
+            self.sharing,
         )
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from bayescal.assess.shared_causes import judged_complete
 from bayescal.effects.selection import Selection, driver_words, shortest
 from bayescal.estimate import Estimate, calibrated
 from bayescal.gap.search.beam import Member
@@ -47,6 +48,8 @@ def refit(
 ) -> Estimate:
     """Fit a baseline with some effects in addition to its own.
 
+    Outliers are judged after the model is complete: rejected rows that share a cause are fitted, as by `fit`.
+
     Parameters
     ----------
     before : Estimate
@@ -60,4 +63,5 @@ def refit(
     extra = tuple(model_name(m, known) for m in members if m.effect not in known.partly)
     scene = replace(before.model.scene, delta=None, compliances={})
     left = still_without(without, members)
-    return calibrated(scene, (*before.model.effects, *extra), prior_width, robust, left)
+    found = calibrated(scene, (*before.model.effects, *extra), prior_width, robust, left)
+    return judged_complete(found)[0] if robust else found
