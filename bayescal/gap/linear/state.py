@@ -127,8 +127,8 @@ def fit_state(
         if robust:
             good = np.split(~judged(r, kappa, factor).outliers(), p.ends)
             for at, own in zip(p.by_size, good, strict=True):
-                kept = own if p.sharing is None else own | p.sharing[p.contact[at[:, 0]]]
-                weight[at] = kept[:, None] * base[at]
+                used = own if p.sharing is None else own | p.sharing[p.contact[at[:, 0]]]
+                weight[at] = used[:, None] * base[at]
         before, kappa = kappa, float(np.sqrt((chi2 + STATED_WORTH) / dof))
         if abs(np.log(kappa / before)) < 1e-4 and np.array_equal(old, weight):
             break
