@@ -11,6 +11,8 @@ FLAGGED = ("unknown", "named+unexplained")
 """Verdicts that flag an unmodelled effect."""
 CRASHED = "crashed"
 COMPLIANCE = "compliance"
+FIRST = "first"
+"""The form of an effect for which the ground truth states none."""
 OTHERS = ("null", "unknown")
 """Names with a stated probability that are not effects."""
 
@@ -35,6 +37,7 @@ def record(truth: Mapping[str, Any], answer: Mapping[str, Any] | None) -> Record
         "lambda": float(truth["lambda"]["value"]),
         "each": {name: float(size) for name, size in truth["lambda"]["each"].items()},
         "true_places": _acts(truth["where"]),
+        "forms": dict.fromkeys(truth["effects"], FIRST) | truth.get("form", {}),
     }
     gap = (answer or {"error": "no answer"}).get("gap")
     out |= _silence(answer) if gap is None or answer is None else _said(gap, truth, answer)
@@ -136,7 +139,8 @@ def _distances(gap: Mapping[str, Any], floor: float) -> dict[str, float | None] 
     rms = next(measured, None)
     if rms is None:
         return None
-    return {"before": rms, "after": rms, "floor": floor, "predicted_before": None, "predicted_after": None}
+    return {"before": rms, "after": rms, "floor": floor, "predicted_before": None, "predicted_after": None,
+            "count": None}  # fmt: skip
 
 
 def _planes(gap: Mapping[str, Any], noise: float) -> dict[str, float | None] | None:
@@ -158,6 +162,7 @@ def _measure(gap: Mapping[str, Any], what: str, floor: float) -> dict[str, float
         "floor": floor,
         "predicted_before": s.get("predicted_before_rms_um"),
         "predicted_after": s.get("predicted_rms_um"),
+        "count": s.get("count"),
     }
 
 

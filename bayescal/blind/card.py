@@ -12,7 +12,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from bayescal.blind.rows import bands, by_lambda, number, rows
+from bayescal.blind.rows import bands, by_form, by_lambda, number, rows
 from bayescal.errors import BayescalError
 from bayescal.reporting.shared.text import facts, plain_table
 
@@ -53,7 +53,7 @@ def terminal(found: Mapping[str, Any]) -> RenderableType:
         "",
         stated,
         "",
-        facts(_misses(found)),
+        facts((*_forms(found), *_misses(found))),
     ]
     return Group(*parts)
 
@@ -86,6 +86,15 @@ def reliability(found: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
         ("observed frequency", [f"{b['held']:.2f}" for b in bins]),
         ("95 % band", ["{:.2f}-{:.2f}".format(*b["band95"]) for b in bins]),
     ]
+
+
+def _forms(found: Mapping[str, Any]) -> Iterable[tuple[str, str, str]]:
+    every = found["forms"]["effects"].items()
+    missed = [
+        f"{name} ({form}) {s['count'] - s['hits']} of {s['count']}"
+        for name, forms in every for form, s in forms.items() if s["hits"] < s["count"]
+    ]  # fmt: skip
+    yield "forms missed, lambda from 30", "; ".join(missed) or "none", ""
 
 
 def _misses(found: Mapping[str, Any]) -> Iterable[tuple[str, str, str]]:
@@ -156,6 +165,7 @@ def tables(found: Mapping[str, Any], about: Mapping[str, Any], pictures: Iterabl
         table(["criterion", "result (Wilson 95 %)", "required", "met"], judged),
         table(["by detectability lambda", *bands()], strength),
         table(["probability stated", *(span(b["bin"]) for b in bins)], stated),
+        table(["effect, lambda from 30", "form", "named (Wilson 95 %)"], by_form(found)),
         table(["log score (nats)", "sessions", "answers", "base rates"], score),
         "\n\n".join(f"![{ALTERNATIVE[name]}](pictures/{name})" for name in pictures),
         _worse(found),
@@ -171,10 +181,18 @@ def origin(found: Mapping[str, Any], about: Mapping[str, Any]) -> str:
     software = ", ".join(f"{name} {version}" for name, version in about.get("software", {}).items())
     sums = ", ".join(f"{what} {_short(about, key)}" for what, key in SUMS.items())
     lines = [
-        f"{found['worlds']} simulated sessions of seed {about.get('seed', 'not recorded')}: {kinds(found)}.",
+        f"{found['worlds']} simulated sessions of {_drawn(about)}: {kinds(found)}.",
         f"Frozen: {frozen}. SHA-256: {sums}. Software: {software or 'not recorded'}.",
     ]
     return "\n".join(lines)
+
+
+def _drawn(about: Mapping[str, Any]) -> str:
+    """Seed of the sessions, generator if it is not the first, and whether reserved causes were drawn."""
+    version = about.get("generator", 1)
+    words = [f"seed {about.get('seed', 'not recorded')}"]
+    words += [f"generator {version}"] if version > 1 else []
+    return ", ".join(words + (["reserved causes included"] if about.get("reserved") else []))
 
 
 def _short(about: Mapping[str, Any], key: str) -> str:

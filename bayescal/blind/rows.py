@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from bayescal.blind.rates import BANDS, value
-from bayescal.blind.score import CLEAR, STRONG, SURE
+from bayescal.blind.rates import BANDS, proportion, value
+from bayescal.blind.score import CERTAIN, CLEAR, STRONG, SURE
 
 Found = Mapping[str, Any]
 NONE = "-"
@@ -28,11 +28,19 @@ def rows(f: Found) -> list[Row]:
     single, pair, clear, out = f["single"], f["pairs"]["all"], f["pairs"]["clear"], f["outside"]
     d, planes = f["distances"], f["planes"]
     return [
-        _at_most("noise only: an effect was named", f["null"]["named"], 0.02),
-        _at_least(f"one effect, lambda {CLEAR:g} to {STRONG:g}: correct", single["clear"], 0.90),
+        _at_least(f"named with P from {SURE:g}: exactly right", f["sure"]["right"], 0.96),
+        _at_least(f"effects of P from {CERTAIN:g}: present", f["certain"]["vocabulary"], 0.98),
+        _at_most("the same, cause outside: claims", _claims(f["certain"]["outside"]), 0.0),
         _at_least(f"one effect, lambda over {STRONG:g}: correct", single["strong"], 0.98),
-        _at_least(f"named with P over {SURE:g}: correct", f["sure"]["right"], 0.96),
-        Row("the same: no false name", of(f["sure"]["names_true"])),
+        _at_least(f"one effect, lambda {CLEAR:g} to {STRONG:g}: correct", single["clear"], 0.90),
+        _at_least(f"outside, lambda from {STRONG:g}: flagged", out["flagged"], 0.90),
+        _at_least(f"first location, lambda from {STRONG:g}", f["first_place_strong"], 0.95),
+        _at_most("noise only: called otherwise", f["null"]["otherwise"], 0.02),
+        _at_most("noise only: an effect was named", f["null"]["named"], 0.02),
+        _at_most("distances worse beyond noise", f["worse_beyond_noise"], 0.03),
+        _at_least(f"first form, lambda from {CLEAR:g}: correct", f["forms"]["first"], 0.90),
+        _at_least("another form likewise", f["forms"]["further"], 0.90),
+        Row("named likewise: no false name", of(f["sure"]["names_true"])),
         _at_least("90 % set contains all effects", f["set"]["holds"], 0.87),
         _under(
             "mean size of the set", f["set"]["size"], 5.0, f"{number(f['set']['size_all'])} over all sessions"
@@ -41,8 +49,7 @@ def rows(f: Found) -> list[Row]:
         _at_least("the same: precision", pair["precision"], 0.97),
         _at_least(f"both lambda over {CLEAR:g}, {clear['worlds']} sessions: recall", clear["recall"], 0.93),
         _at_least("the same: precision", clear["precision"], 0.97),
-        _at_least(f"outside, lambda from {STRONG:g}: flagged", out["flagged"], 0.90),
-        _at_least("the same: correct site", out["right_site"], 0.95),
+        _at_least("outside, flagged: correct site", out["right_site"], 0.95),
         Row("outside, all: named and not flagged", of(out["named_alone"])),
         Row("named: first location correct", of(f["named_place"])),
         Row("not named: first location correct", of(f["unnamed_place"])),
@@ -56,6 +63,16 @@ def rows(f: Found) -> list[Row]:
         Row("seconds per session, median and maximum", f"{number(f['seconds']['median'])}, {_most(f)}"),
         Row("crashes", listed([f"{w}: {e}" for w, e in f["crashed"].items()]), "none", not f["crashed"]),
     ]
+
+
+def by_form(f: Found) -> list[tuple[str, str, str]]:
+    """Rows of effect, form, and the share of sessions of lambda from `CLEAR` in which it was named."""
+    return [(name, form, of(s)) for name, forms in f["forms"]["effects"].items() for form, s in forms.items()]
+
+
+def _claims(s: Found) -> Found:
+    """The statements that are not true, as a share of those that were made."""
+    return proportion(s["count"] - s["hits"], s["count"])
 
 
 def by_lambda(f: Found) -> list[tuple[str, list[str]]]:
@@ -145,7 +162,7 @@ def _closed(label: str, s: Found) -> Row:
 def _worse(worse: Found) -> Row:
     names = [f"{world}: x {new / old:.2f}" for world, (old, new) in worse.items()]
     text = f"{len(names)} ({listed(names)})" if names else "none"
-    return Row("distance errors increased by more than 5 %", text, "none", not names)
+    return Row("distances worse by more than 5 %", text, "none", not names)
 
 
 def _near(label: str, s: Found) -> Row:

@@ -11,9 +11,10 @@ import numpy as np
 from scipy.stats import binom
 
 from bayescal.blind.assessed import CRASHED, OTHERS, Record, false_names, record
+from bayescal.blind.forms import by_form
 from bayescal.blind.rates import BANDS, by_lambda, ends, mean, proportion, share
 from bayescal.blind.reasons import reason
-from bayescal.blind.shrunk import MEASURES, made_worse, predicted, shrunk
+from bayescal.blind.shrunk import MEASURES, made_worse, predicted, shrunk, worse_beyond_noise
 from bayescal.blind.skill import log_score
 from bayescal.errors import BayescalError
 
@@ -21,7 +22,7 @@ SCHEMA = "bayescal-blind-score/1"
 KINDS = ("null", "single", "pair", "outside")
 BINS = (0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98, 1.0)
 """Edges of the bins of stated probabilities; smaller ones are not assessed."""
-SURE = 0.9
+SURE, CERTAIN = 0.9, 0.98
 CLEAR, STRONG = 30.0, 100.0
 """Lambda from which on an effect must be named, and an effect outside the vocabulary flagged."""
 
@@ -70,7 +71,7 @@ def figures(records: Sequence[Record]) -> dict[str, Any]:
     """
     of = {kind: [r for r in records if r["kind"] == kind] for kind in KINDS}
     hidden = of["single"] + of["pair"]
-    sure = [r for r in records if r["verdict"] == "named" and _least(r) > SURE]
+    sure = [r for r in records if r["verdict"] == "named" and _least(r) >= SURE]
     strong = [r for r in of["outside"] if r["lambda"] >= STRONG]
     clear = [r for r in of["pair"] if min(r["each"].values()) > CLEAR]
     places = [ok for r in records for ok in r["named_at_right_site"].values()]
@@ -81,7 +82,11 @@ def figures(records: Sequence[Record]) -> dict[str, Any]:
         "kinds": {kind: len(own) for kind, own in of.items()},
         "crashed": {r["world"]: r["error"] for r in records if r["verdict"] == CRASHED},
         "seconds": {"median": _median(seconds), "most": max(seconds, default=None)},
-        "null": {"named": share(of["null"], lambda r: bool(r["named"])), "right": share(of["null"], _right)},
+        "null": {
+            "named": share(of["null"], lambda r: bool(r["named"])),
+            "right": share(of["null"], _right),
+            "otherwise": share(of["null"], lambda r: not r["right"]),
+        },
         "single": single(of["single"]),
         "each_of_two": by_lambda(
             (size, name in r["named"]) for r in of["pair"] for name, size in r["each"].items()
@@ -91,6 +96,15 @@ def figures(records: Sequence[Record]) -> dict[str, Any]:
             (max(r["each"].values()), r["first_place_right"]) for r in records if r["each"]
         ),
         "sure": {"right": share(sure, _right), "names_true": share(sure, lambda r: not false_names(r))},
+        "certain": {
+            "vocabulary": certain([r for r in records if r["kind"] != "outside"]),
+            "outside": certain(of["outside"]),
+        },
+        "first_place_strong": share(
+            [r for r in records if max(r["each"].values(), default=0.0) >= STRONG],
+            lambda r: r["first_place_right"],
+        ),
+        "forms": by_form(hidden, CLEAR),
         "set": coverage(hidden) | {"size_all": mean(len(r["set"]) for r in records)},
         "set_clear": coverage([r for r in hidden if min(r["each"].values()) > CLEAR]),
         "pairs": {"all": pairs(of["pair"]), "clear": pairs(clear)},
@@ -110,6 +124,7 @@ def figures(records: Sequence[Record]) -> dict[str, Any]:
         "worse": {
             r["world"]: [r["distance_um"][k] for k in ("before", "after")] for r in records if made_worse(r)
         },
+        "worse_beyond_noise": share([r for r in records if r["distance_um"]], worse_beyond_noise),
         "predicted": {what: predicted(records, what) for what in MEASURES},
         "reliability": reliability(records),
         "log_score": log_score(records) if records else None,
@@ -147,6 +162,13 @@ def pairs(records: Sequence[Record]) -> dict[str, Any]:
         "precision": proportion(found, sum(len(r["named"]) for r in records)),
         "both": share(records, _right),
     }
+
+
+def certain(records: Sequence[Record]) -> dict[str, Any]:
+    """Effects with a probability of at least `CERTAIN`, and how many of them are present."""
+    sure = [(r, name) for r in records for name, p in r["probability"].items()
+            if p >= CERTAIN and name not in OTHERS]  # fmt: skip
+    return proportion(sum(name in r["effects"] for r, name in sure), len(sure))
 
 
 def reliability(records: Sequence[Record]) -> list[dict[str, Any]]:

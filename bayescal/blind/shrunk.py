@@ -11,6 +11,8 @@ from bayescal.blind.assessed import Record
 
 WORSE = 1.05
 """Ratio of the distance RMS after / before that counts as increased: a refit adds some noise."""
+BAND, SHARED = 1.96, 1.5
+"""Half-width of a 95 % band in standard deviations; variance factor of distances that share centres."""
 NEAR, FAR = 1.3, 1.5
 """Factors between predicted and achieved reduction that count as good, and as fair."""
 MEASURES = {"planes": "plane_um", "distances": "distance_um"}
@@ -46,6 +48,27 @@ def made_worse(r: Record) -> bool:
     """Whether sphere distance errors increased by more than an additional parameter explains."""
     d = r["distance_um"]
     return bool(r["named"]) and d is not None and d["after"] > WORSE * d["before"]
+
+
+def worse_beyond_noise(r: Record) -> bool:
+    """Whether sphere distance errors increased beyond the 95 % band of the paired difference.
+
+    With errors a before and b after the refit of the same n distances, b^2 - a^2 is the mean of
+    (b - a)(a + b) over the distances. Where neither model is better, its expectation is 0 and its standard
+    deviation 2 s D / sqrt(n / 1.5): s is the RMS error of the true model and D the RMS of b - a, which
+    the two predictions state (their squares differ by D^2). Two distances of a plate share a centre, at about
+    60 deg: they correlate by 1/4, which widens the variance of a mean by 1.5.
+    """
+    d = r["distance_um"]
+    if not r["named"] or d is None or d["after"] <= d["before"]:
+        return False
+    if not (d["count"] and d["predicted_before"] and d["predicted_after"]):
+        return made_worse(r)
+    change = d["after"] ** 2 - d["before"] ** 2
+    least = (d["after"] - d["before"]) ** 2  # errors of these RMS differ at least so much
+    moved = max(d["predicted_before"] ** 2 - d["predicted_after"] ** 2, least)
+    sd = 2.0 * d["floor"] * np.sqrt(moved * SHARED / d["count"])
+    return bool(change > BAND * sd)
 
 
 def factors(records: Sequence[Record], what: str) -> list[tuple[Record, float, float]]:

@@ -31,8 +31,9 @@ def opened(folder: Path) -> tuple[Records, Records, dict[str, Any]]:
     -------
     truths, answers : dict of str to dict
     about : dict
-        ``seed``, ``worlds``, ``truth_sha256``, ``answers_sha256``, ``code_sha256``, ``software`` and
-        ``same_code``, whether the answers were computed with the sources that are installed now.
+        ``seed``, ``generator``, ``reserved``, ``worlds``, ``truth_sha256``, ``answers_sha256``,
+        ``code_sha256``, ``software`` and ``same_code``, whether the answers were computed with the sources
+        that are installed now.
 
     Raises
     ------
@@ -58,6 +59,8 @@ def opened(folder: Path) -> tuple[Records, Records, dict[str, Any]]:
         ) from None
     about |= {
         "seed": truth["seed"],
+        "generator": truth.get("generator", 1),
+        "reserved": truth.get("reserved", False),
         "worlds": len(answers),
         "answers_sha256": seal.of_text(text),
         "same_code": sealed["code_sha256"] == seal.of_code(),

@@ -50,6 +50,14 @@ def make(
     ] = None,
     workers: Workers = 1,
     dask: Dask = None,
+    generator: Annotated[
+        int | None,
+        typer.Option(min=1, help="Version of the simulator; seeds have a meaning within one [default: 2]."),
+    ] = None,
+    reserved: Annotated[
+        bool,
+        typer.Option("--reserved", help="Also draw the causes on which no constant may be chosen."),
+    ] = False,
 ) -> None:
     """Simulate test sessions with unmodelled effects, and seal the ground truth.
 
@@ -60,7 +68,7 @@ def make(
     from bayescal.cli.progress import progress
 
     with _resumable(), progress("worlds") as notify:
-        sealed = run(out, worlds, seed, workers, dask, notify)
+        sealed = run(out, worlds, seed, workers, dask, notify, generator, reserved)
     typer.echo(f"{worlds} test sessions in {out}/worlds; ground truth sealed in {out}/truth.json")
     typer.echo(f"SHA-256 of the ground truth  {sealed}")
 

@@ -11,7 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
+Point = tuple[float, ...]
 GRAVITY = 9.81
+HERE = (0.0, 0.0, 0.0)
 LINK_FROM_READING = np.array(
     [
         [1, 0, 0, 0, 0, 0],
@@ -105,8 +107,8 @@ def _point(mass: float, com: np.ndarray) -> pin.Inertia:
     return pin.Inertia(mass, np.asarray(com, dtype=float), 1e-6 * np.eye(3))
 
 
-def _model(s: Shape, extra: float = 0.0) -> tuple[pin.Model, int]:
-    """Build the chain; `extra` is a mass beside the tool's, at its centre of mass."""
+def _model(s: Shape, extra: float = 0.0, off: Point = HERE) -> tuple[pin.Model, int]:
+    """Build the chain; `extra` is a mass beside the tool's, at its centre of mass or `off` it."""
     m = pin.Model()
     m.gravity.linear = np.array([0, 0, -GRAVITY])
     last = 0
@@ -137,9 +139,11 @@ def _model(s: Shape, extra: float = 0.0) -> tuple[pin.Model, int]:
             last = m.addJoint(last, pin.JointModelPX(), pin.SE3.Identity(), f"growth{i + 1}")
         if i == 3:
             last = m.addJoint(last, pin.JointModelPZ(), pin.SE3.Identity(), f"growth{i + 1}")
-    m.appendBodyToJoint(
-        last, _point(s.tool_mass + extra, s.tool_com + np.array([0, 0, s.d[5]])), pin.SE3.Identity()
-    )
+    tool = s.tool_com + np.array([0, 0, s.d[5]])
+    beside = extra if off == HERE else 0.0
+    m.appendBodyToJoint(last, _point(s.tool_mass + beside, tool), pin.SE3.Identity())
+    if off != HERE:
+        m.appendBodyToJoint(last, _point(extra, tool + off), pin.SE3.Identity())
     flange = m.addFrame(pin.Frame("flange", last, 0, rest, pin.FrameType.OP_FRAME))
     return m, flange
 
@@ -157,11 +161,11 @@ class Arm:
     shape: Shape
     _models: dict = field(default_factory=dict)
 
-    def _built(self, extra: float) -> tuple[pin.Model, pin.Data, int]:
-        if extra not in self._models:
-            model, flange = _model(self.shape, extra)
-            self._models[extra] = (model, model.createData(), flange)
-        return self._models[extra]
+    def _built(self, extra: float, off: Point = HERE) -> tuple[pin.Model, pin.Data, int]:
+        if (extra, off) not in self._models:
+            model, flange = _model(self.shape, extra, off)
+            self._models[extra, off] = (model, model.createData(), flange)
+        return self._models[extra, off]
 
     def place(self, coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return origin (n, 3) and rotation (n, 3, 3) of the flange."""
@@ -174,9 +178,12 @@ class Arm:
             origin[k], turn[k] = here.translation, here.rotation
         return origin, turn
 
-    def weigh(self, coordinates: np.ndarray, extra: float = 0.0) -> np.ndarray:
-        """Return the gravity torque (n, coordinates) on every joint and hinge."""
-        model, data, _ = self._built(extra)
+    def weigh(self, coordinates: np.ndarray, extra: float = 0.0, off: Point = HERE) -> np.ndarray:
+        """Return the gravity torque (n, coordinates) on every joint and hinge.
+
+        An extra mass (kg) hangs at the tool's centre of mass, or `off` it (m, in the flange's frame).
+        """
+        model, data, _ = self._built(extra, off)
         out = np.empty((len(coordinates), SIZE))
         for k, q in enumerate(coordinates):
             out[k] = pin.computeGeneralizedGravity(model, data, q)

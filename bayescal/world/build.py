@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from bayescal.world import arm, joints, scene, session, write
-from bayescal.world.mix import recipe, wishes
+from bayescal.world.mix import FIRST_OF, GENERATORS, recipe, wishes
 from bayescal.world.size import modest, sized
 from bayescal.world.touch import World
 from bayescal.world.truth import told
@@ -25,7 +25,14 @@ def _outliers(rng: np.random.Generator, count: int) -> np.ndarray:
     return out
 
 
-def build(seed: int, number: int, *, spared: bool = False) -> tuple[dict[str, str], dict]:
+def build(
+    seed: int,
+    number: int,
+    *,
+    spared: bool = False,
+    generator: int = GENERATORS[-1],
+    reserved: bool = False,
+) -> tuple[dict[str, str], dict]:
     """Return the files of a simulated test session by name, and its ground truth.
 
     Parameters
@@ -36,10 +43,14 @@ def build(seed: int, number: int, *, spared: bool = False) -> tuple[dict[str, st
         Which of them; no world depends on another.
     spared : bool
         Leave what is hidden out: the same arm, session and noise, with nothing wrong.
+    generator : int
+        Version of the generator, one of `mix.GENERATORS`.
+    reserved : bool
+        Also draw the reserved causes outside the vocabulary.
     """
     rng = np.random.default_rng([seed, 0, number])
-    kind, makers = recipe(seed, number)
-    only_geometry = joints.compliance in makers
+    kind, makers = recipe(seed, number, generator, reserved=reserved)
+    only_geometry = any(FIRST_OF.get(maker, maker) is joints.compliance for maker in makers)
     body, stage = arm.Arm(arm.draw(rng)), scene.draw(rng)
     plan = session.plan(rng, stage, wishes(rng, makers))
     world = World(body, stage, plan, np.zeros(6) if only_geometry else body.shape.give)
@@ -62,6 +73,7 @@ def build(seed: int, number: int, *, spared: bool = False) -> tuple[dict[str, st
     }
     truth = told(world, model, found, quiet, sigma, noise)
     truth = {"world": f"{number:03d}", "schema": write.SCHEMA, "kind": kind, "seed": seed} | truth
+    truth["generator"] = generator
     truth |= {
         "baseline": texts["baseline.txt"].strip().split(","),
         "session": plan.notes,

@@ -8,7 +8,8 @@ from bayescal.world.arm import JOINT, LINK_FROM_READING, REDUCTIONS
 from bayescal.world.touch import Act, Moved, Seen, World
 
 
-def _place(joint: int | np.integer, driver: str, name: str, also: tuple[str, ...] = ()) -> list[dict]:
+def place(joint: int | np.integer, driver: str, name: str, also: tuple[str, ...] = ()) -> list[dict]:
+    """Return the location of an effect of a joint (counted from 0), as the ground truth states it."""
     return [{"site": f"joint {joint + 1}", "driver": driver, "also": list(also), "effect": name}]
 
 
@@ -27,7 +28,7 @@ def eccentricity(rng: np.random.Generator, _w: World) -> Act:
             2 * t + second
         )
 
-    where = _place(j, "joint angle, once a turn", "eccentricity")
+    where = place(j, "joint angle, once a turn", "eccentricity")
     return Act(
         "eccentricity", where, "rad", 1.5e-4, 5e-4, move, {"joint": j + 1, "phase": phase, "oval": oval}
     )
@@ -43,7 +44,7 @@ def second_harmonic(rng: np.random.Generator, _w: World) -> Act:
             np.tanh(sharp * np.sin(2 * t + phase)) / np.tanh(sharp) + odd * np.sin(t - phase)
         )
 
-    where = _place(j, "joint angle, twice a turn", "second-harmonic")
+    where = place(j, "joint angle, twice a turn", "second-harmonic")
     return Act(
         "second-harmonic", where, "rad", 1e-4, 5e-4, move, {"joint": j + 1, "phase": phase, "sharp": sharp}
     )
@@ -60,7 +61,7 @@ def gear_mesh(rng: np.random.Generator, _w: World) -> Act:
 
     driver = f"motor angle, {'one wave' if waves == 1 else 'two waves'} a turn"
     detail = {"joint": j + 1, "waves": waves, "phase": phase, "skew": skew, "swell": swell}
-    return Act("gear-mesh", _place(j, driver, "gear-mesh"), "rad", 5e-5, 2.5e-4, move, detail)
+    return Act("gear-mesh", place(j, driver, "gear-mesh"), "rad", 5e-5, 2.5e-4, move, detail)
 
 
 def played(path: np.ndarray, half: float, start: float) -> np.ndarray:
@@ -84,7 +85,7 @@ def backlash(rng: np.random.Generator, _w: World) -> Act:
         path = np.stack([x - back, x, x - back], axis=1).ravel()
         m.joint[:] += (played(path, size, start)[1::3] - x)[:, None] * moves
 
-    where = _place(j, f"approach {j + 1}", "backlash")
+    where = place(j, f"approach {j + 1}", "backlash")
     return Act(
         "backlash",
         where,
@@ -109,7 +110,7 @@ def hysteresis(rng: np.random.Generator, _w: World) -> Act:
         m.joint[:, j] += size * ((1 - memory) * lean + memory * past)
 
     detail = {"joint": j + 1, "steep": steep, "friction": friction, "memory": memory}
-    return Act("hysteresis", _place(j, f"torque {j + 1}", "hysteresis"), "rad", 1e-4, 9e-4, move, detail)
+    return Act("hysteresis", place(j, f"torque {j + 1}", "hysteresis"), "rad", 1e-4, 9e-4, move, detail)
 
 
 def encoder_scale(rng: np.random.Generator, _w: World) -> Act:
@@ -123,7 +124,7 @@ def encoder_scale(rng: np.random.Generator, _w: World) -> Act:
         x = seen.readings @ row
         m.joint[:] += (sign * size * (x + bend * x * x))[:, None] * moves
 
-    where = _place(j, "joint angle", "encoder-scale", (f"reading {j + 1}",))
+    where = place(j, "joint angle", "encoder-scale", (f"reading {j + 1}",))
     return Act(
         "encoder-scale",
         where,
@@ -152,7 +153,7 @@ def coupling(rng: np.random.Generator, _w: World) -> Act:
         f"reading {i + 1}",
     )
     detail = {"driver": i + 1, "driven": j + 1, "bend": bend, "sign": sign}
-    return Act("coupling", _place(j, f"joint {i + 1}", "coupling", also), "rad/rad", 5e-5, 4e-4, move, detail)
+    return Act("coupling", place(j, f"joint {i + 1}", "coupling", also), "rad/rad", 5e-5, 4e-4, move, detail)
 
 
 def hardening(rng: np.random.Generator, w: World) -> Act:
@@ -164,7 +165,7 @@ def hardening(rng: np.random.Generator, w: World) -> Act:
         scale = knee * np.percentile(np.abs(load), 90)
         m.joint[:, j] += size * w.give[j] * scale * np.arctan(load / scale)
 
-    where = _place(j, f"torque {j + 1}", "hardening")
+    where = place(j, f"torque {j + 1}", "hardening")
     return Act("hardening", where, "1", 0.3, 0.7, move, {"joint": j + 1, "knee": knee})
 
 

@@ -1,4 +1,4 @@
-"""Which worlds there are: kinds in fixed shares, and every effect in its turn."""
+"""Which worlds there are: kinds in fixed shares, every effect in its turn, and a form of each at random."""
 
 from __future__ import annotations
 
@@ -6,7 +6,16 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from bayescal.world import frames, joints, outside, probe
+from bayescal.world import (
+    forms_frames,
+    forms_joints,
+    forms_probe,
+    frames,
+    joints,
+    outside,
+    outside_more,
+    probe,
+)
 from bayescal.world.touch import Act, World
 
 Maker = Callable[[np.random.Generator, World], Act]
@@ -16,11 +25,57 @@ NAMED: tuple[Maker, ...] = (
     frames.thermal_drift, frames.step, frames.bending, frames.base_compliance, frames.payload,
     probe.lobing, probe.latency, probe.plane_form, probe.artefact,
 )  # fmt: skip
+FORMS: dict[Maker, tuple[Maker, ...]] = {
+    **{m: (getattr(forms_joints, m.__name__),) for m in NAMED if m.__module__ == joints.__name__},
+    **{m: (getattr(forms_frames, m.__name__),) for m in NAMED if m.__module__ == frames.__name__},
+    **{m: (getattr(forms_probe, m.__name__),) for m in NAMED if m.__module__ == probe.__name__},
+    frames.payload: (forms_frames.payload, forms_frames.added_payload),
+}
+"""Further forms of every effect of the vocabulary; drawn as often as its first form."""
 MIX = ("null",) * 4 + ("single",) * 10 + ("pair",) * 3 + ("outside",) * 3  # of every twenty
 
 
-def recipe(seed: int, number: int) -> tuple[str, list[Maker]]:
-    """Return the kind of a world and what makes its effects; names and kinds go round evenly."""
+FIRST_OF = {other: first for first, others in FORMS.items() for other in others}
+GENERATORS = (1, 2)
+"""Versions of the generator: a seed gives the same sessions within one. The first has one form an effect."""
+
+
+def causes(generator: int, reserved: bool) -> tuple[Maker, ...]:
+    """Return the causes outside the vocabulary that may be drawn."""
+    more = outside_more.MORE if generator > 1 else ()
+    return outside.OUTSIDE + more + (outside_more.RESERVED if reserved else ())
+
+
+def formed(seed: int, number: int, makers: Sequence[Maker]) -> list[Maker]:
+    """Return makers with a form of each drawn: the first, or one of the others, with equal probability."""
+    rng = np.random.default_rng([seed, 4, number])
+    out = []
+    for maker in makers:
+        others = FORMS.get(maker, ())
+        first, which = rng.random() < 0.5, rng.random()
+        out.append(maker if first or not others else others[int(which * len(others))])
+    return out
+
+
+def recipe(
+    seed: int, number: int, generator: int = GENERATORS[-1], *, reserved: bool = False
+) -> tuple[str, list[Maker]]:
+    """Return the kind of a world and what makes its effects; names and kinds go round evenly.
+
+    Parameters
+    ----------
+    seed, number : int
+        As of `build.build`.
+    generator : int
+        One of `GENERATORS`.
+    reserved : bool
+        Also draw the reserved causes outside the vocabulary.
+    """
+    kind, makers = _recipe(seed, number, causes(generator, reserved))
+    return kind, makers if generator == 1 else formed(seed, number, makers)
+
+
+def _recipe(seed: int, number: int, strange: Sequence[Maker]) -> tuple[str, list[Maker]]:
     block, slot = divmod(number, len(MIX))
     order = np.random.default_rng([seed, 1, block]).permutation(len(MIX))
     kind = MIX[order[slot]]
@@ -33,7 +88,7 @@ def recipe(seed: int, number: int) -> tuple[str, list[Maker]]:
             [k for k, m in enumerate(NAMED) if m is not joints.compliance], 2, replace=False
         )
         return kind, [NAMED[first], NAMED[second]]
-    pool = NAMED if kind == "single" else outside.OUTSIDE
+    pool = NAMED if kind == "single" else strange
     again, place = divmod(rank, len(pool))
     return kind, [pool[np.random.default_rng([seed, 3, again, len(pool)]).permutation(len(pool))[place]]]
 
@@ -41,12 +96,17 @@ def recipe(seed: int, number: int) -> tuple[str, list[Maker]]:
 def wishes(rng: np.random.Generator, makers: Sequence[Maker]) -> dict:
     """Return what a session needs for its effects to be visible at all."""
     out: dict = {}
-    if probe.latency in makers:
+    named = {FIRST_OF.get(maker, maker) for maker in makers}
+    if probe.latency in named:
         out |= {"speeds": float(rng.choice([1.6, 2.5])), "spin_degps": float(rng.uniform(1, 3))}
     if (
-        frames.payload in makers or joints.hardening in makers or frames.bending in makers
+        frames.payload in named or joints.hardening in named or frames.bending in named
     ) and rng.random() < 0.5:
         out["payload"] = str(rng.choice(["half", "blocks"]))
-    if joints.backlash in makers and rng.random() < 0.4:
+    if joints.backlash in named and rng.random() < 0.4:
         out["reverse"] = float(rng.uniform(0.02, 0.06))
+    if forms_frames.added_payload in makers:
+        out["payload"] = str(rng.choice(["half", "blocks"]))
+    if outside_more.hasty_trigger in makers:
+        out["speeds"] = 2.5
     return out

@@ -9,7 +9,8 @@ from bayescal.world.scene import FACES
 from bayescal.world.touch import Act, Moved, Seen, World
 
 
-def _place(site: str, driver: str, name: str, *also: str) -> list[dict]:
+def place(site: str, driver: str, name: str, *also: str) -> list[dict]:
+    """Return the location of a cause, as the ground truth states it."""
     return [{"site": site, "driver": driver, "also": list(also), "effect": name}]
 
 
@@ -33,7 +34,7 @@ def tooth(rng: np.random.Generator, w: World) -> Act:
         "long_deg": np.degrees(long),
     }
     return Act(
-        "tooth", _place(f"joint {j + 1}", "joint angle, one place", "tooth"), "rad", 2e-4, 9e-4, move, detail
+        "tooth", place(f"joint {j + 1}", "joint angle, one place", "tooth"), "rad", 2e-4, 9e-4, move, detail
     )
 
 
@@ -50,7 +51,7 @@ def loosening(rng: np.random.Generator, w: World) -> Act:
         m.tip[:] += size * share[:, None] * axis
 
     on = f" on {FACES[f]}" if f < 4 else ""
-    where = _place(
+    where = place(
         "probe", f"count of contacts{on}", "loosening", "tool", "time", "stylus", "flange", "session"
     )
     return Act("loosening", where, "m", 2e-5, 1e-4, move, {"axis": axis.tolist(), "power": power})
@@ -68,7 +69,7 @@ def cable(rng: np.random.Generator, w: World) -> Act:
         pull = soft * np.logaddexp(0, (way * seen.readings[:, i] - taut) / soft)
         m.joint[:, j] += size * pull / most
 
-    where = _place(
+    where = place(
         f"joint {j + 1}", f"joint {i + 1}, beyond one angle", "cable", "joint angle", f"joint {i + 1}"
     )
     return Act(
@@ -90,7 +91,7 @@ def warm_trigger(rng: np.random.Generator, w: World) -> Act:
     def move(seen: Seen, size: float, m: Moved) -> None:
         m.travel[:] += size * warm * (1 + axial * seen.push()[:, 2])
 
-    where = _place("probe", "temperature", "warm-trigger", "time", "tool", "stylus", "session")
+    where = place("probe", "temperature", "warm-trigger", "time", "tool", "stylus", "session")
     return Act("warm-trigger", where, "m", 8e-6, 4e-5, move, {"tau_s": tau, "axial": axial})
 
 
@@ -108,7 +109,7 @@ def zero_jumps(rng: np.random.Generator, w: World) -> Act:
         del seen
         m.joint[:, j] += size * now
 
-    where = _place(f"joint {j + 1}", "time", "zero-jumps", "session", "time")
+    where = place(f"joint {j + 1}", "time", "zero-jumps", "session", "time")
     return Act("zero-jumps", where, "rad", 6e-5, 4e-4, move, {"joint": j + 1, "at_s": s.time[cut].tolist()})
 
 
@@ -121,7 +122,7 @@ def snag(rng: np.random.Generator, w: World) -> Act:
         far = np.linalg.norm(seen.ball - middle, axis=1) / wide
         m.travel[:] += size / (1 + far**3)
 
-    where = _place(
+    where = place(
         "probe", "place in the workspace", "snag", "region", "tool", "position", "place on the face"
     )
     return Act("snag", where, "m", 1e-5, 6e-5, move, {"middle_m": middle.tolist(), "wide_m": wide})
@@ -136,7 +137,7 @@ def sway(rng: np.random.Generator, _w: World) -> Act:
         m.base[:, 3] += now * np.cos(bearing)
         m.base[:, 4] += now * np.sin(bearing)
 
-    where = _place("base", "time", "sway", "session", "pedestal", "time")
+    where = place("base", "time", "sway", "session", "pedestal", "time")
     return Act("sway", where, "rad", 2e-5, 1.5e-4, move, {"period_s": period})
 
 
@@ -154,7 +155,7 @@ def dent(rng: np.random.Generator, _w: World) -> Act:
         m.height[:] += sign * size / (1 + far**4) * (seen.session.target == f)
 
     also = (FACES[f][5:], f"target {FACES[f]}", "place on the face")
-    where = _place(FACES[f], "place on the face, one spot", "dent", *also)
+    where = place(FACES[f], "place on the face, one spot", "dent", *also)
     return Act("dent", where, "m", 2e-5, 8e-5, move, {"face": FACES[f], "spot": spot.tolist(), "wide": wide})
 
 
@@ -171,7 +172,7 @@ def creep(rng: np.random.Generator, w: World) -> Act:
             late[k] = state
         m.joint[:, j] += size * w.give[j] * (late - load)
 
-    where = _place(f"joint {j + 1}", f"past torque {j + 1}", "creep", f"torque {j + 1}", "time")
+    where = place(f"joint {j + 1}", f"past torque {j + 1}", "creep", f"torque {j + 1}", "time")
     return Act("creep", where, "1", 0.3, 1.0, move, {"joint": j + 1, "tau_s": tau})
 
 

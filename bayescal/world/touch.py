@@ -13,6 +13,8 @@ from bayescal.world.session import TIP, Session
 
 PASSES = 4
 CLOSE = 1e-11  # m
+FIRST = "first"
+"""The form of an effect in generator 1; every other form has its own words."""
 
 
 @dataclass
@@ -27,12 +29,13 @@ class Moved:
     travel: np.ndarray  # from touch to trigger (n,)
     height: np.ndarray  # of the surface over its plane (n,)
     kilos: np.ndarray  # mass at the tool that was not stated (n,)
+    aside: np.ndarray  # kg m, first moment about the tool's centre of mass, in the flange's frame (n, 3)
     lag: np.ndarray  # s, from trigger to reading (n,)
 
     @classmethod
     def nothing(cls, n: int) -> Moved:
         """Return zeros for n contacts."""
-        shapes = [(n, 6), (n, 6), (n, 5, 2), (n, 3), (n, 3), (n,), (n,), (n,), (n,)]
+        shapes = [(n, 6), (n, 6), (n, 5, 2), (n, 3), (n, 3), (n,), (n,), (n,), (n, 3), (n,)]
         return cls(*(np.zeros(s) for s in shapes))
 
 
@@ -73,6 +76,7 @@ class Act:
     move: Callable[[Seen, float, Moved], None]
     detail: dict = field(default_factory=dict)
     artefact: bool = False
+    form: str = FIRST
 
 
 @dataclass
@@ -98,6 +102,8 @@ class World:
             extra = s.payload + moved.kilos
             if np.any(extra):
                 load += extra[:, None] * (self.arm.weigh(coordinates, 1.0) - load)
+            if np.any(moved.aside):
+                load += self._leaning(coordinates, moved.aside)
             if acts:
                 ball, turn = self.place(coordinates, moved)
                 seen = Seen(s, self.scene, at, link, load, ball, turn, self.normals(ball))
@@ -111,6 +117,14 @@ class World:
             coordinates[:, GROWTH] = moved.growth
         ball, turn = self.place(coordinates, moved)
         return Seen(s, self.scene, at, at @ LINK_FROM_READING.T, load, ball, turn, self.normals(ball)), moved
+
+    def _leaning(self, coordinates: np.ndarray, aside: np.ndarray) -> np.ndarray:
+        """Return the gravity torque (n, coordinates) of a first moment (n, 3): it is linear in it."""
+        at_tool, out = self.arm.weigh(coordinates, 1.0), np.zeros((len(coordinates), SIZE))
+        for axis, metre in enumerate(np.eye(3)):
+            if np.any(aside[:, axis]):
+                out += aside[:, axis, None] * (self.arm.weigh(coordinates, 1.0, tuple(metre)) - at_tool)
+        return out
 
     def place(self, coordinates: np.ndarray, moved: Moved) -> tuple[np.ndarray, np.ndarray]:
         """Return the ball's centre (n, 3) and the flange's turn (n, 3, 3)."""

@@ -33,6 +33,7 @@ def told(
     return {
         "effects": [act.name for act, _, _ in found],
         "outside": None,
+        "form": {act.name: act.form for act, _, _ in found},
         "where": [w for act, _, _ in found for w in act.where],
         "lambda": {
             "value": min(each.values(), default=0.0),

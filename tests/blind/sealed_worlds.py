@@ -8,7 +8,7 @@ from bayescal.blind.folder import FILES
 
 def made_up(task):
     """A world of a seed and number, as `make.built` returns one."""
-    seed, number = task
+    seed, number = task.seed, task.number
     texts = {name: f"{name} of world {number} of seed {seed}\n" for name in FILES}
     return texts, {"world": f"{number:03d}", "effects": ["step"], "seed": seed}
 

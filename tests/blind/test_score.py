@@ -8,6 +8,7 @@ from made_up_worlds import answer, at, many, null, one, pair, perfect, shrunk, s
 
 from bayescal.blind.reasons import REASONS
 from bayescal.blind.score import figures, records
+from bayescal.blind.shrunk import worse_beyond_noise
 from bayescal.blind.skill import base_rates, log_score, stated
 from bayescal.errors import BayescalError
 
@@ -28,6 +29,8 @@ def test_perfect_answers_have_perfect_figures():
     assert found["outside"]["named_alone"]["hits"] == 0
     wrong = [
         found["null"].pop("named"),
+        found["null"].pop("otherwise"),
+        found.pop("worse_beyond_noise"),
         found["outside"].pop("named_alone"),
         *found["single"].pop("wrong_name"),
     ]
@@ -229,7 +232,7 @@ def test_one_answer_changed_changes_what_it_should():
     changed = {key for key in old if old[key] != new[key]}
     assert changed == {
         "single", "set", "distances", "planes", "predicted", "reliability", "log_score", "reasons", "misses",
-        "named_place", "unnamed_place", "sure",
+        "named_place", "unnamed_place", "sure", "certain", "worse_beyond_noise",
     }  # fmt: skip
     rights = [s["hits"] for s in new["single"]["right"]]
     assert rights == [1, 1, 0, 1, 1, 1]
@@ -302,3 +305,46 @@ def test_places_are_met_in_the_words_of_the_truth(place, where, hit):
     unnamed = one(true, silent(where=[where]))
     assert unnamed["first_place_right"] == unnamed["at_right_site"] == hit
     assert one(true, silent(where=[at("joint 6"), where]))["first_place_right"] is False
+
+
+def test_a_certain_name_is_counted_where_the_cause_is_in_the_vocabulary_and_where_not():
+    sure = {"step": 0.985, "lobing": 0.97, "unknown": 0.99}
+    found = figures(many((truth(), answer(p=sure)), (truth(effects=("lobing",)), answer(p=sure)),
+                         (strange(), answer(p=sure)), (null(), silent())))["certain"]  # fmt: skip
+    assert (found["vocabulary"]["hits"], found["vocabulary"]["count"]) == (1, 2)
+    assert (found["outside"]["hits"], found["outside"]["count"]) == (0, 1)
+
+
+def test_shares_by_form_and_old_truths_are_first_forms():
+    soft = truth(effects=("backlash",)) | {"form": {"backlash": "soft transition"}}
+    weak = truth(strength=20.0)
+    two = pair() | {"form": {"step": "first", "lobing": "another order"}}
+    found = figures(many((truth(), answer()), (soft, answer()), (weak, answer()), (two, answer())))["forms"]
+    assert (found["first"]["hits"], found["first"]["count"]) == (1, 1)
+    assert (found["further"]["hits"], found["further"]["count"]) == (0, 1)
+    assert {(e, form): (s["hits"], s["count"]) for e, forms in found["effects"].items()
+            for form, s in forms.items()} == {("step", "first"): (2, 2), ("lobing", "another order"): (0, 1),
+                                              ("backlash", "soft transition"): (0, 1)}  # fmt: skip
+
+
+@pytest.mark.parametrize(("shift", "count", "beyond"), [(0.0, 12, 0), (6.0, 12, 0), (40.0, 12, 1)])
+def test_distances_get_worse_beyond_noise(shift, count, beyond):
+    """Errors of the true model of 10 um; a refit that moves distances at random, or by a bias besides."""
+    rng = np.random.default_rng(4)
+    noise, move = 10.0 * rng.standard_normal(count), 5.0 * rng.standard_normal(count)
+    rms = [float(np.sqrt(np.mean(e**2))) for e in (noise - move / 2, noise + move / 2 + shift)]
+    moved = float(np.mean((move + shift) ** 2))
+    d = shrunk(*rms, said=float(np.sqrt(moved + 100.0)), expects=10.0) | {"count": count}
+    found = figures([one(truth(), answer(distances=d))])["worse_beyond_noise"]
+    assert (found["hits"], found["count"]) == (beyond, 1)
+
+
+def test_the_band_of_worse_distances_holds_95_percent():
+    """Where neither model is better, no more than 2.5 % of sessions are called worse."""
+    rng, hits, many_ = np.random.default_rng(5), 0, 400
+    for _ in range(many_):
+        noise, move = 10.0 * rng.standard_normal(8), 5.0 * rng.standard_normal(8)
+        a, b = (float(np.sqrt(np.mean((noise + s * move / 2) ** 2))) for s in (-1, 1))
+        d = shrunk(a, b, said=float(np.sqrt(np.mean(move**2) + 100.0)), expects=10.0) | {"count": 12}
+        hits += worse_beyond_noise(one(truth(), answer(distances=d)))
+    assert hits / many_ < 0.04

@@ -9,8 +9,8 @@ import pytest
 from sealed_worlds import here, made_up
 
 from bayescal.blind import seal
-from bayescal.blind.folder import FILES, write
-from bayescal.blind.make import make
+from bayescal.blind.folder import FILES, PLAN, write
+from bayescal.blind.make import Drawn, make
 from bayescal.blind.run import run
 from bayescal.blind.unseal import opened
 from bayescal.blind.workers import Lost
@@ -58,7 +58,7 @@ def edit(path: Path, old: str, new: str) -> None:
 def test_what_was_sealed_is_opened(answered):
     truths, answers, about = opened(answered)
     assert list(truths) == list(answers) == ["000", "001", "002"]
-    assert truths["002"] == made_up((SEED, 2))[1]
+    assert truths["002"] == made_up(Drawn(SEED, 2, 2, False))[1]
     assert answers["000"]["gap"]["verdict"] == "named"
     assert answers["000"]["seconds"] == 1.5
     assert answers["001"]["error"] == "no arm"
@@ -236,7 +236,7 @@ def test_making_goes_on(tmp_path, monkeypatch):
     (tmp_path / "parts/worlds/.002.1.part").mkdir()  # as a killed process leaves it
     last = here(monkeypatch)
     sealed = make(tmp_path / "parts", WORLDS, SEED)
-    assert [*done, *last] == [(SEED, 0), (SEED, 1), (SEED, 2)]
+    assert [(task.seed, task.number) for task in (*done, *last)] == [(SEED, 0), (SEED, 1), (SEED, 2)]
     assert make(tmp_path / "whole", WORLDS, SEED) == sealed
     assert files(tmp_path / "parts") == files(tmp_path / "whole")
     assert not list((tmp_path / "parts/worlds").glob(".*"))
@@ -322,3 +322,25 @@ def test_without_pinocchio(tmp_path, monkeypatch):
     with pytest.raises(BayescalError, match=r"needs Pinocchio; pip install 'bayescal\[world\]'"):
         make(tmp_path / "blind", WORLDS, SEED)
     assert not (tmp_path / "blind").exists()
+
+
+def test_sessions_of_one_generator_stay_so(tmp_path, monkeypatch):
+    """An interrupted simulation that states no generator continues with the first; others are refused."""
+    done = here(monkeypatch, most=1)
+    folder = tmp_path / "blind"
+    with pytest.raises(KeyboardInterrupt):
+        make(folder, 2, SEED, generator=1)
+    plan = json.loads((folder / PLAN).read_text())
+    (folder / PLAN).write_text(json.dumps({k: plan[k] for k in ("seed", "worlds", "salt")}))
+    here(monkeypatch)
+    for more, words in (({"generator": 2}, "generator 1"), ({"reserved": True}, "no reserved causes")):
+        with pytest.raises(BayescalError, match=f"started with {words}"):
+            make(folder, 2, SEED, **more)
+    sealed = make(folder, 2, SEED)
+    assert [t.generator for t in done] == [1]
+    assert json.loads((folder / "truth.json").read_text())["generator"] == 1
+    assert make(folder, 2, SEED) == make(folder, 2, generator=1) == sealed
+    with pytest.raises(BayescalError, match="started with generator 1"):
+        make(folder, 2, SEED, generator=2)
+    with pytest.raises(BayescalError, match="no generator 9"):
+        make(tmp_path / "other", 1, generator=9)

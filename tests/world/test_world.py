@@ -1,9 +1,12 @@
 """Blind worlds: readable, reproducible, silent about what they hide, and honest where they hide nothing."""
 
+import hashlib
 import importlib
+import json
 import pkgutil
 import subprocess
 import sys
+from itertools import chain
 
 import numpy as np
 import pytest
@@ -15,11 +18,17 @@ from bayescal.dataset import read_dataset
 from bayescal.estimate import estimate, settled
 from bayescal.model import build
 from bayescal.model.scene import Scene
+from bayescal.world import arm, scene, session
 from bayescal.world import build as world
-from bayescal.world.mix import MIX, recipe
+from bayescal.world.mix import FORMS, MIX, NAMED, recipe
+from bayescal.world.outside import OUTSIDE
+from bayescal.world.outside_more import MORE, RESERVED
+from bayescal.world.touch import World
 from bayescal.world.write import plain
 
 SEED = 101
+OLD = {"effects": ["payload"], "noise_um": 9.73565034554, "lambda": 150.598473, "dataset": "c977cf2794a74d71"}
+"""Session 5 of the first generator; see the test."""
 TRUTH = ("truth", "effect", "lambda", "oracle", "outlier")
 
 
@@ -82,7 +91,7 @@ def test_null_world_fits_to_the_noise(made):
 def test_worlds_differ():
     kinds = [recipe(SEED, k)[0] for k in range(2 * len(MIX))]
     assert sorted(kinds) == sorted(2 * MIX)
-    named = [m for k in range(100) for m in recipe(SEED, k)[1] if recipe(SEED, k)[0] == "single"]
+    named = [m for k in range(100) for m in recipe(SEED, k, 1)[1] if recipe(SEED, k, 1)[0] == "single"]
     assert len(set(named)) == 18, "every effect in its turn"
     assert recipe(SEED, 3) == recipe(SEED, 3)
 
@@ -103,3 +112,64 @@ def test_it_shares_nothing_with_the_model():
     said = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
     others = set(eval(said)) - {"bayescal", "bayescal.errors", "bayescal.world", *modules}
     assert not others
+
+
+def test_a_seed_of_the_first_generator_keeps_its_meaning():
+    """Noise, scene and effect of a session, as drawn before there was a second generator."""
+    texts, truth = world.build(SEED, 5, generator=1)
+    assert truth["effects"] == OLD["effects"]
+    assert truth["noise_um"] == pytest.approx(OLD["noise_um"], rel=1e-9)
+    assert truth["lambda"]["value"] == pytest.approx(OLD["lambda"], rel=1e-6)
+    assert hashlib.sha256(texts["dataset.yaml"].encode()).hexdigest()[:16] == OLD["dataset"]
+
+
+def test_every_effect_has_a_second_form_and_is_drawn_in_it():
+    assert set(FORMS) == set(NAMED)
+    drawn = {m for k in range(400) for m in recipe(SEED, k)[1]}
+    assert drawn >= {m for forms in FORMS.values() for m in forms} | set(NAMED)
+    assert {m for k in range(400) for m in recipe(SEED, k, 1)[1]} == {*NAMED, *OUTSIDE}
+
+
+def test_reserved_causes_are_drawn_on_request_alone():
+    free = {m for k in range(200) for m in recipe(SEED, k)[1]}
+    asked = {m for k in range(200) for m in recipe(SEED, k, reserved=True)[1]}
+    assert not free & set(RESERVED)
+    assert set(MORE) <= free
+    assert {*MORE, *RESERVED} <= asked
+
+
+@pytest.fixture(scope="module")
+def bench():
+    """A true arm in a session with an added load, and readings without noise."""
+    rng = np.random.default_rng(3)
+    body, stage = arm.Arm(arm.draw(rng)), scene.draw(rng)
+    plan = session.plan(rng, stage, {"payload": "half", "speeds": 2.5})
+    made = World(body, stage, plan, body.shape.give)
+    return made, made.touch((), np.zeros(len(plan.time)), straight=True)[0]
+
+
+@pytest.mark.parametrize("maker", [*chain.from_iterable(FORMS.values()), *MORE, *RESERVED])
+def test_a_form_moves_something_in_proportion_to_its_size(maker, bench):
+    made, readings = bench
+    act = maker(np.random.default_rng(1), made)
+    assert json.dumps(plain(act.detail))
+    still = made.gap(readings)
+    one, less = (made.gap(readings, [(act, act.size * part)]) - still for part in (1.0, 0.5))
+    assert np.all(np.isfinite(one))
+    assert 1e-6 < np.std(one) < 1e-3
+    if act.name != "carried-play":  # play grows with its clearance, but not in proportion
+        assert np.std(less - one / 2) < 0.05 * np.std(one)
+    assert maker in (*MORE, *RESERVED) or act.form != "first"
+
+
+def test_a_mass_hung_elsewhere_is_a_mass_there(bench):
+    """The first moment about the stated centre gives the torque of a mass at the other centre."""
+    made, readings = bench
+    off, kilos = (0.03, -0.05, 0.08), 1.7
+    coordinates = np.zeros((len(readings), arm.SIZE))
+    coordinates[:, arm.JOINT] = readings @ arm.LINK_FROM_READING.T
+    direct = made.arm.weigh(coordinates, kilos, off) - made.arm.weigh(coordinates)
+    at_tool = made.arm.weigh(coordinates, kilos) - made.arm.weigh(coordinates)
+    by_moment = at_tool + made._leaning(coordinates, np.tile(kilos * np.array(off), (len(readings), 1)))
+    np.testing.assert_allclose(by_moment, direct, atol=1e-9)
+    assert np.abs(direct - at_tool).max() > 0.5
