@@ -37,6 +37,7 @@ def record(truth: Mapping[str, Any], answer: Mapping[str, Any] | None) -> Record
         "lambda": float(truth["lambda"]["value"]),
         "each": {name: float(size) for name, size in truth["lambda"]["each"].items()},
         "true_places": _acts(truth["where"]),
+        "stage": truth.get("session", {}).get("stage", "cube"),
         "forms": dict.fromkeys(truth["effects"], FIRST) | truth.get("form", {}),
     }
     gap = (answer or {"error": "no answer"}).get("gap")

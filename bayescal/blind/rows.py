@@ -40,6 +40,7 @@ def rows(f: Found) -> list[Row]:
         _at_most("distances worse beyond noise", f["worse_beyond_noise"], 0.03),
         _at_least(f"first form, lambda from {CLEAR:g}: correct", f["forms"]["first"], 0.90),
         _at_least("another form likewise", f["forms"]["further"], 0.90),
+        *_spheres(f["spheres"]),
         Row("named likewise: no false name", of(f["sure"]["names_true"])),
         _at_least("90 % set contains all effects", f["set"]["holds"], 0.87),
         _under(
@@ -68,6 +69,11 @@ def rows(f: Found) -> list[Row]:
 def by_form(f: Found) -> list[tuple[str, str, str]]:
     """Rows of effect, form, and the share of sessions of lambda from `CLEAR` in which it was named."""
     return [(name, form, of(s)) for name, forms in f["forms"]["effects"].items() for form, s in forms.items()]
+
+
+def _spheres(s: Found) -> list[Row]:
+    label = f"on spheres alone, noise only or lambda from {CLEAR:g}: correct"
+    return [_at_least(label, s, 0.90)] if s["count"] else []
 
 
 def _claims(s: Found) -> Found:

@@ -105,6 +105,7 @@ def figures(records: Sequence[Record]) -> dict[str, Any]:
             lambda r: r["first_place_right"],
         ),
         "forms": by_form(hidden, CLEAR),
+        "spheres": share([r for r in records if r["stage"] == "spheres" and _clear(r)], _right),
         "set": coverage(hidden) | {"size_all": mean(len(r["set"]) for r in records)},
         "set_clear": coverage([r for r in hidden if min(r["each"].values()) > CLEAR]),
         "pairs": {"all": pairs(of["pair"]), "clear": pairs(clear)},
@@ -222,6 +223,10 @@ def miss(r: Record) -> dict[str, Any]:
 
 def _right(r: Record) -> bool:
     return bool(r["right"])
+
+
+def _clear(r: Record) -> bool:
+    return not r["each"] or min(r["each"].values()) >= CLEAR
 
 
 def _least(r: Record) -> float:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from bayescal.world import arm, joints, scene, session, write
-from bayescal.world.mix import FIRST_OF, GENERATORS, recipe, wishes
+from bayescal.world.mix import FIRST_OF, GENERATORS, recipe, stage, wishes
 from bayescal.world.size import modest, sized
 from bayescal.world.touch import World
 from bayescal.world.truth import told
@@ -51,9 +51,9 @@ def build(
     rng = np.random.default_rng([seed, 0, number])
     kind, makers = recipe(seed, number, generator, reserved=reserved)
     only_geometry = any(FIRST_OF.get(maker, maker) is joints.compliance for maker in makers)
-    body, stage = arm.Arm(arm.draw(rng)), scene.draw(rng)
-    plan = session.plan(rng, stage, wishes(rng, makers))
-    world = World(body, stage, plan, np.zeros(6) if only_geometry else body.shape.give)
+    body, things = arm.Arm(arm.draw(rng)), scene.draw(rng)
+    plan = session.plan(rng, things, wishes(rng, makers), stage(seed, number, generator, makers))
+    world = World(body, things, plan, np.zeros(6) if only_geometry else body.shape.give)
     n = len(plan.time)
     sigma = rng.uniform(5e-6, 10e-6)
     stated = sigma * rng.uniform(0.75, 4 / 3)
@@ -76,7 +76,7 @@ def build(
     truth["generator"] = generator
     truth |= {
         "baseline": texts["baseline.txt"].strip().split(","),
-        "session": plan.notes,
+        "session": plan.notes | {"stage": plan.stage},
         "noise_um": 1e6 * sigma,
         "stated_noise_um": 1e6 * stated,
         "outliers": [f"c{k:04d}" for k in np.flatnonzero(wild)],

@@ -16,6 +16,7 @@ from bayescal.world import (
     outside_more,
     probe,
 )
+from bayescal.world.session import CUBE, SPHERES
 from bayescal.world.touch import Act, World
 
 Maker = Callable[[np.random.Generator, World], Act]
@@ -36,8 +37,23 @@ MIX = ("null",) * 4 + ("single",) * 10 + ("pair",) * 3 + ("outside",) * 3  # of 
 
 
 FIRST_OF = {other: first for first, others in FORMS.items() for other in others}
-GENERATORS = (1, 2)
-"""Versions of the generator: a seed gives the same sessions within one. The first has one form an effect."""
+GENERATORS = (1, 2, 3)
+"""Versions of the generator: a seed gives the same sessions within one.
+
+The first has one form of every effect and the second several; the third has sessions on spheres alone.
+"""
+ON_CUBE = {
+    probe.plane_form, probe.artefact, forms_probe.plane_form, forms_probe.artefact,
+    outside.dent, outside_more.shoved_target,
+}  # fmt: skip
+ALONE = 0.25
+"""Share of sessions on spheres alone, of those whose effects do not need the cube."""
+
+
+def stage(seed: int, number: int, generator: int, makers: Sequence[Maker]) -> str:
+    """Return what calibrates in a session: the cube, or spheres alone."""
+    alone = generator > 2 and np.random.default_rng([seed, 5, number]).random() < ALONE
+    return SPHERES if alone and not ON_CUBE & set(makers) else CUBE
 
 
 def causes(generator: int, reserved: bool) -> tuple[Maker, ...]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from bayescal.world.arm import JOINT, LINK_FROM_READING
 from bayescal.world.scene import FACES
+from bayescal.world.session import CUBE
 from bayescal.world.touch import Act, Moved, Seen, World
 
 
@@ -42,7 +43,8 @@ def loosening(rng: np.random.Generator, w: World) -> Act:
     """Return a stylus that works loose: every touch from one side moves it on."""
     s, axis, power = w.session, rng.standard_normal(3), rng.uniform(0.5, 2.5)
     axis /= np.linalg.norm(axis)
-    f = rng.integers(5)
+    f = int(rng.integers(5))
+    f = f if np.any(s.target == f) else 4
     knocks = np.cumsum((s.target == f) if f < 4 else np.ones(len(s.target)))
     share = (knocks / knocks[s.phase == 0].max()) ** power
 
@@ -115,7 +117,8 @@ def zero_jumps(rng: np.random.Generator, w: World) -> Act:
 
 def snag(rng: np.random.Generator, w: World) -> Act:
     """Return a trigger that comes late in one part of the workspace, where the probe's lead is caught."""
-    near = w.scene.point[rng.integers(4)]
+    places = w.scene.point if w.session.stage == CUBE else w.scene.ball[w.session.calibrating - 4]
+    near = places[rng.integers(len(places))]
     middle, wide = near + rng.uniform(-0.08, 0.08, 3), rng.uniform(0.04, 0.09)
 
     def move(seen: Seen, size: float, m: Moved) -> None:

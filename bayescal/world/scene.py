@@ -11,7 +11,7 @@ FACES = ("cube.+y", "cube.-y", "cube.-x", "cube.+z")
 SIDE, BALL = 0.2286, 0.0508
 MIDDLE = np.array([0.45, 0.0, 0.15])
 NORMALS = np.array([[0, 1, 0], [0, -1, 0], [-1, 0, 0], [0, 0, 1]], dtype=float)
-U_SIZE, U_SQUARE, U_DISTANCE = 3e-6, 1.2e-5, 1e-6
+U_SIZE, U_SQUARE, U_DISTANCE, U_DIAMETER = 3e-6, 1.2e-5, 1e-6, 1e-6
 
 
 @dataclass

@@ -12,6 +12,8 @@ from bayescal.world.scene import BALL, MIDDLE, NORMALS, SIDE, Scene
 
 TIP = 3e-3  # radius of the probe's ball
 GROUPS, TIMES, LATE, PER_BALL = 15, 4, 60, 11
+CUBE, SPHERES = "cube", "spheres"
+"""What calibrates in a session."""
 MOST = 12.0  # rad a metre of approach: no joint turns faster for a turn's sake
 
 
@@ -31,6 +33,17 @@ class Session:
     temperature: np.ndarray
     measured_temperature: bool
     notes: dict
+    stage: str = CUBE
+
+    @property
+    def calibrating(self) -> np.ndarray:
+        """Targets of the contacts to calibrate with, each once."""
+        return np.unique(self.target[self.phase == 0])
+
+    @property
+    def measured_balls(self) -> np.ndarray:
+        """Balls (0 to 11) whose distances validate."""
+        return np.unique(self.target[self.phase == 1]) - 4
 
     @property
     def velocity(self) -> np.ndarray:
@@ -135,11 +148,12 @@ def _ways(
 
 
 def _order(rng: np.random.Generator, face: np.ndarray, how: str) -> np.ndarray:
-    """Return an order of contacts: face by face, at random, or half and half."""
+    """Return an order of contacts: target by target, at random, or half and half."""
     mixed = rng.permutation(len(face))
     if how == "random":
         return mixed
-    turns = rng.permutation(4)
+    _, face = np.unique(face, return_inverse=True)
+    turns = rng.permutation(face.max() + 1)
     if how == "face":
         return mixed[np.argsort(turns[face[mixed]], kind="stable")]
     cut = len(face) // 2
@@ -147,11 +161,13 @@ def _order(rng: np.random.Generator, face: np.ndarray, how: str) -> np.ndarray:
     return np.concatenate([head[np.argsort(turns[face[head]], kind="stable")], mixed[cut:]])
 
 
-def _calibrate(rng: np.random.Generator, scene: Scene, count: int, notes: dict) -> tuple[np.ndarray, ...]:
+def _calibrate(
+    rng: np.random.Generator, scene: Scene, among: np.ndarray, count: int, notes: dict
+) -> tuple[np.ndarray, ...]:
     """Return target, readings, normal and repeat of the contacts to calibrate with, in order."""
-    single = rng.permutation(np.arange(count - GROUPS * TIMES) % 4)
+    single = rng.permutation(among[np.arange(count - GROUPS * TIMES) % len(among)])
     single = single[_order(rng, single, notes["order"])]
-    again = rng.permutation(np.arange(GROUPS) % 4)
+    again = rng.permutation(among[np.arange(GROUPS) % len(among)])
     target = np.concatenate([single, again])
     q, out = poses(rng, scene, target)
     cut = len(single)
@@ -171,7 +187,18 @@ def _calibrate(rng: np.random.Generator, scene: Scene, count: int, notes: dict) 
     return target[order], q[order], out[order], np.where(order >= cut, order - cut, -1)
 
 
-def plan(rng: np.random.Generator, scene: Scene, wishes: dict) -> Session:
+def targets(rng: np.random.Generator, stage: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return targets to calibrate with, and places of the plate whose distances validate.
+
+    On spheres alone, the balls at two of the four places calibrate and those at the two others validate.
+    """
+    if stage == CUBE:
+        return np.arange(4), np.arange(4)
+    places = rng.permutation(4)
+    return np.concatenate([np.arange(3) + 3 * p + 4 for p in np.sort(places[:2])]), np.sort(places[2:])
+
+
+def plan(rng: np.random.Generator, scene: Scene, wishes: dict, stage: str = CUBE) -> Session:
     """Draw a session.
 
     Parameters
@@ -182,6 +209,8 @@ def plan(rng: np.random.Generator, scene: Scene, wishes: dict) -> Session:
         What stands before the arm.
     wishes : dict
         Notes of the session that are not left to chance, for example ``payload``.
+    stage : str
+        What calibrates: the faces of the cube, or spheres alone.
     """
     notes = {
         "order": str(rng.choice(["face", "random", "both"])),
@@ -193,14 +222,15 @@ def plan(rng: np.random.Generator, scene: Scene, wishes: dict) -> Session:
         "pause_s": float(rng.uniform(1200, 4500)),
     } | wishes
     count = int(rng.integers(300, 640))
-    parts = [_calibrate(rng, scene, count, notes)]
-    place = np.concatenate([rng.permutation(np.repeat(np.arange(3), PER_BALL)) + 3 * p + 4 for p in range(4)])
-    late = rng.permutation(np.arange(LATE) % 4)
-    for target in (place, late):
+    among, places = targets(rng, stage)
+    parts = [_calibrate(rng, scene, among, count, notes)]
+    place = np.concatenate([rng.permutation(np.repeat(np.arange(3), PER_BALL)) + 3 * p + 4 for p in places])
+    late = [rng.permutation(np.arange(LATE) % 4)] if stage == CUBE else []
+    for target in (place, *late):
         q, out = poses(rng, scene, target)
         parts.append((target, q, out, np.full(len(target), -1)))
     target, q, out, repeat = (np.concatenate([p[i] for p in parts]) for i in range(4))
-    phase = np.repeat([0, 1, 2], [len(p[0]) for p in parts])
+    phase = np.repeat(np.arange(len(parts)), [len(p[0]) for p in parts])
     n = len(target)
     speed = rng.uniform(2e-3, 5e-3) * notes["speeds"] ** rng.uniform(-1, 1, n)
     for g in range(GROUPS):
@@ -212,7 +242,7 @@ def plan(rng: np.random.Generator, scene: Scene, wishes: dict) -> Session:
     step[np.flatnonzero(np.diff(target * (phase == 1)) != 0) + 1] += 3.0
     new = np.flatnonzero(np.diff(np.where(phase == 1, (target - 4) // 3, -1)) != 0) + 1
     step[new] += 240.0
-    step[np.flatnonzero(phase == 2)[0]] += notes["pause_s"]
+    step[np.flatnonzero(phase == 2)[:1]] += notes["pause_s"]
     time = np.round(np.cumsum(step), 2)
     payload = np.zeros(n)
     if notes["payload"] == "half":
@@ -230,5 +260,5 @@ def plan(rng: np.random.Generator, scene: Scene, wishes: dict) -> Session:
     temperature = room + rng.uniform(1, 5) * warm + 0.1 * rng.standard_normal(n)
     measured = bool(rng.random() < 0.85)
     return Session(
-        phase, target, q, straight, way, speed, time, payload, repeat, temperature, measured, notes
+        phase, target, q, straight, way, speed, time, payload, repeat, temperature, measured, notes, stage
     )

@@ -20,8 +20,9 @@ def told(
     free, certificates = (float(np.sum(model.left(shift, sigma, p) ** 2)) for p in (False, True))
     wrong = wrong_masses(world, model, quiet, sigma)
     rows, sc, out = world.session.phase == 0, world.scene, {}
-    certificate_error = (
-        np.array([np.linalg.norm(sc.ball[i] - sc.ball[j]) for i, j in scene.pairs()]) - sc.certified
+    certified = dict(zip(scene.pairs(), sc.certified, strict=True))
+    certificate_error = np.array(
+        [np.linalg.norm(sc.ball[i] - sc.ball[j]) - certified[i, j] for i, j in visible.validating(world)]
     )
     cases = {"oracle": (noise, None), "fit_without_effect": (noise, rows), "baseline": (noise - shift, rows)}
     for label, (data, fit) in cases.items():

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.world.arm import JOINT, SIZE, Arm
-from bayescal.world.scene import U_SIZE, U_SQUARE, pairs
+from bayescal.world.scene import U_DIAMETER, U_DISTANCE, U_SIZE, U_SQUARE, pairs
+from bayescal.world.session import SPHERES
 from bayescal.world.touch import World
 
 STEP = 1e-5
@@ -23,11 +24,12 @@ class Fitted:
     certificates: np.ndarray  # certificates (k, m), whitened
     prior: np.ndarray  # standard deviations (m,), wide where nothing is known
     used: np.ndarray  # rows to calibrate with
+    certified: bool  # whether certificates always count: on spheres alone nothing else has a scale
 
     def left(self, shift: np.ndarray, sigma: float, certificates: bool = False) -> np.ndarray:
         """Return what no fit absorbs of a shift of gaps (n,), whitened."""
         matrix, right = self.columns[self.used] / sigma, shift[self.used] / sigma
-        if certificates:
+        if certificates or self.certified:
             matrix, right = (
                 np.concatenate([matrix, self.certificates]),
                 np.append(right, np.zeros(len(self.certificates))),
@@ -91,7 +93,12 @@ def fitted(world: World, readings: np.ndarray, stiffness: bool) -> Fitted:
     prior += [5e-3] * 3
     arm_count = len(out)
     sc, target = world.scene, world.session.target
-    for f in range(4):
+    spheres = world.session.stage == SPHERES
+    for b in world.session.calibrating if spheres else ():
+        on = target == b
+        out += [*(-normal * on[:, None]).T, -0.5 * on]
+        prior += [0.05] * 3 + [1e-3]
+    for f in () if spheres else range(4):
         on = target == f
         lever = (ball(world.arm, coordinates) - sc.point[f]) * on[:, None]
         out += [lever @ sc.across[f, 0], lever @ sc.across[f, 1], -on.astype(float)]
@@ -99,9 +106,10 @@ def fitted(world: World, readings: np.ndarray, stiffness: bool) -> Fitted:
     return Fitted(
         np.stack(out, axis=1),
         normal,
-        _certificates(world, arm_count),
+        _ball_certificates(world, arm_count) if spheres else _certificates(world, arm_count),
         np.array(prior),
         world.session.phase == 0,
+        spheres,
     )
 
 
@@ -124,17 +132,39 @@ def _certificates(world: World, before: int) -> np.ndarray:
     return np.array(rows)
 
 
+def _ball_certificates(world: World, before: int) -> np.ndarray:
+    """Return the certificates' rows by centres and diameters of the balls to calibrate with."""
+    sc, rows = world.scene, []
+    column = {int(b) - 4: before + 4 * k for k, b in enumerate(world.session.calibrating)}
+    width = before + 4 * len(column)
+    for i, j in pairs():
+        if i in column and j in column:
+            along = (sc.ball[j] - sc.ball[i]) / np.linalg.norm(sc.ball[j] - sc.ball[i]) / U_DISTANCE
+            row = np.zeros(width)
+            row[column[i] : column[i] + 3], row[column[j] : column[j] + 3] = -along, along
+            rows.append(row)
+    for at in column.values():
+        rows.append(np.eye(width)[at + 3] / U_DIAMETER)
+    return np.array(rows)
+
+
+def validating(world: World) -> list[tuple[int, int]]:
+    """Return the pairs of balls whose distance validates."""
+    measured = set(world.session.measured_balls)
+    return [pair for pair in pairs() if measured.issuperset(pair)]
+
+
 def distances(
     world: World, model: Fitted, shift: np.ndarray, sigma: float, rows: np.ndarray | None
 ) -> np.ndarray:
-    """Return errors of the distances (12,), in m, that a shift of gaps leaves after a fit of rows or none."""
+    """Return errors (m) of the validating distances that a shift of gaps leaves after a fit, if any."""
     rest = shift - model.absorbed(shift, sigma, rows) if rows is not None else shift
     target, move = world.session.target, np.empty((12, 3))
-    for b in range(12):
+    for b in world.session.measured_balls:
         on = target == b + 4
         move[b] = np.linalg.lstsq(model.normal[on], rest[on], rcond=None)[0]
     out = []
-    for i, j in pairs():
+    for i, j in validating(world):
         along = world.scene.ball[j] - world.scene.ball[i]
         out.append((move[j] - move[i]) @ along / np.linalg.norm(along))
     return np.array(out)

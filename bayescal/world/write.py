@@ -8,6 +8,7 @@ import numpy as np
 
 from bayescal.world.arm import LIMITS, LINK_FROM_READING, REDUCTIONS, nominal
 from bayescal.world.scene import BALL, FACES, MIDDLE, NORMALS, SIDE, U_DISTANCE, U_SIZE, U_SQUARE, pairs
+from bayescal.world.session import CUBE
 from bayescal.world.touch import World
 
 SCHEMA = "worlds-truth/1"
@@ -48,7 +49,8 @@ def dataset_text(world: World, name: str, stated: float) -> str:
         f"noise:\n  contact_mm: {1e3 * stated:.6f}\n  point_mm: 0.010\n  joint_deg: 0.0",
         "targets:",
     ]
-    for f, normal in enumerate(NORMALS):
+    cube = world.session.stage == CUBE
+    for f, normal in enumerate(NORMALS if cube else ()):
         offset = 1e3 * (MIDDLE @ normal + SIDE / 2)
         lines.append(f"  {FACES[f]}: {{kind: plane, normal: {_list(normal)}, offset_mm: {offset:.4f}}}")
     balls = sc.names[4:]
@@ -56,12 +58,8 @@ def dataset_text(world: World, name: str, stated: float) -> str:
         centre = _list(1e3 * at, "{:.3f}")
         lines.append(f"  {ball}: {{kind: sphere, centre_mm: {centre}, diameter_mm: {1e3 * BALL:g}}}")
     lines.append("certificates:")
-    size = f"distance_mm: {1e3 * SIDE:g}, u_distance_mm: {1e3 * U_SIZE:g}, u_angle_rad: {U_SQUARE:g}"
-    lines.append(f"  - {{kind: parallel, faces: [{FACES[0]}, {FACES[1]}], {size}}}")
-    for f, g in ((0, 2), (0, 3), (2, 3)):
-        lines.append(
-            f"  - {{kind: perpendicular, faces: [{FACES[f]}, {FACES[g]}], u_angle_rad: {U_SQUARE:g}}}"
-        )
+    if cube:
+        lines += _cube_certificates()
     for (i, j), d in zip(pairs(), sc.certified, strict=True):
         length = f"distance_mm: {1e3 * d:.6f}, u_distance_mm: {1e3 * U_DISTANCE:g}"
         lines.append(f"  - {{kind: distance, between: [{balls[i]}, {balls[j]}], {length}}}")
@@ -69,6 +67,15 @@ def dataset_text(world: World, name: str, stated: float) -> str:
     if world.session.measured_temperature:
         lines.append("temperature_of: arm")
     return "\n".join([*lines, ""])
+
+
+def _cube_certificates() -> list[str]:
+    size = f"distance_mm: {1e3 * SIDE:g}, u_distance_mm: {1e3 * U_SIZE:g}, u_angle_rad: {U_SQUARE:g}"
+    lines = [f"  - {{kind: parallel, faces: [{FACES[0]}, {FACES[1]}], {size}}}"]
+    for f, g in ((0, 2), (0, 3), (2, 3)):
+        square = f"faces: [{FACES[f]}, {FACES[g]}], u_angle_rad: {U_SQUARE:g}"
+        lines.append(f"  - {{kind: perpendicular, {square}}}")
+    return lines
 
 
 def measurements_text(world: World, readings: np.ndarray, velocity: np.ndarray) -> str:

@@ -14,13 +14,14 @@ import pytest
 pytest.importorskip("pinocchio")
 
 import bayescal.world
+from bayescal.blind.make import GENERATOR
 from bayescal.dataset import read_dataset
 from bayescal.estimate import estimate, settled
 from bayescal.model import build
 from bayescal.model.scene import Scene
-from bayescal.world import arm, scene, session
+from bayescal.world import arm, scene, session, visible
 from bayescal.world import build as world
-from bayescal.world.mix import FORMS, MIX, NAMED, recipe
+from bayescal.world.mix import FORMS, GENERATORS, MIX, NAMED, ON_CUBE, recipe, stage
 from bayescal.world.outside import OUTSIDE
 from bayescal.world.outside_more import MORE, RESERVED
 from bayescal.world.touch import World
@@ -32,14 +33,16 @@ OLD = {"effects": ["payload"], "noise_um": 9.73565034554, "lambda": 150.598473, 
 TRUTH = ("truth", "effect", "lambda", "oracle", "outlier")
 
 
-def number_of(kind: str) -> int:
-    return next(k for k in range(len(MIX)) if recipe(SEED, k)[0] == kind)
+def number_of(kind: str, what: str) -> int:
+    drawn = ((k, *recipe(SEED, k)) for k in range(10 * len(MIX)))
+    return next(k for k, drawn_kind, makers in drawn
+                if drawn_kind == kind and stage(SEED, k, 3, makers) == what)  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=["null", "single"])
+@pytest.fixture(scope="module", params=[("null", "cube"), ("single", "cube"), ("null", "spheres")])
 def made(request, tmp_path_factory):
     """A world on disk: its folder, its number, its truth."""
-    folder, number = tmp_path_factory.mktemp("world"), number_of(request.param)
+    folder, number = tmp_path_factory.mktemp("world"), number_of(*request.param)
     texts, truth = world.build(SEED, number)
     for name, text in texts.items():
         (folder / name).write_text(text)
@@ -50,7 +53,8 @@ def test_it_is_a_dataset(made):
     folder, _, truth = made
     dataset = read_dataset(folder)
     assert dataset.noise.contact == pytest.approx(1e-6 * truth["stated_noise_um"], rel=1e-3)
-    assert {t.kind for t in dataset.targets} == {"plane", "sphere"}
+    planes = {"plane"} if truth["session"]["stage"] == "cube" else set()
+    assert {t.kind for t in dataset.targets} == planes | {"sphere"}
     assert set(dataset.measurements.role) == {"calibrate", "validate"}
     assert truth["robot"]["a"][2] != pytest.approx(0.3, abs=1e-6), "the arm is not as drawn"
 
@@ -173,3 +177,29 @@ def test_a_mass_hung_elsewhere_is_a_mass_there(bench):
     by_moment = at_tool + made._leaning(coordinates, np.tile(kilos * np.array(off), (len(readings), 1)))
     np.testing.assert_allclose(by_moment, direct, atol=1e-9)
     assert np.abs(direct - at_tool).max() > 0.5
+
+
+def test_effects_of_the_cube_are_never_on_spheres_alone():
+    drawn = [(k, recipe(SEED, k, reserved=True)[1]) for k in range(300)]
+    where = [(stage(SEED, k, 3, makers), makers) for k, makers in drawn]
+    assert 30 < sum(what == "spheres" for what, _ in where) < 90
+    assert not any(ON_CUBE & set(makers) for what, makers in where if what == "spheres")
+    assert {stage(SEED, k, 2, makers) for k, makers in drawn} == {"cube"}
+
+
+def test_what_a_fit_on_spheres_absorbs_is_not_visible():
+    """A shift of a free centre is absorbed; a certified distance that changes is not."""
+    rng = np.random.default_rng(3)
+    body, things = arm.Arm(arm.draw(rng)), scene.draw(rng)
+    plan = session.plan(rng, things, {}, session.SPHERES)
+    made = World(body, things, plan, body.shape.give)
+    model = visible.fitted(made, made.touch((), np.zeros(len(plan.time)), straight=True)[0], True)
+    alike = np.isin(plan.target, plan.calibrating[:3])[:, None] * model.normal
+    assert np.linalg.norm(model.left(alike @ np.array([1e-4, 0.0, 0.0]), 8e-6)) < 0.05
+    one = (plan.target == plan.calibrating[0])[:, None] * model.normal
+    along = things.ball[plan.calibrating[0] - 4] - things.ball[plan.calibrating[1] - 4]
+    assert np.linalg.norm(model.left(one @ along / np.linalg.norm(along) * 1e-4, 8e-6)) > 10
+
+
+def test_new_sessions_are_of_the_latest_generator():
+    assert GENERATORS[-1] == GENERATOR
