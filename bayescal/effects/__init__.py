@@ -35,6 +35,7 @@ from bayescal.effects.sizes import Size
 from bayescal.effects.step import STEP
 from bayescal.effects.thermal_drift import THERMAL_DRIFT
 from bayescal.effects.tool import TOOL
+from bayescal.effects.unsettled import UNSETTLED
 from bayescal.effects.vocabulary import (
     UNITS,
     CertifiedValue,
@@ -63,6 +64,7 @@ EFFECTS = Vocabulary(
         SECOND_HARMONIC,
         GEAR_MESH,
         BACKLASH,
+        UNSETTLED,
         HYSTERESIS,
         ENCODER_SCALE,
         COUPLING,

@@ -40,5 +40,6 @@ BACKLASH = Effect(
     without_velocity,
     sizes={"rad": Size("half-width", magnitude)},
     phrase=("every joint", "has lost motion on reversal"),
+    confusable_with=("unsettled",),
     forms=sides(_parameters),
 )

@@ -40,4 +40,5 @@ LATENCY = Effect(
     _missing,
     sizes={"s": Size("delay")},
     phrase=("every joint", "has delayed readings"),
+    confusable_with=("unsettled",),
 )

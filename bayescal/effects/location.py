@@ -177,6 +177,13 @@ def _velocity(d: Driver, site: Site, c: Circumstances) -> Found:
     return Coordinate(f"speed of joint {d.joint}", "deg/s", np.degrees(c.velocity[:, d.joint - 1]))
 
 
+def _remaining(d: Driver, site: Site, c: Circumstances) -> Found:
+    if c.command is None:
+        return None
+    way = np.degrees(c.command - c.readings)[:, d.joint - 1]
+    return Coordinate(f"remaining motion of joint {d.joint}", "deg", way)
+
+
 def _torque(d: Driver, site: Site, c: Circumstances) -> Found:
     if c.torques is None or not d.joint:  # all joints together have no common torque
         return None
@@ -220,6 +227,7 @@ KINDS = {
     "torque": Kind("torque", "gravity torque", _torque),
     "direction": Kind("approach", "direction of motion", _velocity),
     "joint speed": Kind("speed", "speed", _velocity),
+    "remaining motion": Kind("remaining motion", "remaining motion", _remaining),
     "contact speed": Kind("speed", "speed of contact", _speed),
     "contact direction": Kind("direction of contact", "contact direction", _direction),
     "two angles": Kind("two angles", "angles of two joints"),

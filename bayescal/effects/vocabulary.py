@@ -90,6 +90,7 @@ class Circumstances:
     approach: np.ndarray  # (N, 3)
     tool_radii: tuple[float | None, ...]  # m, of each tool's ball
     velocity: np.ndarray | None = None  # (N, n) rad/s, of the readings
+    command: np.ndarray | None = None  # (N, n) rad, commanded joint angles
     speed: np.ndarray | None = None  # (N,) m/s, None without velocities
     time: np.ndarray | None = None  # (N,) s
     temperature: np.ndarray | None = None  # (N,) degC, of the arm or the air; None if of the artefact

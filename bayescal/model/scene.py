@@ -184,6 +184,7 @@ class Scene:
             approach=self._approach,
             tool_radii=tuple(tool.ball_radius for tool in d.tools),
             velocity=m.velocity,
+            command=m.command,
             speed=self._speed,
             time=m.time,
             temperature=None if d.temperature_of == "artefact" else m.temperature,

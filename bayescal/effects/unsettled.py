@@ -1,0 +1,61 @@
+"""Unsettled: a joint is read before it stands still, and moves on in its direction of motion.
+
+Driver: the remaining motion at the gear (`joints.side_of`), which is the commanded angle minus the reading
+(`jN_command_deg`); the value is the share of it that follows after the reading. If there are no commanded
+angles, or the readings are these, the driver is the speed of the joint, and the value is a time. Backlash
+follows the sign of the speed instead, and `latency` is one time for all joints at a contact. Prior: a share
+of 0.3, and 10 ms (assumed: between the delay of a trigger, 1 to 2 ms, and the time constant of a servo, 20 to
+50 ms). A negative value is a reading that is ahead of the joint.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayescal.effects.joints import at, motion, side_of, turned
+from bayescal.effects.location import Driver
+from bayescal.effects.sizes import Size
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+
+SHARE, TIME = 0.3, 1e-2  # of the remaining motion; s
+AT_REST = 1e-7  # rad: rounding of angles in a file
+
+
+def remaining(c: Circumstances) -> np.ndarray | None:
+    """Commanded angles minus readings (N, n), rad, or None if no joint has a way to go in any row."""
+    if c.command is None:
+        return None
+    way = c.command - c.readings
+    return way if np.any(np.abs(way[c.fitted]) > AT_REST) else None
+
+
+def _parameters(c: Circumstances) -> list[Parameter]:
+    way, side = remaining(c), side_of(c.robot)
+    moving, kind, unit, sd = (
+        (c.velocity, "joint speed", "s", TIME) if way is None else (way, "remaining motion", "1", SHARE)
+    )
+    assert moving is not None
+    out = []
+    for j, name in enumerate(c.robot.joint_names, start=1):
+        driver = motion(c.robot, j, moving, side)
+        if np.any(driver):
+            terms = turned(c.robot, j, driver, side)
+            out.append(Parameter(f"unsettled {name}", unit, terms, sd, **at(j, Driver(kind, j))))
+    return out
+
+
+def _missing(c: Circumstances) -> str:
+    return (
+        "" if c.velocity is not None or remaining(c) is not None else "no j1_command_deg ... or j1_degps ..."
+    )
+
+
+UNSETTLED = Effect(
+    "unsettled",
+    "joint k is read before standstill",
+    _parameters,
+    _missing,
+    sizes={"1": Size("share of the remaining motion"), "s": Size("time")},
+    phrase=("every joint", "is read before standstill"),
+    confusable_with=("backlash", "latency"),
+)
