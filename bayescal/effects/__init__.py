@@ -133,7 +133,11 @@ def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple
         if lacks and not (scanned and effect.scan and len(effect.scan.values(circumstances))):
             remedy = "leave it out, or add what is missing"
             raise BayescalError(f"{effect.name} cannot be judged: {lacks}", "--model", remedy)
-        out += Selection.read(name).of(effect.at(circumstances, setting), f"--model '{name}'")
+        own = effect.at(circumstances, setting)
+        if isinstance(setting, str) and not own:
+            what = f"{effect.name}@{setting} has no parameters here: {effect.words(setting)}"
+            raise BayescalError(what, "--model", f"say {effect.name}")
+        out += Selection.read(name).of(own, f"--model '{name}'")
     return (*out, *TOOL.at(circumstances))
 
 

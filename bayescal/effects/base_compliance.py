@@ -20,6 +20,7 @@ from bayescal.effects import location
 from bayescal.effects.compliance import SPREAD
 from bayescal.effects.joints import without_masses
 from bayescal.effects.location import Driver
+from bayescal.effects.sessions import by_session
 from bayescal.effects.sizes import COMPLIANT, FACTOR
 from bayescal.effects.stand import LEANING, base_terms, first_axis, tilts, vertical
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
@@ -53,4 +54,5 @@ BASE_COMPLIANCE = Effect(
     sizes={"rad/(N m)": COMPLIANT, "m/(N m)": COMPLIANT, "1": FACTOR},
     phrase=("the base", "deflects under the gravity moment of the arm"),
     requires=("compliance",),
+    forms=(by_session(_parameters),),
 )

@@ -42,9 +42,10 @@ def deflections(c: Circumstances, moments: np.ndarray) -> tuple[Term, ...]:
     for effect in COMPLIANT:
         if effect is COMPLIANCE and c.measured_torques is not None:
             continue
-        if effect is not COMPLIANCE and not any(k.startswith(f"{effect.name} ") for k in c.compliances):
+        if effect is not COMPLIANCE and not any(f"{effect.name} " in name for name in c.compliances):
             continue
-        for p in effect.parameters(added):
+        makers = (effect.parameters, *(form.parameters for form in effect.forms))
+        for p in (p for make in makers for p in make(added)):
             value = c.compliances.get(p.name, p.centre if effect is COMPLIANCE else 0.0)
             if value:
                 out += [replace(term, driver=value * np.asarray(term.driver)) for term in p.terms]

@@ -24,31 +24,47 @@ PLAIN = ("base", "tool", "probe", "arm", "artefact")
 
 @dataclass(frozen=True)
 class Site:
-    """Where an error acts: a kind of `PLAIN`, a kind of `NUMBERED` with its number, or a named face."""
+    """Where an error acts: a kind of `PLAIN`, a kind of `NUMBERED` with its number, or a named face.
+
+    A kind of `PLAIN` with a name is that of one of several sessions: ``base of B``.
+    """
 
     kind: str
     number: int = 0
     name: str = ""
 
     def __str__(self) -> str:
-        return self.name or (f"{self.kind} {self.number}" if self.number else self.kind)
+        if self.name:
+            return f"{self.kind} of {self.name}" if self.kind in PLAIN else self.name
+        return f"{self.kind} {self.number}" if self.number else self.kind
 
     @property
     def text(self) -> str:
         """Its name in a sentence: ``joint 4``, ``the base``."""
-        return str(self) if self.name or self.number else f"the {self.kind}"
+        return f"the {self}" if self.kind in PLAIN else str(self)
+
+    @property
+    def anywhere(self) -> Site:
+        """The same site without regard to the session."""
+        return Site(self.kind) if self.kind in PLAIN else self
 
     @property
     def also(self) -> tuple[Site, ...]:
         """Sites that include it: a joint includes its link."""
         return (joint(self.number), self) if self.kind == "link" else (self,)
 
+    def of(self, session: str) -> Site:
+        """The same site in one of several sessions; blanks and commas separate other parts of a name."""
+        return replace(self, name=re.sub(r"[\s,]+", "-", session))
+
     @classmethod
     def read(cls, words: str) -> Site:
         """The site that a user names: ``joint 4``, ``base``, or else a face."""
         if found := re.fullmatch(rf"({'|'.join(NUMBERED)}) (\d+)", words):
             return cls(found[1], int(found[2]))
-        return cls(words) if words in PLAIN else face(words)
+        if found := re.fullmatch(rf"({'|'.join(PLAIN)})(?: of (\S+))?", words):
+            return cls(found[1], name=found[2] or "")
+        return face(words)
 
 
 BASE, TOOL, PROBE, ARM, ARTEFACT = (Site(kind) for kind in PLAIN)

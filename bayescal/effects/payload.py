@@ -16,6 +16,7 @@ from bayescal.arm.statics import gravity_moments
 from bayescal.effects.deflection import deflections
 from bayescal.effects.joints import without_masses
 from bayescal.effects.location import TOOL, Driver
+from bayescal.effects.sessions import by_session
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
@@ -44,4 +45,5 @@ PAYLOAD = Effect(
     sizes={"kg": Size("additional mass")},
     phrase=("the tool", "carries a payload that differs from what was stated"),
     requires=("compliance",),
+    forms=(by_session(_parameters),),
 )

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.vocabulary import Circumstances, Parameter, Session
+from bayescal.effects.vocabulary import Circumstances, Form, Parameter, Session
 
 
 def alone(c: Circumstances, session: Session) -> Circumstances:
@@ -38,3 +38,20 @@ def apart(c: Circumstances, make: Callable[[Circumstances], list[Parameter]]) ->
         return make(c)
     own = ((session, alone(c, session)) for session in c.sessions)
     return [within(p, session) for session, one in own if len(one.fitted) for p in make(one)]
+
+
+def by_session(make: Callable[[Circumstances], list[Parameter]]) -> Form:
+    """The form of an effect that belongs to a session: a base on its floor, a tool as it was mounted.
+
+    Each session has its own parameters, at a site of its own. A single session has none in this form, which
+    is then the usual one.
+    """
+
+    def own(c: Circumstances) -> list[Parameter]:
+        return [
+            replace(p, site=p.site.of(session.name))
+            for session in c.sessions
+            for p in apart(replace(c, sessions=(session,)), make)
+        ]
+
+    return Form("session", "in one session of several", own)

@@ -153,7 +153,7 @@ def same_place(hypothesis: Hypothesis, pool: Pool) -> np.ndarray:
     mine = {place for m in hypothesis.members for place in m.variant.places}
     return np.array(
         [
-            any(cell.site == site and driver.course == cell.driver for site, driver in mine)
+            any(cell.site == site.anywhere and driver.course == cell.driver for site, driver in mine)
             for cell in pool.cells
         ]
     )
