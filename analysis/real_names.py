@@ -27,6 +27,7 @@ from analysis.real_halves import splits
 from analysis.real_sessions import BOUND_TO_ITS_SESSION
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.effects import MODELS
+from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, calibrated
 from bayescal.gap.explain import explain
@@ -51,7 +52,7 @@ class Found:
     @property
     def effects(self) -> frozenset[str]:
         """Effects of `names`, without settings."""
-        return frozenset(n.partition("@")[0] for n in self.names)
+        return frozenset(map(plain, self.names))
 
 
 def with_roles(dataset: Dataset, own: np.ndarray, other: np.ndarray, as_role: str) -> Scene:
@@ -70,8 +71,9 @@ def diagnosed(dataset: Dataset, own: np.ndarray, other: np.ndarray) -> Found:
     found = explain(alone, effects)
     probability = found.verdict.probability
     members = found.last.decision.members
-    sure = tuple(model_name(m) for m in members if probability[m.effect] > SURE)
-    usable = tuple(n for n in sure if n.partition("@")[0] not in BOUND_TO_ITS_SESSION)
+    known = found.last.candidates
+    sure = tuple(model_name(m, known) for m in members if probability[m.effect] > SURE)
+    usable = tuple(n for n in sure if plain(n) not in BOUND_TO_ITS_SESSION)
     before = error(calibrated(both, effects))
     after = error(calibrated(both, (*effects, *usable))) if usable else before
     every = frozenset(m.effect for m in members)

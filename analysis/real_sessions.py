@@ -27,6 +27,7 @@ from analysis.records import Record, completed, stored
 from bayescal.calibration import VALIDATION_DRAWS, fit
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.effects import parameters_of
+from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.estimate.flatness import FORM
 from bayescal.estimate.unexplained import unexplained
@@ -73,7 +74,7 @@ def whole(dataset: Dataset) -> Record:
     fitted = fit(dataset, effects, samples=0)
     found = explain(scene, effects)
     verdict = found.verdict
-    named = [model_name(m) for m in found.last.decision.members]
+    named = [model_name(m, found.last.candidates) for m in found.last.decision.members]
     levels: list[tuple[str, Estimate]] = [(BASE_TOOL, base_and_tool(scene))]
     levels += [(effects[k - 1], calibrated(scene, effects[:k])) for k in range(1, len(effects))]
     levels += [(effects[-1], found.first.fitted)]
@@ -171,7 +172,7 @@ def unseen(dataset: Dataset, place: str, named: Sequence[str]) -> Record:
     there = np.array([t.name.rpartition(".")[0] == place for t in dataset.targets])[m.target]
     scene = Scene(replace(dataset, measurements=replace(m, role=np.where(there, "validate", "calibrate"))))
     effects = usual(dataset)
-    further = tuple(n for n in named if n.partition("@")[0] not in BOUND_TO_ITS_SESSION)
+    further = tuple(n for n in named if plain(n) not in BOUND_TO_ITS_SESSION)
     models: list[tuple[str, Callable[[], Estimate]]] = [
         (NOMINAL, lambda: estimate(with_parameters(scene, (), ())))
     ]
