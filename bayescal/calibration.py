@@ -151,7 +151,7 @@ def fit(
 
                 draws = sample(found, samples, of_sampler, lambda fraction: progress("sample", fraction))
         z, kappa = _spread(draws)
-        checked = validate(found, z, kappa, left.excess, of_noise)
+        checked = validate(found, z, kappa, left.excess, of_noise, strict=last)
         if last:
             tests = acceptance(left, checked, causes, rejected_share(found))
             wide = stated(found)

@@ -84,7 +84,7 @@ def diagnose(
     changed = bool(members) or promoted
     levels = fitted_levels(scene, effects, prior_width, robust, parts, found)
     known = {id(first.fitted): before, id(final): after}
-    errors = [known.get(id(e)) or validation_errors(e) for _, e in levels]
+    errors = [known.get(id(e)) or validation_errors(e, strict=False) for _, e in levels]
     plain = without_nuisance(last.problem, last.fitted.model.size)
     named = tuple(m.effect for m in members)
     spots = blind_spots(last.fitted, last.candidates, plain, again(chosen.state, plain), named)

@@ -41,8 +41,10 @@ class _Part:
     own: np.ndarray
 
 
-def validation_errors(estimate: Estimate) -> ValidationErrors:
+def validation_errors(estimate: Estimate, strict: bool = True) -> ValidationErrors:
     """Residuals, predictions and distances of rows that an estimate did not use.
+
+    `strict`: as for `prepared`.
 
     Raises
     ------
@@ -50,7 +52,7 @@ def validation_errors(estimate: Estimate) -> ValidationErrors:
         If a target cannot be located from its rows.
     """
     scene = estimate.model.scene
-    known, factor = prepared(estimate), root(estimate.covariance)
+    known, factor = prepared(estimate, strict=strict), root(estimate.covariance)
     fitted = [r for r in known.rows if r.target is None]
     how = VALIDATED if sum(len(r.block.rows) for r in fitted) >= FEWEST else LEFT_OUT
     parts = [_predicted(r, factor) for r in fitted] if how == VALIDATED else left_out(estimate)

@@ -138,6 +138,7 @@ def locate(
     sigma: np.ndarray,
     tool_slopes: np.ndarray | None = None,
     tool_sd: float = 0.0,
+    strict: bool = True,
 ) -> tuple[States, np.ndarray]:
     """The most probable position of a target by its rows, and the rows that were used, (C,) of 0 and 1.
 
@@ -154,6 +155,8 @@ def locate(
     tool_slopes : np.ndarray, shape (1, 3, 3, C), optional
     tool_sd : float
         As for `search`.
+    strict : bool
+        Refuse a target with another position that is nearly as probable.
 
     Raises
     ------
@@ -179,7 +182,7 @@ def locate(
     if chi2.max(initial=0.0) > SUSPICIOUS**2 * kind.rows * max(scale(chi2, kind.rows), 1.0) ** 2:
         keep = robust_rows(kind, p, sigma, tool_slopes, tool_sd, chosen.x)
         found, chosen = best(keep)
-    _check(name, found, chosen, kind)
+    _check(name, found, chosen, kind, strict)
     return chosen, keep
 
 
@@ -208,7 +211,7 @@ def _apart(kind: Kind, at: States, x: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(np.einsum("si,ij,sj->s", away, h, away), 0.0))
 
 
-def _check(name: str, found: States, chosen: States, kind: Kind) -> None:
+def _check(name: str, found: States, chosen: States, kind: Kind, strict: bool) -> None:
     """Raise an error where the search did not converge, or another position is nearly as probable."""
     if not chosen.left[0] < LARGEST_STEP:
         raise BayescalError(
@@ -219,7 +222,7 @@ def _check(name: str, found: States, chosen: States, kind: Kind) -> None:
         )
     distance = _apart(kind, chosen, found.x)
     rival = (found.left < LARGEST_STEP) & (found.cost < chosen.cost + RIVAL) & (distance > APART)
-    if np.any(rival):
+    if strict and np.any(rival):
         other = int(np.argmax(rival))
         lengths = np.array([unit == "m" for _, unit in kind.parts])
         apart = 1e3 * float(np.linalg.norm((found.x[other] - chosen.x[0])[lengths]))

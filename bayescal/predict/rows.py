@@ -68,7 +68,7 @@ class Prepared:
     loose: Mapping[str, LocatedTarget]  # spheres with their diameter as an unknown
 
 
-def prepared(estimate: Estimate, loose: bool = False) -> Prepared:
+def prepared(estimate: Estimate, loose: bool = False, strict: bool = True) -> Prepared:
     """Locate targets that were not fitted, and linearise all validation rows.
 
     Parameters
@@ -76,6 +76,9 @@ def prepared(estimate: Estimate, loose: bool = False) -> Prepared:
     estimate : Estimate
     loose : bool
         Also locate spheres with their diameter as an unknown.
+    strict : bool
+        Refuse a target with another position that is nearly as probable. A model level that only serves for
+        comparison, such as the nominal arm, has errors of millimetres: there the most probable one is taken.
 
     Raises
     ------
@@ -94,11 +97,11 @@ def prepared(estimate: Estimate, loose: bool = False) -> Prepared:
         apart = scene.rows_of(t, scene.rows("locate"))
         found = scene.declared[t].found
         u = certified.get(name)
-        located[name] = located_target(estimate, t, own if found or not len(apart) else apart, u)
+        located[name] = located_target(estimate, t, own if found or not len(apart) else apart, u, strict)
         if not found:
             out.append(predicted_rows(estimate, model.block(t, own), located[name]))
         elif loose:
-            free[name] = located[name] if u is None else located_target(estimate, t, own)
+            free[name] = located[name] if u is None else located_target(estimate, t, own, None, strict)
     return Prepared(tuple(out), located, free)
 
 

@@ -66,7 +66,11 @@ class LocatedTarget:
 
 
 def located_target(
-    estimate: Estimate, target: int, rows: np.ndarray, u_diameter: float | None = None
+    estimate: Estimate,
+    target: int,
+    rows: np.ndarray,
+    u_diameter: float | None = None,
+    strict: bool = True,
 ) -> LocatedTarget:
     """Locate a target, and its tool where no fitted row used that tool.
 
@@ -78,6 +82,8 @@ def located_target(
     rows : np.ndarray, shape (C,)
     u_diameter : float, optional
         Standard uncertainty of the nominal diameter of a target, m; None: the prior of the dataset.
+    strict : bool
+        As for `locate`.
 
     Raises
     ------
@@ -93,7 +99,7 @@ def located_target(
     p, kind = block.motion.points(values), block.touched(values)
     noise = noise_of(estimate, block, np.zeros(block.size))
     slopes = by_tool(block, values, p)[None] if tool_sd else None
-    at, keep = locate(block.target, kind, p, noise.reshape(kind.rows, -1), slopes, tool_sd)
+    at, keep = locate(block.target, kind, p, noise.reshape(kind.rows, -1), slopes, tool_sd, strict)
     z, tool = at.x[0, block.free] / block.sd, at.tool[0]
     block = carrying(block, tool) if tool_sd else block
     _, by_arm, design, by_point = slopes_of(estimate, block, z, tool_sd)

@@ -151,7 +151,12 @@ class _Draws:
 
 
 def validate(
-    estimate: Estimate, z: np.ndarray, kappa: np.ndarray, excess: float = 0.0, seed: int = 0
+    estimate: Estimate,
+    z: np.ndarray,
+    kappa: np.ndarray,
+    excess: float = 0.0,
+    seed: int = 0,
+    strict: bool = True,
 ) -> Validation:
     """Predict every validation row under a fitted model.
 
@@ -167,6 +172,8 @@ def validate(
         sphere or socket share it; every point read by an instrument has an independent one.
     seed : int
         Of the simulated noise.
+    strict : bool
+        As for `prepared`.
 
     Raises
     ------
@@ -174,7 +181,7 @@ def validate(
         If a target cannot be located from its rows.
     """
     d = _Draws(estimate, z - estimate.z, kappa, excess, np.random.default_rng(seed))
-    known = prepared(estimate, loose=True)
+    known = prepared(estimate, loose=True, strict=strict)
     planes = [r for r in known.rows if r.block.kind.rows == 1]
     points = [r for r in known.rows if r.block.kind.rows > 1]
     return Validation(
