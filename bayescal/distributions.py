@@ -47,3 +47,20 @@ def t_ppf(p: Values, dof: Values) -> Any:
 def poisson_sf(k: Values, mean: Values) -> Any:
     """Probability of more than k events."""
     return np.where(np.asarray(k) < 0, 1.0, special.pdtrc(np.floor(np.maximum(k, 0)), mean))
+
+
+def hypergeometric_log_sf(sizes: np.ndarray, total: int, count: int) -> np.ndarray:
+    """Log probabilities (G, total + 1) that at least 0, 1, ... of `total` chosen rows are in each group.
+
+    `sizes` (G,) of groups among `count` rows, of which `total` are chosen at random without replacement.
+    """
+    inside, size = np.arange(total + 1), np.asarray(sizes)[:, None]
+
+    def choose(n: Values, k: Values) -> np.ndarray:
+        return special.gammaln(n + 1.0) - special.gammaln(k + 1.0) - special.gammaln(n - k + 1.0)
+
+    possible = (inside <= size) & (total - inside <= count - size)
+    k = np.where(possible, inside, np.maximum(total - (count - size), 0))
+    mass = choose(size, k) + choose(count - size, total - k) - choose(count, total)
+    mass = np.where(possible, mass, -np.inf)
+    return np.logaddexp.accumulate(mass[:, ::-1], axis=1)[:, ::-1]

@@ -34,3 +34,10 @@ def test_edges():
     assert np.isnan(d.chi2_sf(1.0, 0))
     assert np.isnan(d.f_sf(1.0, 0, 3))
     assert np.isnan(d.t_ppf(0.975, 0))
+
+
+def test_hypergeometric():
+    """At least so many of the chosen rows are in a group; impossible numbers too."""
+    sizes, total, count = np.array([1, 4, 30, 95, 99]), 12, 100
+    theirs = np.array([stats.hypergeom.logsf(np.arange(-1, total), count, s, total) for s in sizes])
+    np.testing.assert_allclose(d.hypergeometric_log_sf(sizes, total, count), theirs, rtol=1e-7, atol=1e-10)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.assess.groups import Group, groups_of
-from bayescal.distributions import chi2_sf
+from bayescal.distributions import chi2_sf, hypergeometric_log_sf
 from bayescal.estimate import Estimate, estimate
 from bayescal.model.block import ARM, Block
 
@@ -82,13 +82,11 @@ def shared(
     total, count = int(np.sum(rejected)), len(rows)
     if total < FEWEST or total == count or not groups:
         return ()
-    from scipy.stats import hypergeom  # a second to import, and seldom needed
-
     members = np.zeros((len(groups), count), np.float32)
     for k, group in enumerate(groups):
         members[k, group.rows] = 1.0
     sizes, of_size = np.unique([len(g.rows) for g in groups], return_inverse=True)
-    table = np.array([hypergeom.logsf(np.arange(-1, total), count, size, total) for size in sizes])
+    table = hypergeometric_log_sf(sizes, total, count)
 
     def log_p(flags: np.ndarray) -> np.ndarray:
         """Log probabilities (G, M) of so many of the flagged rows (N, M) in each group."""

@@ -41,7 +41,7 @@ def apart(c: Circumstances, make: Callable[[Circumstances], list[Parameter]]) ->
 
 
 def by_session(make: Callable[[Circumstances], list[Parameter]]) -> Form:
-    """The form of an effect that belongs to a session: a base on its floor, a tool as it was mounted.
+    """The form of an effect that belongs to a session: a base on its stand, a tool as it was mounted.
 
     Each session has its own parameters, at a site of its own. A single session has none in this form, which
     is then the usual one.

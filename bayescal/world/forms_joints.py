@@ -57,7 +57,7 @@ def gear_mesh(rng: np.random.Generator, _w: World) -> Act:
 
 
 def backlash(rng: np.random.Generator, _w: World) -> Act:
-    """Return play with a soft transition in speed; gravity may hold the joint on one flank."""
+    """Return backlash with a soft transition in speed; gravity may hold the joint on one flank."""
     j, soft, held = rng.integers(6), rng.uniform(0.05, 0.5), rng.uniform(0.0, 0.4)
 
     def move(seen: Seen, size: float, m: Moved) -> None:

@@ -39,7 +39,7 @@ def latency(rng: np.random.Generator, w: World) -> Act:
 
 
 def plane_form(rng: np.random.Generator, _w: World) -> Act:
-    """Return one face with a wide bump off its middle, longer one way than the other."""
+    """Return one face with a wide elevation off its middle, longer one way than the other."""
     f, spot, wide = rng.integers(4), rng.uniform(-0.5, 0.5, 2), rng.uniform(0.45, 0.9, 2)
     sign = rng.choice([-1.0, 1.0])
 
@@ -50,7 +50,7 @@ def plane_form(rng: np.random.Generator, _w: World) -> Act:
     also = [FACES[f][5:], f"target {FACES[f]}"]
     where = [{"site": FACES[f], "driver": "place on the face", "also": also, "effect": "plane-form"}]
     detail = {"face": FACES[f], "spot": spot.tolist(), "wide": wide.tolist()}
-    return Act("plane-form", where, "m", 1e-5, 5e-5, move, detail, form="bump")
+    return Act("plane-form", where, "m", 1e-5, 5e-5, move, detail, form="elevation")
 
 
 def artefact(rng: np.random.Generator, _w: World) -> Act:

@@ -30,7 +30,7 @@ def drag(rng: np.random.Generator, w: World) -> Act:
 
 
 def carried_play(rng: np.random.Generator, _w: World) -> Act:
-    """Return play whose state goes from contact to contact: the approach is too short to take it up."""
+    """Return backlash whose state goes from contact to contact: the approach is too short to take it up."""
     j, start = rng.integers(6), rng.uniform(-1, 1)
 
     def move(seen: Seen, size: float, m: Moved) -> None:
