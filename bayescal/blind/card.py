@@ -94,7 +94,7 @@ def _forms(found: Mapping[str, Any]) -> Iterable[tuple[str, str, str]]:
         f"{name} ({form}) {s['count'] - s['hits']} of {s['count']}"
         for name, forms in every for form, s in forms.items() if s["hits"] < s["count"]
     ]  # fmt: skip
-    yield "forms missed, lambda from 30", "; ".join(missed) or "none", ""
+    yield "forms not named, lambda from 30", "; ".join(missed) or "none", ""
 
 
 def _misses(found: Mapping[str, Any]) -> Iterable[tuple[str, str, str]]:
