@@ -89,16 +89,16 @@ def test_streams_are_independent(cube, monkeypatch):
     for name in ("gaussian", "validate", "forecast"):
         plain = getattr(calibration, name)
 
-        def told(*given, plain=plain, name=name):
+        def told(*given, plain=plain, name=name, **named):
             used[name] = next(v for v in reversed(given) if isinstance(v, int) and v != 2000)
-            return plain(*given)
+            return plain(*given, **named)
 
         monkeypatch.setattr(calibration, name, told)
     fit(cube(seed=2, count=80).dataset, ("geometry",), samples=0, seed=3)
     assert len({3, *used.values()}) == 4
-    draws = [np.random.default_rng(s).standard_normal(10_000) for s in spawned(3, 5)]
-    assert np.abs(np.corrcoef(draws) - np.eye(5)).max() < 0.05
-    assert spawned(3, 5) == spawned(3, 5) != spawned(4, 5)
+    draws = [np.random.default_rng(s).standard_normal(10_000) for s in spawned(3, 6)]
+    assert np.abs(np.corrcoef(draws) - np.eye(6)).max() < 0.05
+    assert spawned(3, 6) == spawned(3, 6) != spawned(4, 6)
 
 
 def parameter(name, unit, sd):
