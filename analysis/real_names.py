@@ -4,7 +4,7 @@ Each session is split by pose at random. One half is diagnosed alone (`gap` with
 name that it gives with a probability above `SURE` is looked for among the names of the other half, and the
 model with these names, fitted to the first half, predicts the other.
 
-``python -m analysis.real_names --real ../shared/data/real --out docs/real_halves.md``
+``python -m analysis.real_names --real ../shared/data/real --out runs/real_names.md``
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.knock_out_page import update
 from analysis.real_halves import splits
 from analysis.real_sessions import BOUND_TO_ITS_SESSION
 from bayescal.dataset import Dataset, read_dataset
@@ -35,7 +34,6 @@ from bayescal.gap.search.refit import model_name
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
 
-MARKS = ("<!-- names: begin -->", "<!-- names: end -->")
 SURE = 0.95
 
 
@@ -119,7 +117,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         for line in lines(folder, args.splits):
             print(line, flush=True)
             table.append(line)
-    update(args.out, "\n".join(table), MARKS)
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    args.out.write_text("\n".join(table) + "\n", encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":
