@@ -155,7 +155,8 @@ def fit(
         if last:
             tests = acceptance(left, checked, causes, rejected_share(found))
             wide = stated(found)
-            z = wide.draws(z, np.random.default_rng(of_discrepancy))
+            every = wide.draws(draws.flat, np.random.default_rng(of_discrepancy))
+            z = every[_places(draws)]
             left, checked, rest = _restated(wide, left, z, kappa, tests, of_noise)
         levels.append(ModelLevel(found.model.effects or NOMINAL, found, left, checked))
     progress("done", 1.0)
@@ -164,7 +165,8 @@ def fit(
     told = findings(Assessed(found, left, checked, expected, known, seen, faces, tests, prior_width))
     decided = None if tolerance is None else conformance(tolerance, expected, checked, tests)
     return Fit(
-        dataset, seed, prior_width, tuple(levels), wide, draws, _stated(draws, wide, of_discrepancy), known,
+        dataset, seed, prior_width, tuple(levels), wide, draws,
+        replace(draws, z=wide.reported(every).reshape(draws.z.shape)), known,
         faces, expected, seen, tests, told, decided,
     )  # fmt: skip
 
@@ -188,12 +190,6 @@ def _restated(
     return left, checked, wider
 
 
-def _stated(draws: Draws, wide: Stated, seed: int) -> Draws:
-    """Draws of the posterior with the stated uncertainty; their convergence is that of the sampled ones."""
-    every = wide.reported(wide.draws(draws.flat, np.random.default_rng(seed)))
-    return replace(draws, z=every.reshape(draws.z.shape))
-
-
 def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:
     """Model levels: nominal, joint offsets where the whole geometry follows, then effect by effect."""
     joints = [(JOINT.name,)] if effects[:1] == (GEOMETRY.name,) else []
@@ -202,5 +198,10 @@ def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:
 
 def _spread(draws: Draws) -> tuple[np.ndarray, np.ndarray]:
     """At most `VALIDATION_DRAWS` draws, evenly spaced among all."""
-    pick = np.linspace(0, len(draws.flat) - 1, min(VALIDATION_DRAWS, len(draws.flat))).astype(int)
+    pick = _places(draws)
     return draws.flat[pick], draws.kappa[pick]
+
+
+def _places(draws: Draws) -> np.ndarray:
+    """Places of at most `VALIDATION_DRAWS` draws, evenly spaced among all."""
+    return np.linspace(0, len(draws.flat) - 1, min(VALIDATION_DRAWS, len(draws.flat))).astype(int)

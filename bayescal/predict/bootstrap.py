@@ -1,4 +1,4 @@
-"""Bootstrap of validation errors: rows of the same stop or repeat are resampled together.
+"""Bootstrap of validation errors: rows of one pose of the arm are resampled together.
 
 Distances that share spheres have no such blocks. Their bootstrap is parametric, by errors of the centres.
 """
@@ -7,27 +7,25 @@ from __future__ import annotations
 
 import numpy as np
 
+from bayescal.estimate.clusters import poses
 from bayescal.model.scene import Scene
 from bayescal.predict.distances import CentreDistances
 
 RESAMPLES = 2000
 BLOCKS = 40
-"""Number of blocks, in order of time, for rows that belong to no stop and no group of repeats."""
+"""Number of blocks, in order of time, of rows that share their pose with no other row."""
 SMALLEST, CORRELATED = 1e-3, 0.999
 """Smallest simulated excess of a mean square, relative to the mean square that is expected for a correct
 model, and largest correlation of the errors of two models."""
 
 
 def blocks(scene: Scene, rows: np.ndarray) -> np.ndarray:
-    """Block labels (R,) of rows in order of time: a stop or a group of repeats, else neighbours in time."""
-    m = scene.dataset.measurements
-    given = m.stop if m.stop is not None else m.repeat
-    own = np.full(len(rows), "") if given is None else given[rows].astype(str)
-    rest = np.unique(rows[own == ""])
+    """Block labels (R,) of rows in order of time: a pose, or else neighbours in time."""
+    pose = poses(scene.dataset.measurements, rows)
+    alone = np.bincount(pose)[pose] == 1
+    rest = np.unique(rows[alone])
     place = np.searchsorted(rest, rows) * min(BLOCKS, max(len(rest), 1)) // max(len(rest), 1)
-    target = m.target[rows]
-    labels = [f"{target[k]} {g}" if g else f"after {place[k]}" for k, g in enumerate(own)]
-    return np.unique(labels, return_inverse=True)[1]
+    return np.unique(np.where(alone, place, len(rows) + pose), return_inverse=True)[1]
 
 
 def resampled(block: np.ndarray, values: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -1,10 +1,13 @@
 """Resampled mean squares: blocks of any size, and distances as the model that is simulated expects them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import polygamma
 
-from bayescal.predict.bootstrap import resampled, resampled_distances
+from bayescal.model.scene import Scene
+from bayescal.predict.bootstrap import BLOCKS, blocks, resampled, resampled_distances
 from bayescal.predict.distances import CentreDistances
 
 
@@ -16,6 +19,25 @@ def distances(error, by_noise, u):
     return CentreDistances(
         names, error, np.zeros((count, 1)), by_noise * np.eye(count), u * np.ones(count), along
     )
+
+
+def test_rows_of_one_pose_are_one_block_whatever_they_touch(cube):
+    """Three rows of one stop, two of equal readings, the others in blocks of neighbours in time."""
+    made = cube(seed=4).dataset
+    m = made.measurements
+    stop, readings = np.full(len(m.ids), "", object), m.readings.copy()
+    stop[[3, 40, 90]] = "s"
+    readings[60] = readings[10]
+    at = np.arange(len(m.ids))
+    found = blocks(
+        Scene(replace(made, measurements=replace(m, stop=stop, readings=readings, repeat=None))), at
+    )
+    assert len({found[3], found[40], found[90]}) == len({found[10], found[60]}) == 1
+    assert np.sum(found == found[3]) == 3
+    assert np.sum(found == found[10]) == 2
+    rest = np.delete(found, [3, 10, 40, 60, 90])
+    assert len(np.unique(rest)) == BLOCKS
+    assert np.all(np.diff(rest) >= 0)
 
 
 def test_a_mean_over_blocks_of_any_size_is_a_mean():

@@ -12,7 +12,6 @@ from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.predict import validate
-from bayescal.predict.bootstrap import blocks
 from bayescal.predict.crossvalidation import LEFT_OUT, VALIDATED, validation_errors
 from bayescal.predict.errors import kept
 from bayescal.predict.rows import predicted_rows
@@ -187,19 +186,6 @@ def test_a_slip_is_gross_but_a_common_error_is_none(fitted):
     gathered = h.residual.copy()
     gathered[h.target == h.target[0]] += 40 * h.sd[0]
     assert not replace(h, residual=gathered).gross[h.target == h.target[0]].any()
-
-
-def test_repeats_and_stops_stay_together(cube):
-    d = with_held_out(cube(seed=1).dataset, 40)
-    repeat = np.full(len(d.measurements.role), "", dtype="<U4")
-    repeat[-40:-34] = "r1"
-    scene = Scene(replace(d, measurements=replace(d.measurements, repeat=repeat)))
-    rows = scene.rows("validate")
-    label = blocks(scene, rows)
-    target = d.measurements.target[rows]
-    assert all((label[:6] == label[k]).sum() == (target[:6] == target[k]).sum() for k in range(6))
-    assert not set(label[:6]) & set(label[6:])
-    assert len(np.unique(label[6:])) == 34
 
 
 def test_magnitude_of_nothing_and_of_something(fitted, cube):

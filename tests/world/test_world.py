@@ -119,7 +119,7 @@ def test_it_shares_nothing_with_the_model():
 
 
 def test_a_seed_of_the_first_generator_keeps_its_meaning():
-    """Noise, scene and effect of a session, as drawn before there was a second generator."""
+    """Noise, scene and effect of a session, unchanged by the second generator."""
     texts, truth = world.build(SEED, 5, generator=1)
     assert truth["effects"] == OLD["effects"]
     assert truth["noise_um"] == pytest.approx(OLD["noise_um"], rel=1e-9)

@@ -16,6 +16,7 @@ from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects import Circumstances, Parameter, location
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.effects.plane_form import shapes
+from bayescal.effects.sessions import alone, within
 from bayescal.effects.stand import base_terms, tilts
 
 EFFECT = "discrepancy"
@@ -59,7 +60,7 @@ def families(c: Circumstances) -> list[Family]:
         ],
         "moment of links": list(_moments(c)),
         "moment of the base": list(_leans(c)),
-        **{f"{name} of {site}": list(parts) for name, site, parts in _courses(c)},
+        **_courses(c),
         "contact direction": list(_contact_direction(c)),
         "form of faces": [
             _at_contact(location.face(f.name), Driver("face"), share * values)
@@ -115,19 +116,32 @@ def _leans(c: Circumstances) -> Iterator[Parameter]:
                 yield _parameter(BASE, Driver("base moment"), base_terms(c, "r", tilt.axis, d), ANGLE)
 
 
-def _courses(c: Circumstances) -> Iterator[tuple[str, str, Iterator[Parameter]]]:
-    """Sites that may change during a session, each a family by time and by temperature."""
+def _courses(c: Circumstances) -> dict[str, list[Parameter]]:
+    """Families of what may change during a session, by time and by temperature; in each session by itself."""
+    if not c.sessions:
+        return {name: list(parts) for name, parts in _changes(c)}
+    out: dict[str, list[Parameter]] = {}
+    for session in c.sessions:
+        one = alone(c, session)
+        for name, parts in _changes(one) if len(one.fitted) else ():
+            out.setdefault(name, []).extend(within(p, session) for p in parts)
+    return out
+
+
+def _changes(c: Circumstances) -> Iterator[tuple[str, Iterator[Parameter]]]:
     clocks = {"time": np.arange(len(c.q), dtype=float) if c.time is None else c.time}
     if c.temperature is not None:
         clocks["temperature"] = c.temperature
     for name, clock in clocks.items():
         drivers = waves(clock, c.fitted, COURSES)
-        yield name, "joints", (p for j in range(1, c.robot.n + 1) for p in _turns(j, drivers, 0, name))
-        yield name, "the base", _frame(BASE, 0, Driver(name), drivers)
+        every = range(1, c.robot.n + 1)
+        yield f"{name} of joints", (p for j in every for p in _turns(j, drivers, 0, name))
+        yield f"{name} of the base", _frame(BASE, 0, Driver(name), drivers)
         for t in c.fitted_tools:
             own = (c.tool == t).astype(float)
             tool = f"tool {c.tool_names[t]}" if len(c.fitted_tools) > 1 else "the tool"
-            yield name, tool, _frame(TOOL, c.chain.n + 1, Driver(name), [own * d for d in drivers], "t")
+            changes = _frame(TOOL, c.chain.n + 1, Driver(name), [own * d for d in drivers], "t")
+            yield f"{name} of {tool}", changes
 
 
 def _frame(

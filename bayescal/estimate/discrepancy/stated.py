@@ -125,7 +125,7 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     if functions is None:
         functions = families(model.scene.circumstances(model.scene.rows("calibrate")))
     every = [p for f in functions for p in f.parameters]
-    family = np.repeat(np.arange(len(functions)), [len(f.parameters) for f in functions])
+    family = np.repeat(np.arange(len(functions)), np.array([len(f.parameters) for f in functions], int))
     j, g, e, rows = _linearised(fitted, every)
     pose = poses(model.scene.dataset.measurements, rows)
     c = fitted.covariance

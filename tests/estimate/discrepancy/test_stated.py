@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayescal.dataset.join import joined
 from bayescal.estimate import calibrated
 from bayescal.estimate.discrepancy import families, stated
+from bayescal.estimate.discrepancy.families import COURSES
 from bayescal.estimate.discrepancy.stated import LEAST_WHITE
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
@@ -89,3 +91,24 @@ def test_a_family_explains_what_the_residual_variance_loses(sick):
     """Residual variance of the fit is noise, a share `white`, and discrepancy."""
     assert LEAST_WHITE - 1e-9 <= sick.white < 1.0
     assert 0.0 < sum(sick.parameter_shares.values()) < 1.0
+
+
+def test_without_functions_the_uncertainty_is_that_of_the_poses(clean):
+    found = stated(clean.plain, [])
+    assert found.families == ()
+    np.testing.assert_allclose(found.sd, clean.sd, rtol=1e-9)
+
+
+def test_functions_of_time_end_with_their_session(cube):
+    """The second of two joined sessions is not the later part of the first."""
+    made = [replace(cube(seed=seed).dataset, name=name) for seed, name in ((4, "A"), (5, "B"))]
+    scene = Scene(joined(made))
+    found = {f.name: f.parameters for f in families(scene.circumstances(scene.rows("calibrate")))}
+    first = np.arange(len(scene.q)) < len(made[0].measurements.ids)
+    drivers = [np.asarray(p.terms[0].driver) for p in found["time of joints"]]
+    assert len(drivers) == 2 * COURSES * scene.chain.n
+    for d in drivers:
+        assert not (np.any(d[first]) and np.any(d[~first]))
+        own = d[first] if np.any(d[first]) else d[~first]
+        assert np.max(own) > 0.3 * np.max(np.abs(own)) > 0
+        assert np.min(own) < 0
