@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.arm.chain import link_angles
-from bayescal.effects import compliances
+from bayescal.errors import BayescalError
 from bayescal.estimate.checks import check_converged, check_length, check_within_reach
 from bayescal.estimate.linear import Linear, linearise
 from bayescal.estimate.noise import rescaled_weights
@@ -16,12 +15,15 @@ from bayescal.estimate.outliers import without_outliers
 from bayescal.estimate.solver import solve
 from bayescal.estimate.weights import Weights, unit_weights
 from bayescal.model.block import ARM, Block
+from bayescal.model.equilibrium import STILL, by_name, moved, standing, tool_points
 from bayescal.model.model import Model, build
 from bayescal.model.parts import Part
 from bayescal.model.scene import Scene
 
 ROUNDS = 25
 """Maximum number of reweightings."""
+FITS = 12
+"""Maximum number of fits with gravity moments at the pose of the fit before; usual are three or four."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,11 @@ class Estimate:
     iterations: int
     rejected: np.ndarray  # rows of the session rejected as outliers
     dof: Mapping[str, float]  # residual degrees of freedom of each noise group
+
+    @property
+    def arm(self) -> np.ndarray:
+        """Deviations of the arm's parameters from nominal, (P,), SI."""
+        return self.model.deviations(self.z[self.model.slices[ARM]])
 
     @property
     def sd(self) -> np.ndarray:
@@ -56,20 +63,31 @@ def calibrated(
     robust: bool = True,
     without: Sequence[Part] = (),
 ) -> Estimate:
-    """Fit a model, then fit it again with the gravity moments at the fitted pose of the arm.
+    """Fit a model with the gravity moments at the pose where the fitted arm stands.
 
     With nominal moments the error of a compliance is several standard deviations, and larger with a payload;
-    the residuals do not show it. A model that gravity does not act on is fitted once.
+    the residuals do not show it. The model is therefore fitted again until moments at the fitted pose move no
+    tool point; the first two fits search for outliers. A model that gravity does not act on is fitted once.
+
+    Raises
+    ------
+    BayescalError
+        As `estimate`, or if the poses of the fits do not converge.
     """
     found = estimate(build(scene, effects, prior_width, without), robust=robust)
     if not effects or scene.moments is None:
         return found
-    model = build(settled(found), effects, prior_width, without)
-    if same_motion(found.model, model):
-        return replace(found, model=model)
-    # a tilt may give a torque to a joint that had none: the two models' parameters are matched by name
-    known = dict(zip(found.model.names, found.z.tolist(), strict=True))
-    return estimate(model, robust=robust, start=np.array([known.get(name, 0.0) for name in model.names]))
+    for fits in range(1, FITS):
+        model, before, values = build(settled(found), effects, prior_width, without), found.model, found.arm
+        now = by_name(model, values, before)
+        if same_motion(before, model) or moved(tool_points(before, values), tool_points(model, now)) < STILL:
+            return replace(found, model=model)
+        known = dict(zip(before.names, found.z.tolist(), strict=True))
+        start = np.array([known.get(name, 0.0) for name in model.names])
+        rejected = None if fits == 1 else found.rejected
+        found = estimate(model, robust=robust, start=start, left_out=rejected)
+    what = f"gravity moves the arm of the fit by more than 1 nm after {FITS} fits at its pose"
+    raise BayescalError(what, "compliance", "check masses (kg), payload (kg) and gravity (m/s2)")
 
 
 def same_motion(a: Model, b: Model) -> bool:
@@ -83,17 +101,7 @@ def same_motion(a: Model, b: Model) -> bool:
 
 def settled(fitted: Estimate) -> Scene:
     """The scene with its gravity moments at the fitted pose of the arm, including its deflection."""
-    model = fitted.model
-    return standing(model, model.deviations(fitted.z[model.slices[ARM]]))
-
-
-def standing(model: Model, values: np.ndarray) -> Scene:
-    """The scene with its gravity moments and compliances at the pose of the arm for deviations (P,), SI."""
-    scene = model.scene
-    delta = model.motion(np.arange(len(scene.q))).displacements(values)
-    # the model's reference includes the deflection by the robot file's compliances; the statics' does not
-    delta[:, 1:-1, 0] += scene.q - link_angles(scene.dataset.robot, scene.dataset.measurements.readings)
-    return scene.posed_at(delta, compliances(model.parameters, values))
+    return standing(fitted.model, fitted.arm)
 
 
 def estimate(

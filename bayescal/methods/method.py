@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.estimate import Estimate, standing
-from bayescal.model import Model, build
+from bayescal.estimate import Estimate
+from bayescal.model import Model, build, standing
 from bayescal.model.scene import Scene
 
 

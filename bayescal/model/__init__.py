@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bayescal.model.block import ARM, Block, Constraint, Turned
+from bayescal.model.equilibrium import equilibrium, standing
 from bayescal.model.model import ORIENTATION, Model, build, check_asked, with_parameters
 from bayescal.model.scene import Scene
 
@@ -16,5 +17,7 @@ __all__ = [
     "Turned",
     "build",
     "check_asked",
+    "equilibrium",
+    "standing",
     "with_parameters",
 ]

@@ -10,15 +10,14 @@ import numpy as np
 from bayescal.dataset import Dataset, Target
 from bayescal.effects import parameters_of
 from bayescal.errors import BayescalError
-from bayescal.estimate import standing
-from bayescal.model import ARM, Block, Model, with_parameters
+from bayescal.model import ARM, Block, Model, equilibrium, with_parameters
 from bayescal.model.scene import Scene
 from factors.plane import Plane
 
 CLOSED = 1e-12  # m
 PASSES = 30
 CORRECTIONS = 4
-SETTLING, STILL = 8, 1e-15  # iterations of the gravity deflection, and its tolerance, rad and m
+STILL = 1e-14  # m: of the deflection by gravity, small enough to close contacts to `CLOSED`
 
 
 @dataclass(frozen=True)
@@ -37,15 +36,12 @@ class World:
 
         Gravity acts at the true, deflected pose, as on a real arm.
         """
-        scene = Scene(dataset)
-        for _ in range(SETTLING):
+
+        def arm(scene: Scene) -> Model:
             parameters = parameters_of(self.effects, scene.circumstances(scene.rows("calibrate")))
-            model = Model(scene, self.effects, parameters, (), ())
-            if scene.moments is None:
-                break
-            before, scene = scene, standing(model, self.deviations(model))
-            if before.delta is not None and np.max(np.abs(scene.delta - before.delta), initial=0.0) < STILL:
-                break
+            return Model(scene, self.effects, parameters, (), ())
+
+        model = equilibrium(Scene(dataset), arm, self.deviations, STILL)
         true = replace(dataset, targets=self.targets)
         return replace(model, scene=replace(model.scene, dataset=true))
 

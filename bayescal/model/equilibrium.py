@@ -1,0 +1,88 @@
+"""Equilibrium: the pose at which an arm and the gravity that deflects it agree.
+
+Gravity moments depend on where the arm stands, which depends on the deflection by these moments. A tool point
+is 7 to 130 µm off with moments at the nominal pose (most with a payload), and up to 2 µm with moments at
+the pose so found. Each further pass divides the rest by about 50.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from bayescal.arm.chain import link_angles
+from bayescal.effects import compliances
+from bayescal.errors import BayescalError
+from bayescal.model.model import Model
+from bayescal.model.scene import Scene
+
+STILL = 1e-9
+"""Displacement of the tool point by a pass, m, below which the arm is at rest."""
+PASSES = 30
+"""Maximum number of passes; an arm that is 1000 times as compliant as usual needs about ten."""
+
+
+def standing(model: Model, values: np.ndarray) -> Scene:
+    """The scene with its gravity moments and compliances at the pose of the arm for deviations (P,), SI."""
+    scene = model.scene
+    delta = model.motion(np.arange(len(scene.q))).displacements(values)
+    # the model's reference includes the deflection by the robot file's compliances; the statics' does not
+    delta[:, 1:-1, 0] += scene.q - link_angles(scene.dataset.robot, scene.dataset.measurements.readings)
+    return scene.posed_at(delta, compliances(model.parameters, values))
+
+
+def by_name(model: Model, values: np.ndarray, of: Model) -> np.ndarray:
+    """Deviations (P',) of the parameters of `model` from those (P,) of a model `of` other moments, SI.
+
+    A tilt may give a torque to a joint that had none: a parameter that is new is at its nominal value.
+    """
+    known = dict(zip((p.name for p in of.parameters), values.tolist(), strict=True))
+    return np.array([known.get(p.name, 0.0) for p in model.parameters])
+
+
+def tool_points(model: Model, values: np.ndarray) -> np.ndarray:
+    """Tool points of all rows (3, N) in F0, m, at deviations (P,), SI."""
+    return model.motion(np.arange(len(model.scene.q))).points(values)
+
+
+def moved(before: np.ndarray, after: np.ndarray) -> float:
+    """Largest distance between tool points (3, N), m."""
+    return float(np.sqrt(np.max(np.sum((after - before) ** 2, axis=0), initial=0.0)))
+
+
+def equilibrium(
+    scene: Scene,
+    make: Callable[[Scene], Model],
+    values: Callable[[Model], np.ndarray],
+    still: float = STILL,
+) -> Model:
+    """The model of an arm of known parameters, with gravity moments at the pose where the arm comes to rest.
+
+    Parameters
+    ----------
+    scene : Scene
+    make : callable
+        The model of a scene at any pose.
+    values : callable
+        Deviations (P,) of the parameters of such a model from nominal, SI.
+    still : float
+        Displacement of the tool point by a pass, m, at which the iteration ends.
+
+    Raises
+    ------
+    BayescalError
+        If the arm does not come to rest, as with a compliance that is far too large.
+    """
+    model = make(scene)
+    if scene.moments is None:
+        return model
+    at, off = tool_points(model, values(model)), np.inf
+    for _ in range(PASSES):
+        model = make(standing(model, values(model)))
+        before, at = at, tool_points(model, values(model))
+        off = moved(before, at)
+        if off < still:
+            return model
+    what = f"the arm does not come to rest under gravity: after {PASSES} passes it still moves by {off:.1e} m"
+    raise BayescalError(what, "compliance", "check masses (kg) and compliances (urad/(N m))")
