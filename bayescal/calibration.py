@@ -61,6 +61,8 @@ class Fit:
     acceptance: Acceptance
     findings: tuple[Finding, ...]
     tolerance: Tolerance | None = None  # conformance decisions, where a tolerance was given
+    robust: bool = True  # whether outliers were excluded
+    without: tuple[str, ...] = ()  # parts of the effects that stay nominal: "geometry at joint 4"
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -167,7 +169,7 @@ def fit(
     return Fit(
         dataset, seed, prior_width, tuple(levels), wide, draws,
         replace(draws, z=wide.reported(every).reshape(draws.z.shape)), known,
-        faces, expected, seen, tests, told, decided,
+        faces, expected, seen, tests, told, decided, robust, tuple(map(str, parts)),
     )  # fmt: skip
 
 

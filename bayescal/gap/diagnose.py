@@ -13,7 +13,7 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.gap.design.advise import advise
 from bayescal.gap.design.blind_spots import blind_spots, unseen
 from bayescal.gap.examine import Examined
-from bayescal.gap.explain import Progress, explain
+from bayescal.gap.explain import Explained, Progress, explain
 from bayescal.gap.level_fits import fitted_levels
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import again
@@ -26,11 +26,11 @@ from bayescal.gap.outcome.notes import warnings
 from bayescal.gap.outcome.shrinkage import shrinkage
 from bayescal.gap.result import Gap
 from bayescal.gap.search.beam import COMPLIANCE, Hypothesis
-from bayescal.gap.search.refit import still_without
+from bayescal.gap.search.refit import refit, still_without
 from bayescal.gap.settings import VERDICT
 from bayescal.model import check_asked
 from bayescal.model.length_blocks import length_blocks
-from bayescal.model.parts import parts_of
+from bayescal.model.parts import Part, parts_of
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.errors import kept
@@ -117,7 +117,19 @@ def diagnose(
         amplitudes=amplitudes(final, stated(final).limited, verdict.named) if verdict.named else (),
         refit=final.model.effects,
         still_without=tuple(map(str, still_without(parts, members))),
+        robust=robust,
+        prior_width=prior_width,
+        arm=_confirmed(found, robust, prior_width, parts),
     )
+
+
+def _confirmed(found: Explained, robust: bool, width: float, without: Sequence[Part]) -> Estimate:
+    """The refit with those of the named effects that the validation data confirm."""
+    d = found.last.decision
+    members = [m for m in d.members if m.effect not in d.unclaimed]
+    if len(members) == len(d.members):
+        return found.final
+    return refit(found.last.fitted, found.last.candidates, members, robust, width, without)
 
 
 def _rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects.location import Driver, Site, words_of
+from bayescal.estimate import Estimate
 
 VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
 """Kinds of validation measurement, as reports name them."""
@@ -227,3 +228,6 @@ class Gap:
     amplitudes: tuple[Amplitude, ...] = ()  # of all named effects
     refit: tuple[str, ...] = ()  # the refitted model, in the form of --model
     still_without: tuple[str, ...] = ()  # parts that the refitted model lacks
+    robust: bool = True  # whether outliers were excluded
+    prior_width: float = 1.0
+    arm: Estimate | None = None  # with the named effects that are confirmed: what an export is made of

@@ -67,11 +67,11 @@ class FitResult(FitTables):
         return summary if self.agreement is None else Group(summary, "", agreement_summary(self.agreement))
 
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
-        """Write fit.json, posterior.nc and robot.yaml to a run folder; return their names."""
+        """Write fit.json, posterior.nc, robot.yaml, arm.json and the dataset; return their names."""
         from bayescal.reporting.fit.files import write_fit
 
         write_fit(self.data, Path(folder), self.agreement)
-        return ("fit.json", "posterior.nc", "robot.yaml")
+        return ("fit.json", "posterior.nc", "robot.yaml", "arm.json", "dataset")
 
     def inference_data(self) -> Any:
         """The content of posterior.nc for ArviZ: InferenceData (ArviZ 0.x) or DataTree (1.x)."""
@@ -121,7 +121,7 @@ class GapResult(GapTables):
         return summary if self.agreement is None else Group(summary, "", facts(verdicts(self.agreement)))
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
-        """Write gap.json, and the figures where `pictures`, to a run folder; return the names."""
+        """Write gap.json, arm.json, the dataset and, where `pictures`, the figures; return the names."""
         from bayescal.reporting.gap.files import write_gap
 
         return write_gap(self.data, Path(folder), pictures)

@@ -50,7 +50,13 @@ def written(tmp_path_factory):
 
 def test_command_writes_the_contract(written):
     folder, _, record = written
-    assert {p.name for p in folder.glob("[!.]*")} == {"fit.json", "posterior.nc", "robot.yaml"}
+    assert {p.name for p in folder.glob("[!.]*")} == {
+        "fit.json",
+        "posterior.nc",
+        "robot.yaml",
+        "arm.json",
+        "dataset",
+    }
     keys = "schema dataset software seed model parameters noise residuals identifiability sampler validation"
     assert set(keys.split()) <= set(record)
     assert record["schema"] == "bayescal-fit/1"

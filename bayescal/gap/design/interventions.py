@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from bayescal.arm.chain import wrenches
 from bayescal.dataset import Dataset, Measurements
+from bayescal.dataset.append import appended
 from bayescal.gap.settings import DESIGN
 from bayescal.model.scene import Scene
 
@@ -56,23 +57,23 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
         if m.temperature is not None:
             mixed["temperature"] = np.interp(time, m.time, m.temperature)
         choices.append(("the same poses in random order of the faces, from a cold start", rows, mixed))
-    table = {f.name: getattr(m, f.name) for f in fields(Measurements)}
-    if m.payload is None:
-        table["payload"] = np.zeros(len(m.role))
-    interventions, count = [], len(m.role)
-    for what, source, changed in choices:
-        interventions.append(Intervention(what, source, count + np.arange(len(source))))
+    count, rows_of, interventions = len(m.role), [], []
+    for what, source, _ in choices:
+        rows_of.append(count + np.arange(len(source)))
+        interventions.append(Intervention(what, source, rows_of[-1]))
         count += len(source)
-        for name, column in table.items():
-            if name == "ids":
-                table[name] = (*column, *(f"possible {k}" for k in interventions[-1].rows))
-            elif column is not None:
-                more = column[source]
-                if name in changed:
-                    more = np.broadcast_to(changed[name], more.shape)
-                table[name] = np.concatenate([column, more])
-    table["role"][len(m.role) :] = "validate"
-    return replace(scene.dataset, measurements=Measurements(**table)), interventions
+    every = np.concatenate([source for _, source, _ in choices])
+    columns = {name for _, _, changed in choices for name in changed} | {"payload"}
+    changed = {name: np.concatenate([_values(m, name, *c[1:]) for c in choices]) for name in columns}
+    ids = [f"possible {k}" for k in np.concatenate(rows_of)]
+    return replace(scene.dataset, measurements=appended(m, every, changed, ids)), interventions
+
+
+def _values(m: Measurements, name: str, source: np.ndarray, changed: Mapping[str, Any]) -> np.ndarray:
+    """A column of some rows of a session, with new values where they are given."""
+    column = getattr(m, name)
+    own = np.zeros(len(source)) if column is None else column[source]
+    return np.broadcast_to(changed[name], own.shape) if name in changed else own
 
 
 def turns(scene: Scene, rows: np.ndarray) -> list[np.ndarray]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from bayescal.assess.agreement import Agreement
 from bayescal.calibration import Fit
-from bayescal.exporting import calibrated_robot
+from bayescal.exporting import calibrated_robot, of_fit, write_arm
 from bayescal.folders import whole
 from bayescal.posterior.inference import save
 from bayescal.reporting.fit.agreement import agreement_record, disagreement
@@ -29,7 +29,7 @@ def fit_contents(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
 
 
 def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None:
-    """Write fit.json, posterior.nc and the calibrated robot.yaml atomically.
+    """Write fit.json, posterior.nc, the calibrated robot.yaml, arm.json and the dataset atomically.
 
     `compared` is what the sessions of a joint fit say of the arm each by itself.
     """
@@ -43,3 +43,4 @@ def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None
         (stage / FIT).write_text(record, encoding="utf-8")
         save(fit_draws(fit), stage / "posterior.nc")
         (stage / "robot.yaml").write_text(robot, encoding="utf-8")
+        write_arm(of_fit(fit), stage)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from bayescal.exporting import of_gap, write_arm
 from bayescal.folders import whole
 from bayescal.gap.result import Gap
 from bayescal.reporting.gap.contacts import table_of_contacts
@@ -16,7 +17,7 @@ NEXT = "next.csv"
 
 
 def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
-    """Write gap.json, next.csv and the figures atomically.
+    """Write gap.json, arm.json with the dataset, next.csv and the figures atomically.
 
     Parameters
     ----------
@@ -33,8 +34,11 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
     """
     record = json.dumps(gap_record(gap), allow_nan=False, indent=1) + "\n"
     names = [GAP]
+    arm = None if gap.arm is None else of_gap(gap)
     with whole(folder, GAP) as stage:
         (stage / GAP).write_text(record, encoding="utf-8")
+        if arm is not None:
+            names += write_arm(arm, stage)
         if any(a.contacts for a in gap.advice):
             (stage / NEXT).write_text(table_of_contacts(gap), encoding="utf-8")
             names.append(NEXT)

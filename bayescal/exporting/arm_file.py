@@ -1,0 +1,156 @@
+"""The arm of a run folder: `arm.json`, and a copy of its dataset.
+
+The file states the model as text, and the values of its parameters by name. The model is built again from the
+copy of the dataset (`dataset/`; `dataset/1`, `dataset/2` of several sessions).
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayescal.dataset import Dataset, read_dataset
+from bayescal.dataset.join import joined
+from bayescal.dataset.write import write_files
+from bayescal.effects import UNITS, parameters_of
+from bayescal.errors import BayescalError
+from bayescal.exporting.fitted import FittedArm, Origin
+from bayescal.exporting.rows import standing_model
+from bayescal.model import Model
+from bayescal.model.scene import Scene
+
+SCHEMA = "bayescal-arm/1"
+ARM_FILE, COPY = "arm.json", "dataset"
+
+
+def arm_record(arm: FittedArm) -> dict[str, Any]:
+    """The content of arm.json: values and u in the units of files, covariance and states in SI."""
+    u = np.sqrt(np.diag(arm.covariance))
+    parameters = []
+    for p, value, own in zip(arm.model.parameters, arm.values.tolist(), u.tolist(), strict=True):
+        unit, factor = UNITS[p.unit]
+        parameters.append(
+            {
+                "name": p.name,
+                "effect": p.effect,
+                "site": str(p.site),
+                "driver": str(p.driver),
+                "unit": unit,
+                "nominal": p.nominal * factor,
+                "value": (p.nominal + value) * factor,
+                "deviation": value * factor,
+                "u": own * factor,
+            }
+        )
+    dataset = arm.dataset
+    own_noise, remounted = _joining(dataset)
+    return {
+        "schema": SCHEMA,
+        "command": arm.origin.command,
+        "dataset": {
+            "name": dataset.name,
+            "sha256": dataset.sha256,
+            "folders": [COPY] if not dataset.sessions else _folders(dataset),
+            "remounted": remounted,
+            "own_noise": own_noise,
+        },
+        "model": list(arm.effects),
+        "without": list(arm.origin.without),
+        "prior_width": arm.origin.prior_width,
+        "robust": arm.origin.robust,
+        "seed": arm.origin.seed,
+        "parameters": parameters,
+        "covariance_si": arm.covariance.tolist(),
+        "targets_si": {name: state.tolist() for name, state in arm.states.items()},
+        "rejected": list(arm.rejected),
+    }
+
+
+def _folders(dataset: Dataset) -> list[str]:
+    return [f"{COPY}/{k}" for k in range(1, len(dataset.sessions) + 1)]
+
+
+def _joining(dataset: Dataset) -> tuple[bool, bool]:
+    """How sessions were joined: each with its own noise, with remounted tools."""
+    if not dataset.sessions:
+        return True, False
+    own_noise = any(t.noise for t in dataset.targets)
+    usual = joined(dataset.sessions, False, own_noise)
+    return own_noise, [t.name for t in usual.tools] != [t.name for t in dataset.tools]
+
+
+def write_arm(arm: FittedArm, folder: Path) -> tuple[str, str]:
+    """Write arm.json and the copy of the dataset to a run folder; return their names."""
+    dataset = arm.dataset
+    copies = zip(_folders(dataset), dataset.sessions, strict=True) if dataset.sessions else [(COPY, dataset)]
+    for name, session in copies:
+        (folder / name).mkdir(parents=True)
+        write_files(session, folder / name)
+    text = json.dumps(arm_record(arm), indent=1, allow_nan=False) + "\n"
+    (folder / ARM_FILE).write_text(text, encoding="utf-8")
+    return ARM_FILE, COPY
+
+
+def read_arm(folder: Path) -> FittedArm:
+    """Read the arm of a run folder.
+
+    Raises
+    ------
+    BayescalError
+        If the folder has no arm, or an incomplete one.
+    """
+    path = folder / ARM_FILE
+    repeat = "repeat bayescal fit or gap with this version"
+    if not path.is_file():
+        raise BayescalError(
+            f"there is no {ARM_FILE}", str(folder), f"give a run folder of fit or gap, or {repeat}"
+        )
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BayescalError(f"cannot be read: {error}", str(path), repeat) from None
+    schema = record.get("schema") if isinstance(record, dict) else None
+    if schema != SCHEMA:
+        raise BayescalError(f"the schema is {schema}, not {SCHEMA}", str(path), repeat)
+    try:
+        return _arm(record, folder)
+    except (KeyError, TypeError, ValueError) as error:
+        raise BayescalError(f"incomplete: {error!r}", str(path), repeat) from None
+
+
+def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
+    of = record["dataset"]
+    sessions = [read_dataset(folder / name, judge=False) for name in of["folders"]]
+    scene = Scene(joined(sessions, of["remounted"], of["own_noise"]), oriented=True)
+    effects = tuple(record["model"])
+    entries = record["parameters"]
+    known = {p.name: p for p in parameters_of(effects, scene.circumstances(scene.rows("calibrate")))}
+    if missing := [e["name"] for e in entries if e["name"] not in known]:
+        what = f"the model of the dataset's copy has no parameter '{missing[0]}'"
+        raise BayescalError(what, str(folder / ARM_FILE), "repeat the command with this version")
+    parameters = tuple(known[e["name"]] for e in entries)
+    values = np.array(
+        [
+            (e["value"] - p.nominal * UNITS[p.unit][1]) / UNITS[p.unit][1]
+            for e, p in zip(entries, parameters, strict=True)
+        ]
+    )
+    model = standing_model(Model(scene, effects, parameters, (), ()), values)
+    return FittedArm(
+        model,
+        values,
+        np.array(record["covariance_si"], float).reshape(len(values), len(values)),
+        effects,
+        {name: np.array(state, float) for name, state in record["targets_si"].items()},
+        tuple(record["rejected"]),
+        Origin(
+            record["command"],
+            record["seed"],
+            record["robust"],
+            record["prior_width"],
+            tuple(record["without"]),
+        ),
+    )

@@ -1,0 +1,270 @@
+"""A fitted arm that can be evaluated at any pose, with all its fitted effects.
+
+A pose is a row appended to the session in which the arm was fitted (`exporting.rows`). The drivers of its
+effects are therefore those of the model: gravity moments at the deflected pose, torques, angles, direction of
+motion, payload, time. What a pose does not state is that of a row of the session, its *state*.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayescal.arm.chain import frames
+from bayescal.arm.motion import Motion
+from bayescal.effects.selection import plain
+from bayescal.effects.tool import TOOL
+from bayescal.errors import BayescalError
+from bayescal.estimate import Estimate
+from bayescal.estimate.discrepancy import stated
+from bayescal.exporting.rows import Circumstance, posed_rows, standing_model
+from bayescal.model import ARM, Model
+
+if TYPE_CHECKING:
+    from bayescal.calibration import Fit
+    from bayescal.dataset import Dataset
+    from bayescal.gap.result import Gap
+
+NOMINAL = "nominal"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """How an arm was fitted: what a refit repeats."""
+
+    command: str = "fit"
+    seed: int = 0
+    robust: bool = True
+    prior_width: float = 1.0
+    without: tuple[str, ...] = ()  # parts of the effects that stay nominal: "geometry at joint 4"
+
+
+@dataclass(frozen=True)
+class Poses:
+    """C poses of an arm, in F0, SI.
+
+    `motion` is the motion of these rows, by deviations of the arm's P parameters.
+    """
+
+    readings: np.ndarray  # (C, n) rad
+    points: np.ndarray  # (C, 3) m, of the tool
+    flange: np.ndarray  # (C, 4, 4)
+    motion: Motion
+    values: np.ndarray  # (P,)
+    spread: np.ndarray  # (P, P)
+
+    @cached_property
+    def by_parameters(self) -> np.ndarray:
+        """Derivatives of the points by the arm's parameters, (C, 3, P), SI, at constant gravity moments."""
+        if not len(self.readings):
+            return np.zeros((0, 3, len(self.values)))
+        p = np.ascontiguousarray(self.points.T)
+        ways = np.repeat(np.eye(3)[:, :, None], len(self.readings), axis=2)
+        return np.stack([self.motion.columns(self.values, p, u) for u in ways], axis=1).T
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of each point by the stated uncertainty of the parameters, (C, 3, 3), m2."""
+        by = self.by_parameters
+        return by @ self.spread @ np.swapaxes(by, -1, -2)
+
+
+@dataclass(frozen=True)
+class FittedArm:
+    """A model with the values of its arm's parameters.
+
+    Parameters
+    ----------
+    model : Model
+        Of the session; its gravity moments are those of the arm as it stands for `values`.
+    values : np.ndarray, shape (P,)
+        Deviations from nominal, SI, in the order of `model.parameters`.
+    covariance : np.ndarray, shape (P, P)
+        Their stated covariance, with the model discrepancy.
+    effects : tuple of str
+        The model, in the form of ``--model``.
+    states : mapping
+        Displacement of each fitted target, SI, in the order of its kind's parts.
+    rejected : tuple of str
+        Rows of the session that the fit excluded, by their ids.
+    origin : Origin
+    """
+
+    model: Model
+    values: np.ndarray
+    covariance: np.ndarray
+    effects: tuple[str, ...]
+    states: Mapping[str, np.ndarray]
+    rejected: tuple[str, ...] = ()
+    origin: Origin = Origin()
+
+    @property
+    def dataset(self) -> Dataset:
+        """The session."""
+        return self.model.scene.dataset
+
+    def at(
+        self,
+        readings: np.ndarray,
+        *,
+        tool: str | None = None,
+        payload_kg: np.ndarray | float = 0.0,
+        direction: np.ndarray | None = None,
+        previous: np.ndarray | None = None,
+        time: np.ndarray | float | None = None,
+        row: str | int | None = None,
+    ) -> Poses:
+        """Tool points and flange of an arm that stands at any poses.
+
+        Parameters
+        ----------
+        readings : np.ndarray, shape (C, n)
+            rad, as the controller shows them.
+        tool : str, optional
+            Name; default: that of the state.
+        payload_kg : float or np.ndarray, shape (C,)
+            kg, beyond the tool.
+        direction : np.ndarray, shape (n,) or (C, n), optional
+            Sign of the motion of each reading before the pose; 0: in the middle of the lost motion.
+        previous : np.ndarray, shape (n,) or (C, n), optional
+            rad, the readings from which the pose is approached: the direction follows from them.
+        time : float or np.ndarray, shape (C,), optional
+            s since the session began: the state is that of the last row before.
+        row : str or int, optional
+            id or index of the row whose state applies: time, temperature, events, tool; default:
+            the last fitted row.
+
+        Raises
+        ------
+        BayescalError
+            For a tool or a row that the session does not have, or an arm without equilibrium under gravity.
+        """
+        readings = np.atleast_2d(np.asarray(readings, float))
+        here = Circumstance.of(self.model.scene.dataset, len(readings), tool, payload_kg, time, row)
+        if previous is not None:
+            direction = np.sign(np.round(readings - previous, 9))
+        return self._poses(here.changed(readings, direction), here.source, True)
+
+    def at_rows(self, rows: np.ndarray) -> Poses:
+        """Tool points and flange in rows (C,) of the session, with all that was measured there."""
+        return self._poses({}, np.asarray(rows, int), False)
+
+    def _poses(self, changed: Mapping[str, Any], source: np.ndarray, still: bool) -> Poses:
+        model, rows = posed_rows(self.model, self.values, source, changed, still)
+        motion = model.motion(rows)
+        delta = motion.displacements(self.values)
+        delta[:, -1] = 0.0  # the tool's own offset
+        return Poses(
+            model.scene.dataset.measurements.readings[rows],
+            motion.points(self.values).T,
+            frames(model.scene.chain, model.scene.q[rows], delta)[:, -1],
+            motion,
+            self.values,
+            self.covariance,
+        )
+
+    @property
+    def levels(self) -> tuple[str, ...]:
+        """Model levels: nominal, the first effect, then each effect in addition to those before."""
+        return (NOMINAL, *(name if k == 0 else f"+ {name}" for k, name in enumerate(self.effects)))
+
+    def level(self, name: str) -> FittedArm:
+        """The arm of a model level: parameters of further effects are at their nominal values.
+
+        All levels have the fitted tool, except nominal.
+        """
+        if name not in self.levels:
+            raise BayescalError(f"there is no level '{name}'", "", f"levels: {', '.join(self.levels)}")
+        count = self.levels.index(name)
+        used = {plain(e) for e in self.effects[:count]} | ({TOOL.name} if count else set())
+        return self.valued(np.where([p.effect in used for p in self.model.parameters], self.values, 0.0))
+
+    def at_level(self, name: str, readings: np.ndarray, **state: Any) -> Poses:
+        """Tool points and flange at any poses, of one level; see `at`."""
+        return self.level(name).at(readings, **state)
+
+    def valued(self, values: np.ndarray) -> FittedArm:
+        """The arm with other values (P,) of its parameters, in equilibrium."""
+        return replace(self, model=standing_model(self.model, values), values=values)
+
+
+def of_estimate(found: Estimate, covariance: np.ndarray, origin: Origin = Origin()) -> FittedArm:
+    """The arm of an estimate; `covariance` (D, D) is the stated one of its z."""
+    model = found.model
+    arm = model.slices[ARM]
+    values = model.deviations(found.z[arm])
+    return FittedArm(
+        standing_model(model, values),
+        values,
+        covariance[arm, arm] * np.outer(model.sd, model.sd),
+        model.effects,
+        {b.target: b.state(found.z[model.slices[b.target]]) for b in model.states},
+        tuple(model.scene.dataset.measurements.ids[row] for row in found.rejected),
+        origin,
+    )
+
+
+def of_fit(fit: Fit) -> FittedArm:
+    """The arm of a calibration."""
+    origin = Origin("fit", fit.seed, fit.robust, fit.prior_width, fit.without)
+    return of_estimate(fit.final.estimate, fit.stated.limited, origin)
+
+
+def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
+    """The arm of a diagnosis: its refit with the named effects that the validation data confirm.
+
+    With `with_` or `without`, that of a fit with other effects; see `refitted`.
+    """
+    assert gap.arm is not None, "a diagnosis has its refit"
+    origin = Origin("gap", gap.seed, gap.robust, gap.prior_width, gap.still_without)
+    arm = of_estimate(gap.arm, stated(gap.arm).limited, origin)
+    return refitted(arm, with_, without) if with_ or without else arm
+
+
+def refitted(arm: FittedArm, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
+    """Fit the session of an arm again, with further effects, or without some of its effects or their parts.
+
+    Parameters
+    ----------
+    arm : FittedArm
+    with_ : sequence of str
+        Effects, in the form of ``--model``.
+    without : sequence of str
+        Effects of the model, or parts of them that stay nominal: 'geometry at joint 4'.
+
+    Raises
+    ------
+    BayescalError
+        If the model has an effect already, or does not have it, or the session cannot be fitted so.
+    """
+    from bayescal.calibration import fit
+
+    own = [plain(name) for name in arm.effects]
+    for name in with_:
+        if plain(name) in own:
+            raise BayescalError(f"the model has {plain(name)} already", f"--with {name}", "leave it out")
+    whole = [name for name in without if name in own or name in arm.effects]
+    effects = [name for name in arm.effects if name not in whole and plain(name) not in whole]
+    parts = (*arm.origin.without, *(name for name in without if name not in whole))
+    o = arm.origin
+    found = fit(arm.dataset, (*effects, *with_), 0, o.seed, o.robust, o.prior_width, without=parts)
+    return replace(of_fit(found), origin=replace(o, without=parts))
+
+
+def open_run(folder: Path, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
+    """The arm of a run folder of `fit` or `gap`; with other effects, it is fitted again (`refitted`).
+
+    Raises
+    ------
+    BayescalError
+        If the folder has no arm, or an incomplete one.
+    """
+    from bayescal.exporting.arm_file import read_arm
+
+    arm = read_arm(Path(folder))
+    return refitted(arm, with_, without) if with_ or without else arm
