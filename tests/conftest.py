@@ -14,6 +14,8 @@ import pytest
 from hypothesis import settings
 
 from bayescal.arm.chain import chain_of, link_angles, points, wrenches
+from bayescal.arm.inverse import LEVER, descend, to_points
+from bayescal.arm.nominal import NominalArm
 from bayescal.arm.robot import Robot
 from bayescal.arm.statics import gravity_moments
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
@@ -66,6 +68,20 @@ class Arm:
         )
         return back[:, 1:-1, 0] @ self.robot.link_from_reading
 
+    def driven(self, readings: np.ndarray, payload: np.ndarray, residual, joints: int = 3, to: float = 1e-9):
+        """Readings (C, n) turned about the first joints until a residual of the ball is zero, and which did.
+
+        `residual(p (M, 3), which (M,))` -> r (M, k), m, and its gradients u (M, k, 3) by p.
+        """
+
+        def task(q: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            r, u = residual(self.points(q, payload[which]), which)
+            by = np.stack([self.gradient(q, payload[which], u[:, k]) for k in range(u.shape[1])], axis=1)
+            return -r / LEVER, by / LEVER, np.abs(r).max(axis=1) < to
+
+        anywhere = np.full(self.robot.n, np.inf)
+        return descend(task, readings, -anywhere, anywhere, free=np.arange(self.robot.n) < joints)
+
     @property
     def values(self) -> dict[str, float]:
         """True values, SI, under the names that a model gives to its parameters."""
@@ -104,25 +120,13 @@ def true_arm(robot: Robot, rng: np.random.Generator, spread: float) -> Arm:
 
 def reach(robot: Robot, goals: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Readings of the drawing whose ball is at the goals (C, 3) under random wrists, and which were found."""
-    chain, count = chain_of(robot), len(goals)
-    tool, still = np.broadcast_to(TOOL.centre, (count, 3)), np.zeros((count, robot.n + 2, 6))
-    readings = np.radians(
-        rng.uniform([-30, -10, -60, -170, -110, -170], [30, 40, 0, 170, 110, 170], (count, 6))
-    )
-    off = np.full((count, 3), np.inf)
-    for _ in range(14):
-        q = link_angles(robot, readings)
-        off = goals - points(chain, q, tool)
-        by = np.stack(
-            [wrenches(chain, q, tool, still, np.tile(axis, (count, 1)))[:, 1:4, 0] for axis in np.eye(3)], 1
-        )
-        by = by @ robot.link_from_reading[:3, :3]
-        damped = by @ np.swapaxes(by, 1, 2) + 1e-6 * np.eye(3)
-        step = (np.swapaxes(by, 1, 2) @ np.linalg.solve(damped, off[..., None]))[..., 0]
-        readings[:, :3] += np.clip(step, -0.4, 0.4)
-    q = link_angles(robot, readings)
-    inside = np.all(np.abs(readings[:, :3]) < np.radians([170, 120, 160]), axis=1)
-    return readings, (np.linalg.norm(off, axis=1) < 1e-6) & inside
+    drawn = NominalArm(robot, TOOL.centre)
+    wrist = rng.uniform([-30, -10, -60, -170, -110, -170], [30, 40, 0, 170, 110, 170], (len(goals), 6))
+    starts = drawn.angles_of(np.radians(wrist))
+    anywhere = np.full(6, np.inf)
+    angles, found = descend(to_points(drawn, goals), starts, -anywhere, anywhere, free=np.arange(6) < 3)
+    readings = drawn.readings_of(angles)
+    return readings, found & np.all(np.abs(readings[:, :3]) < np.radians([170, 120, 160]), axis=1)
 
 
 def _some(robot: Robot, goals, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -202,12 +206,16 @@ def cube_session(
     gap[bad] += noise * np.geomspace(8, 100, outliers) * rng.choice([-1, 1], outliers)
     normals = np.array([planes[t.name][0] for t in targets])[target]
     offsets = np.array([planes[t.name][1] for t in targets])[target]
-    for _ in range(6):
-        off = np.sum(normals * arm.points(readings, payload), axis=1) - offsets - RADIUS - gap
-        by = arm.gradient(readings, payload, normals)
-        by[:, 3:] = 0.0
-        readings = readings - by * (off / np.sum(by**2, axis=1))[:, None]
-    assert np.max(np.abs(off)) < 1e-12
+    readings, closed = arm.driven(
+        readings,
+        payload,
+        lambda p, which: (
+            (np.sum(normals[which] * p, axis=1) - (offsets + RADIUS + gap)[which])[:, None],
+            normals[which, None],
+        ),
+        to=1e-12,
+    )
+    assert np.all(closed)
     readings = readings + joint * rng.standard_normal(readings.shape)
     certificates = (
         Certificate("parallel", ("cube.+y", "cube.-y"), SIDE, U_DISTANCE, U_ANGLE),

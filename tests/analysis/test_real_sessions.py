@@ -20,16 +20,13 @@ NOISE = 20e-6
 
 def solved(arm, robot, goal, start):
     """Readings, of many starts (N, 6), at which the true arm's ball is at a goal: damped least squares."""
-    q, payload = start, np.zeros(len(start))
-    axes = [np.tile(axis, (len(q), 1)) for axis in np.eye(3)]
-    for _ in range(12):
-        off = arm.points(q, payload) - goal
-        by = np.stack([arm.gradient(q, payload, axis) for axis in axes], axis=1)
-        damped = by @ np.swapaxes(by, 1, 2) + 1e-8 * np.eye(3)
-        q = q - np.einsum("nkj,nk->nj", by, np.linalg.solve(damped, off[..., None])[..., 0])
+    towards = np.broadcast_to(np.eye(3), (len(start), 3, 3))
+    q, met = arm.driven(
+        start, np.zeros(len(start)), lambda p, which: (p - goal[which], towards[which]), joints=6, to=1e-8
+    )
     angle = q @ robot.link_from_reading.T * np.sign(np.diag(robot.link_from_reading))
     within = np.all((angle > robot.limits[:, 0]) & (angle < robot.limits[:, 1]), axis=1)
-    return q[within & (np.linalg.norm(arm.points(q, payload) - goal, axis=1) < 1e-8)]
+    return q[within & met]
 
 
 @pytest.fixture(scope="module")

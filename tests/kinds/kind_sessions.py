@@ -74,18 +74,6 @@ def tracker(name, xyz, rpy, off, tools=(1, 2, 3), **rest) -> Piece:
     return Piece(target, frame, tools=tools, about=MIDDLE, spread=0.2, **rest)
 
 
-def driven(arm, readings, payload, residual):
-    """Readings turned about the first three joints until residual(p) -> r (C, k), u (C, k, 3) is zero."""
-    for _ in range(12):
-        r, u = residual(arm.points(readings, payload))
-        by = np.stack([arm.gradient(readings, payload, u[:, k])[:, :3] for k in range(u.shape[1])], axis=1)
-        damped = by @ np.swapaxes(by, 1, 2) + 1e-9 * np.eye(by.shape[1])
-        step = np.swapaxes(by, 1, 2) @ np.linalg.solve(damped, r[..., None])
-        readings = readings.copy()
-        readings[:, :3] -= np.clip(step[..., 0], -0.3, 0.3)
-    return readings, np.abs(residual(arm.points(readings, payload))[0]).max(axis=1)
-
-
 def reached(arm, piece, rng):
     """Readings of the true arm that satisfy a piece, with the noise of its contacts."""
     number = 3 * piece.count + 20
@@ -93,24 +81,23 @@ def reached(arm, piece, rng):
     readings, payload = rng.uniform(low, high, (number, 6)), np.zeros(number)
     goals = piece.about + piece.spread * rng.uniform(-1, 1, (number, 3))
     towards = np.broadcast_to(np.eye(3), (number, 3, 3))
-    readings, off = driven(arm, readings, payload, lambda p: (p - goals, towards))
+    readings, met = arm.driven(readings, payload, lambda p, which: (p - goals[which], towards[which]))
     kind = piece.true
     if not isinstance(kind, np.ndarray):
         gap = CONTACT * rng.standard_normal((number, kind.rows))
-        if hasattr(kind, "radius"):
-            kind = replace(kind, radius=np.full(number, kind.radius[0]))
-        if hasattr(kind, "length"):
-            kind = replace(kind, length=np.full(number, kind.length[0]))
+        rowwise = [name for name in ("radius", "length") if hasattr(kind, name)]
+        each = {name: np.full(number, getattr(kind, name)[0]) for name in rowwise}
 
-        def touch(p):
-            r, u, _ = kind.linearise(np.zeros(len(kind.sd)), p.T)
-            return r.T - gap, np.moveaxis(u, -1, 0)
+        def touch(p, which):
+            own = replace(kind, **{name: value[which] for name, value in each.items()})
+            r, u, _ = own.linearise(np.zeros(len(kind.sd)), p.T)
+            return r.T - gap[which], np.moveaxis(u, -1, 0)
 
-        readings, off = driven(arm, readings, payload, touch)
+        readings, met = arm.driven(readings, payload, touch)
     sign = np.sign(np.diag(arm.drawing.link_from_reading))
     angle = readings @ arm.drawing.link_from_reading.T * sign
     inside = np.all((angle > arm.drawing.limits[:, 0]) & (angle < arm.drawing.limits[:, 1]), axis=1)
-    good = np.flatnonzero((off < 1e-9) & inside)[: piece.count]
+    good = np.flatnonzero(met & inside)[: piece.count]
     assert len(good) == piece.count, f"{piece.target.name}: {len(good)} of {piece.count} found"
     return readings[good]
 

@@ -30,15 +30,11 @@ def with_held_out(dataset, count):
 
 def reached(arm, readings, goals):
     """Readings (C, n) from which the first three joints bring the ball to the goals (C, 3), and which did."""
-    payload = np.zeros(len(goals))
-    for _ in range(30):
-        off = goals - arm.points(readings, payload)
-        by = np.stack([arm.gradient(readings, payload, np.tile(a, (len(goals), 1))) for a in np.eye(3)], 1)
-        by = by[..., :3]
-        step = np.linalg.solve(by @ np.swapaxes(by, 1, 2) + 1e-6 * np.eye(3), off[..., None])
-        move = (np.swapaxes(by, 1, 2) @ step)[..., 0]
-        readings = np.column_stack([readings[:, :3] + np.clip(move, -0.2, 0.2), readings[:, 3:]])
-    return readings, (np.linalg.norm(off, axis=1) < 1e-6) & np.all(np.abs(readings[:, :3]) < 2.5, axis=1)
+    towards = np.broadcast_to(np.eye(3), (len(goals), 3, 3))
+    readings, met = arm.driven(
+        readings, np.zeros(len(goals)), lambda p, which: (p - goals[which], towards[which]), to=1e-6
+    )
+    return readings, met & np.all(np.abs(readings[:, :3]) < 2.5, axis=1)
 
 
 def with_spheres(arm, d, noise, seed=0, each=14):
@@ -58,13 +54,14 @@ def with_spheres(arm, d, noise, seed=0, each=14):
     centres = np.array(list(BALLS.values()))[target - len(d.targets)]
     payload = np.zeros(len(readings))
     gap = noise * rng.standard_normal(len(readings))
-    for _ in range(8):
-        apart = arm.points(readings, payload) - centres
-        length = np.linalg.norm(apart, axis=1)
-        off = length - DIAMETER / 2 - BALL - gap
-        by = arm.gradient(readings, payload, apart / length[:, None])
-        by[:, 3:] = 0.0
-        readings = readings - by * (off / np.sum(by**2, axis=1))[:, None]
+
+    def off(p, which):
+        apart = p - centres[which]
+        length = np.linalg.norm(apart, axis=1)[:, None]
+        return length - DIAMETER / 2 - BALL - gap[which, None], (apart / length)[:, None]
+
+    readings, closed = arm.driven(readings, payload, off, to=1e-12)
+    assert np.all(closed)
     m = d.measurements
     more = {"readings": readings, "target": target, "payload": payload, "command": readings}
     count = len(readings)
