@@ -33,10 +33,8 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         credible = () if kind == "null" else tuple(n for n in credible if n != "null")
         credible = (COMPLIANCE, *credible)
         kind = {"null": "named", "unknown": "named+unexplained"}.get(kind, kind)
-    if kind == "named+unexplained":
-        most = VERDICT.beside_unmodelled
-        named = [replace(n, probability=min(n.probability, most)) for n in named]
-        probability |= {n.effect: min(probability[n.effect], most) for n in named}
+    probability = {name: min(p, _most(name, kind, d)) for name, p in probability.items()}
+    named = [replace(n, probability=min(n.probability, probability[n.effect])) for n in named]
     return Verdict(
         kind,
         tuple(named),
@@ -50,6 +48,15 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
         (*play_or_late(d.alone, e.pool, d.credible), *cautions(e.fitted.model.scene.dataset)),
     )
+
+
+def _most(name: str, kind: str, d: Decision) -> float:
+    """Largest probability that is stated of an effect."""
+    if name in ("null", "unknown"):
+        return 1.0
+    if name in d.withheld:
+        return VERDICT.not_admitted
+    return VERDICT.beside_unmodelled if kind in ("named+unexplained", "unknown") else 1.0
 
 
 def _named(member, d: Decision, e: Examined) -> Named:

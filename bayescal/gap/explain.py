@@ -77,12 +77,13 @@ def _confirmed(
 ) -> tuple[Examined, Estimate, ValidationErrors]:
     """The refit with the named effects that the validation data admit, and the decision with its reasons."""
     d = e.decision
-    found = confirmed(d.members, fitted, before, lambda m: d.probability[m.effect] > VERDICT.certain)
-    costs = "explains the calibration rows but makes the validation data less probable, by {:.1f} nats"
-    notes = [f"{m.effect} {costs.format(cost)}; it is not named" for m, cost in found.withheld]
-    notes += [
-        f"{m.effect} {costs.format(cost)}; no reduction of errors is claimed" for m, cost in found.unclaimed
-    ]
+    # beside an unmodelled effect, what a name explains may be part of that effect
+    complete = d.kind == "named"
+    found = confirmed(
+        d.members, fitted, before, lambda m: complete and d.probability[m.effect] > VERDICT.certain
+    )
+    notes = [f"{a.member.effect} {a.words}; it is not named" for a in found.withheld]
+    notes += [f"{a.member.effect} {a.words}; no reduction of errors is claimed" for a in found.unclaimed]
     kind = d.kind
     if found.withheld:
         kind = "ambiguous" if kind == "named" else kind if found.members else "unknown"
@@ -96,7 +97,8 @@ def _confirmed(
         kind=kind,
         hypothesis=e.search.hypothesis(found.members) if found.withheld else d.hypothesis,
         footnotes=(*d.footnotes, *notes),
-        unclaimed=frozenset(m.effect for m, _ in found.unclaimed),
+        unclaimed=frozenset(a.member.effect for a in found.unclaimed),
+        withheld=frozenset(a.member.effect for a in found.withheld),
     )
     return replace(e, decision=d), found.fitted, found.errors
 

@@ -190,8 +190,10 @@ class VerdictSettings:
     """Nats of a cell at the site of a named effect, beyond what is forgiven, from which on the name is not
     all (tuned: right names have 3.4 at most)."""
     beside_unmodelled: float = 0.9
-    """Largest probability of a name in a verdict `named+unexplained` (assumed: with an effect outside the
-    vocabulary, 0 of 14 names stated above 0.98 were true)."""
+    """Largest probability of an effect in a verdict `named+unexplained` or `unknown` (assumed: with an effect
+    outside the vocabulary, 0 of 14 names stated above 0.98 were true)."""
+    not_admitted: float = 0.5
+    """Largest probability of an effect that makes the validation data less probable (assumed)."""
     kept: float = 5.0
     """Nats that a named effect must gain over an unmodelled effect to remain named (assumed)."""
     far: float = 4.0
@@ -223,6 +225,15 @@ class GateSettings:
     contradicted: float = 1e-6
     """Probability of the validation errors by the refit's own prediction, below which a name is not all
     (tuned: right names reach 5e-3 except drift after a pause, a wrong one 1e-108)."""
+    half: float = 0.5
+    """Share of a predicted change that validation contacts must show (convention)."""
+    sure: float = 3.0
+    """Standard uncertainties by which the share must be below 1 for a name to be withheld (convention)."""
+    blocks: int = 10
+    """Smallest number of blocks of validation rows for an uncertainty from their scatter (assumed)."""
+    visible: float = 4.0
+    """Smallest predicted change of validation residuals, as a sum of squares in units of the noise, that is
+    compared (assumed)."""
     rounding: float = 1e-9
     """Smallest standard deviation of a distance in any direction, m (rounding)."""
 

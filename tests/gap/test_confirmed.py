@@ -1,9 +1,11 @@
 """Which named effects the validation data admit, and which are withheld."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bayescal.gap.search.gate import confirmed, gain
+from bayescal.gap.search.gate import confirmed, gain, share
 from bayescal.predict.crossvalidation import VALIDATED
 from bayescal.predict.distances import CentreDistances
 from bayescal.predict.errors import ValidationErrors
@@ -51,8 +53,8 @@ def test_the_effect_that_spoils_the_validation_is_withheld_whatever_its_size(ord
     refit, _ = judged({"drift": 60e-6}, {"play": 8e-6, "scale": 7e-6})
     found = confirmed(order, refit, errors(20e-6))
     assert found.members == tuple(m for m in order if m != "drift")
-    assert [m for m, _ in found.withheld] == ["drift"]
-    assert found.withheld[0][1] == pytest.approx(-gain(errors(20e-6), found.errors, refit(order)[1]))
+    assert [a.member for a in found.withheld] == ["drift"]
+    assert found.withheld[0].cost == pytest.approx(-gain(errors(20e-6), found.errors, refit(order)[1]))
     assert found.fitted == "play+scale"
 
 
@@ -68,7 +70,7 @@ def test_two_that_spoil_are_both_withheld():
     refit, _ = judged({"drift": 60e-6, "bending": 50e-6}, {"play": 8e-6})
     found = confirmed(("bending", "play", "drift"), refit, errors(20e-6))
     assert found.members == ("play",)
-    assert {m for m, _ in found.withheld} == {"drift", "bending"}
+    assert {a.member for a in found.withheld} == {"drift", "bending"}
 
 
 def test_of_two_that_spoil_only_together_one_goes():
@@ -93,8 +95,51 @@ def test_a_certain_effect_keeps_its_name_and_loses_its_claim():
     refit, _ = judged({"drift": 60e-6, "bending": 50e-6}, {"play": 8e-6})
     found = confirmed(("drift", "bending", "play"), refit, errors(20e-6), lambda m: m == "drift")
     assert (found.members, found.fitted) == (("drift", "play"), "drift+play")
-    assert ([m for m, _ in found.withheld], [m for m, _ in found.unclaimed]) == (["bending"], ["drift"])
-    assert found.unclaimed[0][1] > 3
+    assert [a.member for a in found.withheld] == ["bending"]
+    assert [a.member for a in found.unclaimed] == ["drift"]
+    assert found.unclaimed[0].cost > 3
+
+
+@pytest.mark.parametrize("noise", [1.0, 0.2])
+def test_share_of_a_predicted_change_is_one_if_true_and_none_if_spurious(noise):
+    """Whatever noise is stated: its uncertainty is that of the scatter of the other errors."""
+    rng = np.random.default_rng(3)
+    values, withheld = [], []
+    for _ in range(200):
+        change, other = 10e-6 * rng.standard_normal(COUNT), 20e-6 * rng.standard_normal(COUNT)
+        more = replace(errors(0.0), residual=other, noise=np.full(COUNT, noise * NOISE))
+        true = share(replace(more, residual=other + change), more)
+        none = share(replace(more, residual=other), replace(more, residual=other - change))
+        values.append([(true.value - 1.0) / true.u, none.value / none.u])
+        withheld.append([true.missing, none.missing])
+    assert np.std(values, axis=0) == pytest.approx([1.0, 1.0], abs=0.2)
+    assert np.mean(values, axis=0) == pytest.approx([0.0, 0.0], abs=0.25)
+    wrongly, rightly = np.mean(withheld, axis=0)
+    assert wrongly < 0.02
+    assert rightly > 0.7
+
+
+def test_a_share_of_rows_of_few_poses_has_a_wide_uncertainty():
+    """Ten rows of each of six poses with the same error are six observations: too few to withhold a name."""
+    block = np.repeat(np.arange(6), COUNT // 6)
+    less, more = (replace(errors(excess), block=block) for excess in (10e-6, 20e-6))
+    assert share(less, more).u == np.inf
+    assert not share(less, more).missing
+
+
+def test_a_name_whose_predicted_change_is_missing_is_withheld():
+    """The log density does not show it where the stated noise is too large."""
+    rng = np.random.default_rng(5)
+    change, other = 18e-6 * rng.standard_normal(COUNT), 30e-6 * rng.standard_normal(COUNT)
+    other -= change * (other @ change) / (change @ change)
+
+    def refit(members):
+        return "", replace(errors(0.0), residual=other - change * len(members), noise=np.full(COUNT, 60e-6))
+
+    found = confirmed(("hysteresis",), refit, refit(())[1])
+    assert found.members == ()
+    assert found.withheld[0].cost < 3
+    assert "of the change" in found.withheld[0].words
 
 
 def test_gain_of_distances_heeds_their_correlation():

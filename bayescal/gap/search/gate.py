@@ -1,10 +1,10 @@
-"""The last test of names: whether validation data become less probable by them, or contradict the refit."""
+"""The last tests of names, by validation data: their density, the predicted change, contradiction."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -22,14 +22,45 @@ F = TypeVar("F")
 
 
 @dataclass(frozen=True)
+class Share:
+    """Share of the change predicted by a name that the validation contacts show: 1 if true, 0 if spurious."""
+
+    value: float
+    u: float  # standard uncertainty, from the scatter over poses and stretches of time
+
+    @property
+    def missing(self) -> bool:
+        """Whether less than half of the change is there, and all of it would contradict the data."""
+        return self.value < GATE.half and 1.0 - self.value > GATE.sure * self.u
+
+
+@dataclass(frozen=True)
+class Aside(Generic[M]):
+    """An effect that fails a test by validation data."""
+
+    member: M
+    cost: float  # nats that the validation data lose by it
+    share: Share
+
+    @property
+    def words(self) -> str:
+        """The failed test."""
+        text = "explains the calibration rows but "
+        if self.cost > GATE.loss or not self.share.missing:
+            return f"{text}makes the validation data less probable, by {self.cost:.1f} nats"
+        found = f"{self.share.value:.2f} +- {self.share.u:.2f}"
+        return f"{text}validation contacts show {found} of the change that it predicts"
+
+
+@dataclass(frozen=True)
 class Confirmed(Generic[M, F]):
     """Effects that the validation data admit, and their refit."""
 
     members: tuple[M, ...]
     fitted: F
     errors: ValidationErrors
-    withheld: tuple[tuple[M, float], ...]  # with the nats that each costs
-    unclaimed: tuple[tuple[M, float], ...] = ()  # members that are certain but cost so many nats
+    withheld: tuple[Aside[M], ...]
+    unclaimed: tuple[Aside[M], ...] = ()  # of members that are certain
 
 
 def confirmed(
@@ -38,12 +69,12 @@ def confirmed(
     before: ValidationErrors,
     certain: Callable[[M], bool] = lambda member: False,
 ) -> Confirmed[M, F]:
-    """Withhold effects until none makes the validation data less probable.
+    """Withhold effects until each of the others passes both tests by validation data.
 
-    Each effect is removed alone, and the one that costs most is withheld, if it costs more than `GATE.loss`.
-    Where only all of them together cost as much, it is the one whose removal helps most. A certain effect
-    stays a member, because the calibration data prove it: it only does not extrapolate to the validation
-    data. The other effects are then tested without it.
+    Each effect is removed alone. It fails if it costs more than `GATE.loss`, or if the change that it
+    predicts is `missing`; the one that costs most is withheld first. Where only all of them together cost as
+    much, it is the one whose removal helps most. A certain effect stays a member, because the calibration
+    data prove it: it only does not extrapolate to the validation data. The others are then tested without it.
 
     Parameters
     ----------
@@ -57,21 +88,25 @@ def confirmed(
         Whether an effect is certain by the calibration data.
     """
     tested: tuple[M, ...] = tuple(members)
-    aside: list[tuple[M, float]] = []
+    aside: list[Aside[M]] = []
     _, errors = refit(tested)
     while tested:
         rest = [tested[:k] + tested[k + 1 :] for k in range(len(tested))]
         without = [refit(own)[1] for own in rest]
-        costs = [-gain(before, other, errors) for other in without]
+        alone = [
+            Aside(m, -gain(before, other, errors), share(other, errors))
+            for m, other in zip(tested, without, strict=True)
+        ]
         all_of_them = -gain(before, before, errors)
-        if max(*costs, all_of_them) <= GATE.loss:
+        failing = [k for k, a in enumerate(alone) if a.cost > GATE.loss or a.share.missing]
+        if not failing and all_of_them <= GATE.loss:
             break
-        k = int(np.argmax(costs))
-        aside.append((tested[k], max(costs[k], all_of_them)))
+        k = max(failing or range(len(alone)), key=lambda k: alone[k].cost)
+        aside.append(alone[k] if failing else replace(alone[k], cost=all_of_them))
         tested, errors = rest[k], without[k]
-    withheld = tuple((m, cost) for m, cost in aside if not certain(m))
-    unclaimed = tuple((m, cost) for m, cost in aside if certain(m))
-    kept = tuple(m for m in members if all(m is not other for other, _ in withheld))
+    withheld = tuple(a for a in aside if not certain(a.member))
+    unclaimed = tuple(a for a in aside if certain(a.member))
+    kept = tuple(m for m in members if all(m is not a.member for a in withheld))
     fitted, errors = refit(kept)
     return Confirmed(kept, fitted, errors, withheld, unclaimed)
 
@@ -100,6 +135,33 @@ def gain(before: ValidationErrors, less: ValidationErrors, more: ValidationError
         alone = np.isin(less.joint.rows, less.rows[odd])
         total += new - old + float(np.sum((log_predictive(more)[0] - log_predictive(less)[0])[alone]))
     return total
+
+
+def share(less: ValidationErrors, more: ValidationErrors) -> Share:
+    """Regression of the residuals without a name on the change that the name predicts.
+
+    A true effect removes what it predicts. A name that fits other errors of the calibration rows predicts
+    changes that have nothing to do with the residuals of the validation rows. Unlike log densities, this
+    does not depend on the size of the noise: other unmodelled errors only widen its uncertainty, which is
+    that of clustered rows (sandwich estimator).
+
+    Parameters
+    ----------
+    less, more : ValidationErrors
+        Of the refits without a name and with it.
+    """
+    use = ~(less.gross | more.gross)
+    noise = less.noise[use]
+    r = less.residual[use] / noise
+    change = r - more.residual[use] / noise
+    size = float(change @ change)
+    _, block = np.unique(less.block[use], return_inverse=True)
+    count = len(np.unique(block))
+    if less.how == LEFT_OUT or count < GATE.blocks or size < GATE.visible:
+        return Share(1.0, np.inf)
+    value = float(change @ r) / size
+    scores = np.bincount(block, change * (r - value * change))
+    return Share(value, float(np.sqrt(scores @ scores * count / (count - 1))) / size)
 
 
 def contradiction(before: ValidationErrors, after: ValidationErrors) -> float:

@@ -45,6 +45,7 @@ class Decision:
     alone: tuple[CellFit, ...]  # every cell over noise only
     footnotes: tuple[str, ...]
     unclaimed: frozenset[str] = frozenset()  # named effects that validation data do not confirm
+    withheld: frozenset[str] = frozenset()  # effects that validation data do not admit
 
     @property
     def members(self) -> tuple[Member, ...]:

@@ -5,7 +5,8 @@ Each function takes a `Gap` and returns a figure, also where the session lacks s
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from bayescal.reporting.gap.arm import draw_where
 from bayescal.reporting.gap.lengths import length, main, per_residual
 from bayescal.reporting.gap.phrases import headline, probability, rival
 from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, INK, NOISE, SERIES, figure, remark, tidy
-from bayescal.reporting.shared.text import UM, model_label
+from bayescal.reporting.shared.text import UM, model_label, short
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
 MOST_EFFECTS = 12
 MOST_SETS = 6
 MOST_TARGETS = 6
+FEW = 3
+"""Effects of a set that its label lists one by one."""
+LABEL = 26
+"""Characters in a line of a label."""
 CLIP = 0.99
 """Quantile of the absolute residuals that an axis covers; larger ones are marked at its edge."""
 
@@ -50,12 +55,11 @@ def draw_which(gap: Gap) -> Figure:
     if missing:
         remark(left, f"not assessed: {', '.join(verdict.missing)}", 0.99, 0.03, "right")
     sets = verdict.hypotheses[:MOST_SETS][::-1]
-    names = [" + ".join(rival(n) for n in h.effects) or rival("null") for h in sets]
     right.barh(range(len(sets)), [h.probability for h in sets], color=GREY, height=0.65)
     for k, h in enumerate(sets):
         text = f"{probability(h.probability)}   ({h.log_evidence:+.0f} nats)"
         right.annotate(text, (h.probability, k), (5, 0), textcoords="offset points", va="center", color=INK)
-    right.set_yticks(range(len(sets)), [n.replace(" + ", "\n+ ") for n in names])
+    right.set_yticks(range(len(sets)), set_labels([h.effects for h in verdict.hypotheses[:MOST_SETS]])[::-1])
     right.set_xlim(0, 1.4)
     right.set_xticks(np.linspace(0, 1, 6))
     right.set_xlabel("probability (log evidence relative to noise only)")
@@ -63,6 +67,19 @@ def draw_which(gap: Gap) -> Figure:
     for axes, count in ((left, len(shown)), (right, len(sets))):
         axes.set_ylim(count - max(count, 5) - 0.6, max(count, 1) - 0.4)
         tidy(axes)
+    return out
+
+
+def set_labels(sets: Sequence[Sequence[str]]) -> list[str]:
+    """Sets of effects in few lines each: where they are long, as the differences from the first."""
+    if max((len(effects) for effects in sets), default=0) <= FEW:
+        return ["\n+ ".join(rival(n) for n in effects) or rival("null") for effects in sets]
+    first = sets[0]
+    out = []
+    for effects in sets:
+        less = [f"without {rival(n)}" for n in first if n not in effects]
+        more = [f"with {rival(n)}" for n in effects if n not in first]
+        out.append(textwrap.fill(", ".join([*more, *less]), LABEL) or f"the {len(first)} most probable")
     return out
 
 
@@ -116,7 +133,7 @@ def _level(gap: Gap, k: int) -> str:
     step = gap.levels[k]
     before = gap.levels[k - 1].model if k else ()
     if len(before) > 1 and step.model[: len(before)] == before and step.model != before:
-        return "+ " + "\n+ ".join(step.model[len(before) :])
+        return "\n".join(f"+ {short(name)}" for name in step.model[len(before) :])
     return model_label(step.model).replace(" + ", "\n+ ")
 
 

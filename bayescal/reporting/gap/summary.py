@@ -14,7 +14,7 @@ from bayescal.reporting.gap import amplitudes
 from bayescal.reporting.gap.contacts import first_contacts
 from bayescal.reporting.gap.lengths import as_lengths, length, main, per_residual
 from bayescal.reporting.gap.phrases import headline, listed, p_value, place, probability, rival, warnings
-from bayescal.reporting.shared.text import facts, model_label, plain_table, size, um
+from bayescal.reporting.shared.text import facts, model_label, plain_table, short, size, um
 
 PLACES = 5
 BLIND = 4
@@ -228,7 +228,7 @@ def level_label(model: tuple[str, ...], before: tuple[str, ...]) -> str:
     """A model level by what it adds to the one before: ``nominal``, ``geometry``, ``+ backlash``."""
     added = model[len(before) :]
     if len(before) > 1 and added and model[: len(before)] == before:
-        return f"+ {', '.join(added)}"
+        return f"+ {', '.join(map(short, added))}"
     return model_label(model)
 
 

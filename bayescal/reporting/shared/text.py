@@ -9,6 +9,8 @@ from rich.table import Table
 from rich.text import Text
 
 from bayescal.effects import UNITS
+from bayescal.effects.location import words_of
+from bayescal.effects.selection import Selection
 from bayescal.reporting.shared.table import FigureTable
 
 UM = 1e6
@@ -19,11 +21,21 @@ LABELS: dict[tuple[str, ...], str] = {
     ("joint",): "joint offsets",
 }
 """Model levels that the names of their effects do not describe."""
+FEW_SITES = 2
+"""Sites of an effect that its label names."""
 
 
 def model_label(effects: Sequence[str]) -> str:
-    """The text of a model level: its effects joined by ``+``."""
-    return LABELS.get(tuple(effects), " + ".join(effects) or LABELS[("nominal",)])
+    """The text of a model level: its effects joined by ``+``, each `short`."""
+    names = tuple(map(short, effects))
+    return LABELS.get(names, " + ".join(names) or LABELS[("nominal",)])
+
+
+def short(name: str) -> str:
+    """An effect of ``--model`` with its sites if they are few, without setting, drivers and priors."""
+    chosen = Selection.read(name)
+    few = 0 < len(chosen.sites) <= FEW_SITES
+    return f"{chosen.effect} at {words_of(chosen.sites)}" if few else chosen.effect
 
 
 def um(value: float) -> str:
