@@ -17,7 +17,7 @@ from bayescal.arm.chain import chain_of, link_angles, points, wrenches
 from bayescal.arm.inverse import LEVER, descend, to_points
 from bayescal.arm.nominal import NominalArm
 from bayescal.arm.robot import Robot
-from bayescal.arm.statics import gravity_moments
+from bayescal.arm.statics import gravity_loads
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Measurements, Noise, Target, Tool
 from bayescal.robots import load_robot
@@ -48,8 +48,8 @@ class Arm:
         """True link angles (C, n): with the sag of every joint under the weights of the drawing."""
         load = np.broadcast_to(TOOL.centre_of_mass, (len(readings), 3))
         q = link_angles(self.drawing, readings)
-        moments = gravity_moments(self.drawing, chain_of(self.drawing), q, GRAVITY, TOOL.mass + payload, load)
-        return link_angles(self.robot, readings) + self.compliance * moments[:, 1:, 2]
+        loads = gravity_loads(self.drawing, chain_of(self.drawing), q, GRAVITY, TOOL.mass + payload, load)
+        return link_angles(self.robot, readings) + self.compliance * loads.moments[:, 1:, 2]
 
     def _delta(self, count: int) -> np.ndarray:
         delta = np.zeros((count, self.robot.n + 2, 6))

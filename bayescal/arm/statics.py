@@ -1,6 +1,8 @@
-"""Gravity moments on every frame of the arm, nominal or at the fitted pose."""
+"""Statics: gravity's wrench on every frame at which an arm yields, nominal or at the pose where it stands."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,21 +11,78 @@ from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import cross
 
 
-def gravity_moments(
+@dataclass(frozen=True)
+class Stance:
+    """Where an arm stands relative to nominal: displacements of its frames, (N, n + 2, 6), rad and m.
+
+    `delta` are all of them, deflection included. `yields` are those of them that vary from row to row: of a
+    modified DH row, the constant ones place the next joint on the link, and these move the link itself too.
+    """
+
+    delta: np.ndarray
+    yields: np.ndarray
+
+    def at(self, rows: np.ndarray) -> Stance:
+        """The stances of some rows."""
+        return Stance(self.delta[rows], self.yields[rows])
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Gravity's wrench on frames 0 (base) to n, (C, n + 1, 3) each: `moments`, N m, and `weights`, N.
+
+    They are components along x, y and z, of all that a frame carries: the generalised forces of its turns and
+    slides, each along its own axis. About joint j the torque is component z of the moment of frame j. All are
+    linear in the masses.
+    """
+
+    moments: np.ndarray
+    weights: np.ndarray
+
+
+@dataclass(frozen=True)
+class Hinges:
+    """Axes x, y and z of frames 0 to n in F0, and the origin of each, m, (C, n + 1, 3, 3): a row an axis."""
+
+    axes: np.ndarray
+    origins: np.ndarray
+
+    def loads(self, moment: np.ndarray, weight: np.ndarray) -> Loads:
+        """Loads by the moment about F0's origin, N m, and the weight, N, beyond each frame, (C, n + 1, 3)."""
+        weight = weight[:, :, None]
+        about = moment[:, :, None] - cross(self.origins, weight)
+        return Loads(np.sum(self.axes * about, axis=-1), np.sum(self.axes * weight, axis=-1))
+
+
+def hinges(chain: Chain, pose: np.ndarray, delta: np.ndarray | None = None) -> Hinges:
+    """Hinges of an arm with the poses (C, n + 2, 4, 4) of `frames`, at displacements (C, n + 2, 6).
+
+    A frame yields in the order of its displacement, Rz Tz Rx Tx Ry Ty: its y axis is behind the turn about x
+    and the slide along it. Those of the base do not move: a stand yields about a place of its own.
+    """
+    n, place = chain.n, pose[:, : chain.n + 1].copy()
+    place[:, 0] = chain.base
+    axes = np.swapaxes(place[..., :3, :3], -1, -2).copy()
+    origins = np.repeat(place[..., None, :3, 3], 3, axis=-2)
+    if delta is not None:
+        turn, slide = delta[:, 1 : n + 1, 2, None], delta[:, 1 : n + 1, 3, None]
+        axes[:, 1:, 1] = np.cos(turn) * axes[:, 1:, 1] + np.sin(turn) * axes[:, 1:, 2]
+        origins[:, 1:, 1] += slide * axes[:, 1:, 0]
+    return Hinges(axes, origins)
+
+
+def gravity_loads(
     robot: Robot,
     chain: Chain,
     q: np.ndarray,
     gravity: np.ndarray,
     load_mass: np.ndarray,
     load_centre: np.ndarray,
-    delta: np.ndarray | None = None,
-) -> np.ndarray:
-    """Moment of the weight of all that a frame carries, about its origin, in its own axes.
+    stance: Stance | None = None,
+) -> Loads:
+    """Moments and weights of all that each frame carries.
 
-    They are computed once a fit, not once an evaluation. At nominal they are off by parts in a thousand:
-    enough to put a compliance several standard deviations off, and the rest looks like an error of a
-    joint by its angle. So they are computed again where the arm was found to stand. About joint j the
-    torque is component z of frame j.
+    They are computed at one pose, not in every evaluation; `model.equilibrium` finds the pose.
 
     Parameters
     ----------
@@ -38,39 +97,41 @@ def gravity_moments(
         kg on the flange: tool and payload.
     load_centre : np.ndarray, shape (C, 3)
         Its centre of mass in the flange frame, m.
-    delta : np.ndarray, shape (C, n + 2, 6), optional
-        Where the frames stand relative to nominal, sag included.
-
-    Returns
-    -------
-    np.ndarray, shape (C, n + 1, 3)
-        N m, for frames 0 (base) to n. That of the base is about the undisplaced frame, in its axes: a stand
-        yields about a place that does not move with it.
+    stance : Stance, optional
+        Where the arm stands; default: nominal.
     """
     assert robot.masses is not None
-    assert robot.centres_of_mass is not None
+    n, delta = chain.n, None if stance is None else stance.delta
     pose = frames(chain, q, delta)
-    n = chain.n
-    out = np.empty((len(q), n + 1, 3))
-    weight = load_mass[:, None] * gravity  # of all beyond the frame, N, in F0
-    where = (pose[:, n + 1, :3, :3] @ load_centre[..., None])[..., 0] + pose[:, n + 1, :3, 3]
-    moment = cross(where, weight)  # about F0's origin
+    moment, weight = np.empty((len(q), n + 1, 3)), np.empty((len(q), n + 1, 3))
+    beyond = load_mass[:, None] * gravity
+    pull = cross(placed(pose[:, n + 1], load_centre), beyond)  # about F0's origin
     for i in range(n, -1, -1):
         if i > 0:
-            # the contract's link frame stands behind the joint's whole row: in standard DH, behind `link`
-            centre = np.tile(robot.centres_of_mass[i - 1], (len(q), 1))
-            if robot.convention == "dh":
-                centre = centre @ chain.link[i, :3, :3].T + chain.link[i, :3, 3]
-                if delta is not None:
-                    centre = displaced(centre, np.where(np.arange(6) < 2, 0.0, delta[:, i]))
-            where = (pose[:, i, :3, :3] @ centre[..., None])[..., 0] + pose[:, i, :3, 3]
             own = robot.masses[i - 1] * gravity
-            weight = weight + own
-            moment = moment + cross(where, own)
-        frame = pose[:, i] if i > 0 else np.broadcast_to(chain.base, (len(q), 4, 4))
-        about = moment - cross(frame[:, :3, 3], weight)
-        out[:, i] = (np.swapaxes(frame[:, :3, :3], -1, -2) @ about[..., None])[..., 0]
-    return out
+            beyond = beyond + own
+            pull = pull + cross(placed(pose[:, i], centre_of_mass(robot, chain, i, stance)), own)
+        moment[:, i], weight[:, i] = pull, beyond
+    return hinges(chain, pose, delta).loads(moment, weight)
+
+
+def centre_of_mass(robot: Robot, chain: Chain, i: int, stance: Stance | None = None) -> np.ndarray:
+    """Centre of mass of link i (from 1) in its frame, (C, 3) or (3,), m: it tilts with its bearing.
+
+    The contract's link frame stands behind the joint's whole row: in standard DH behind `link`.
+    """
+    assert robot.centres_of_mass is not None
+    centre = robot.centres_of_mass[i - 1]
+    own = None if stance is None else stance.yields
+    if robot.convention == "dh":
+        centre = chain.link[i, :3, :3] @ centre + chain.link[i, :3, 3]
+        own = None if stance is None else stance.delta
+    return centre if own is None else displaced(centre, np.where(np.arange(6) < 2, 0.0, own[:, i]))
+
+
+def placed(pose: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Points x (C, 3) or (3,), m, of frames with the poses (C, 4, 4) in F0, (C, 3)."""
+    return (pose[:, :3, :3] @ x[..., None])[..., 0] + pose[:, :3, 3]
 
 
 def torques_on_links(robot: Robot, torques: np.ndarray) -> np.ndarray:

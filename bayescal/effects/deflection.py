@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.arm.motion import Term
+from bayescal.arm.statics import Loads
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING
 from bayescal.effects.compliance import COMPLIANCE
@@ -36,9 +37,9 @@ def compliances(parameters: Sequence[Parameter], deviations: np.ndarray) -> Mapp
     return out
 
 
-def deflections(c: Circumstances, moments: np.ndarray) -> tuple[Term, ...]:
-    """Displacements of all compliant sites by added gravity moments (N, n + 1, 3), N m, of frames 0 to n."""
-    added, out = replace(c, moments=moments), []
+def deflections(c: Circumstances, loads: Loads) -> tuple[Term, ...]:
+    """Displacements of all compliant sites by added gravity moments."""
+    added, out = replace(c, loads=loads), []
     for effect in COMPLIANT:
         if effect is COMPLIANCE and c.measured_torques is not None:
             continue

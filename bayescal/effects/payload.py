@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.arm.chain import link_angles
-from bayescal.arm.statics import gravity_moments
+from bayescal.arm.statics import gravity_loads
 from bayescal.effects.deflection import deflections
 from bayescal.effects.joints import without_masses
 from bayescal.effects.location import TOOL, Driver
@@ -27,8 +27,9 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     count, n = c.q.shape
     weightless = replace(c.robot, masses=np.zeros(n), centres_of_mass=np.zeros((n, 3)))
     q, kilogram = link_angles(c.robot, c.readings), np.ones(count)
-    moments = gravity_moments(weightless, c.chain, q, c.gravity, kilogram, c.load_centre, c.delta)
-    terms = deflections(c, moments)
+    terms = deflections(
+        c, gravity_loads(weightless, c.chain, q, c.gravity, kilogram, c.load_centre, c.stance)
+    )
     return [Parameter("payload mass", "kg", terms, SD, site=TOOL, driver=Driver("mass"))] if terms else []
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from bayescal.arm.chain import Chain
 from bayescal.arm.motion import CERTIFICATE, Term
 from bayescal.arm.robot import Robot
+from bayescal.arm.statics import Loads, Stance
 from bayescal.effects.location import ARM, CONSTANT, Driver, Site
 from bayescal.effects.sizes import Size
 from bayescal.errors import BayescalError
@@ -64,7 +65,7 @@ class Circumstances:
 
     `tied_base`: a target's position in F0 is stated. `tied_tool`: a tool's centre is stated. Only then are
     the base, and theta and d of the last row, distinguishable from the targets and the tool.
-    `moments` are the gravity moments of `statics.gravity_moments`, None if the robot has no masses.
+    `loads` are the gravity moments of `statics.gravity_loads`, None if the robot has no masses.
     `measured_torques` are the torques of the joints that the session measured, if they replace computed ones.
     `approach` is the unit direction, in the flange frame at nominal geometry, in which the ball meets the
     surface (its inward normal), and `speed` is the ball's speed in that direction; nan if the target is not a
@@ -74,7 +75,7 @@ class Circumstances:
     robot: Robot
     chain: Chain
     q: np.ndarray  # (N, n) nominal link angles, rad
-    moments: np.ndarray | None  # (N, n + 1, 3) N m
+    loads: Loads | None
     tool: np.ndarray  # (N,) index into tool_names
     tool_names: tuple[str, ...]
     tool_centres: np.ndarray  # (tools, 3) m, nominal
@@ -99,10 +100,15 @@ class Circumstances:
     sessions: tuple[Session, ...] = ()  # if several are fitted together
     turned_tools: tuple[int, ...] = ()  # tools whose orientation fitted rows read
     tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation
-    delta: np.ndarray | None = None  # (N, n + 2, 6) displacements of the frames from nominal, if known
+    stance: Stance | None = None  # where the arm stands relative to nominal, if known
     compliances: Mapping[str, float] = field(default_factory=dict)
     """Known compliances of joints, bearings, links and the base, by the names of their parameters, SI."""
     measured_torques: np.ndarray | None = None  # (N, n) N m, on the links of the joints
+
+    @property
+    def moments(self) -> np.ndarray | None:
+        """Gravity moments (N, n + 1, 3) on frames 0 to n, N m; None if the robot has no masses."""
+        return None if self.loads is None else self.loads.moments
 
     @property
     def torques(self) -> np.ndarray | None:

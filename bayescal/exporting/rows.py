@@ -118,7 +118,7 @@ def posed_rows(
     rows = count + np.arange(len(source))
     m = scene.dataset.measurements
     dataset = replace(scene.dataset, measurements=appended(m, source, changed, [f"pose {k}" for k in rows]))
-    delta = None if scene.delta is None else np.concatenate([scene.delta, scene.delta[source]])
+    stance = None if scene.stance is None else scene.stance.at(np.concatenate([np.arange(count), source]))
 
     def own(p: Parameter) -> Parameter:
         """The parameter; the state of the source rows where its driver is an event or the row's number."""
@@ -126,7 +126,7 @@ def posed_rows(
             return _driven(p, count, source)
         return _driven(p, count, None) if still and p.driver.kind in MOVING else p
 
-    return _settled(model, replace(scene, dataset=dataset, delta=delta), values, own), rows
+    return _settled(model, replace(scene, dataset=dataset, stance=stance), values, own), rows
 
 
 def _driven(p: Parameter, count: int, source: np.ndarray | None) -> Parameter:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bayescal.arm.chain import link_angles
+from bayescal.arm.statics import Stance
 from bayescal.effects import compliances
 from bayescal.errors import BayescalError
 from bayescal.model.model import Model
@@ -25,11 +26,13 @@ PASSES = 30
 
 def standing(model: Model, values: np.ndarray) -> Scene:
     """The scene with its gravity moments and compliances at the pose of the arm for deviations (P,), SI."""
-    scene = model.scene
-    delta = model.motion(np.arange(len(scene.q))).displacements(values)
+    scene, motion = model.scene, model.motion(np.arange(len(model.scene.q)))
+    delta = motion.displacements(values)
+    varies = [any(np.ndim(term.driver) for term in p.terms) for p in model.parameters]
+    yields = motion.displacements(np.where(varies, values, 0.0))
     # the model's reference includes the deflection by the robot file's compliances; the statics' does not
     delta[:, 1:-1, 0] += scene.q - link_angles(scene.dataset.robot, scene.dataset.measurements.readings)
-    return scene.posed_at(delta, compliances(model.parameters, values))
+    return scene.posed_at(Stance(delta, yields), compliances(model.parameters, values))
 
 
 def by_name(model: Model, values: np.ndarray, of: Model) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bayescal.arm import chain as reference
 from bayescal.arm.chain import Chain, chain_of, link_angles
-from bayescal.arm.statics import gravity_moments, torques_on_links
+from bayescal.arm.statics import Loads, Stance, gravity_loads, torques_on_links
 from bayescal.dataset import Certificate, Dataset, Target
 from bayescal.dataset.joins import forms_of
 from bayescal.dataset.load import load_centre, load_mass
@@ -51,19 +51,19 @@ def u_of(entry: Certificate, stated: Sequence[tuple[str, str]]) -> np.ndarray:
 class Scene:
     """A dataset, and the quantities that follow from it before a fit.
 
-    `delta` (N, n + 2, 6) are the fitted displacements of the frames from nominal, for the statics, and
-    `compliances` are the fitted compliances by parameter (SI), through which added masses act.
+    `stance` is where the fitted arm stands relative to nominal, for the statics, and `compliances` are the
+    fitted compliances by parameter (SI), through which added masses act.
     `oriented`: orientations that instruments read are used, in addition to the points.
     """
 
     dataset: Dataset
-    delta: np.ndarray | None = None
+    stance: Stance | None = None
     oriented: bool = False
     compliances: Mapping[str, float] = field(default_factory=dict)
 
-    def posed_at(self, delta: np.ndarray, compliances: Mapping[str, float]) -> Scene:
-        """Replace the displacements (N, n + 2, 6) and compliances; both scenes share what is equal."""
-        out = replace(self, delta=delta, compliances=compliances)
+    def posed_at(self, stance: Stance, compliances: Mapping[str, float]) -> Scene:
+        """Replace the stance and the compliances; both scenes share what is equal."""
+        out = replace(self, stance=stance, compliances=compliances)
         if not self._sags:
             out.__dict__.update((k, v) for k, v in self.__dict__.items() if k in UNPOSED)
         return out
@@ -84,13 +84,18 @@ class Scene:
         return link_angles(self.dataset.robot, self.dataset.measurements.readings)
 
     @cached_property
-    def moments(self) -> np.ndarray | None:
-        """Gravity moments (N, n + 1, 3), N m, or None if the robot file states no masses."""
+    def loads(self) -> Loads | None:
+        """Gravity moments about all hinges, N m, or None if the robot file states no masses."""
         robot = self.dataset.robot
         if robot.masses is None:
             return None
         gravity, mass, centre = self.dataset.gravity, load_mass(self.dataset), load_centre(self.dataset)
-        return gravity_moments(robot, self.chain, self._rigid_angles, gravity, mass, centre, self.delta)
+        return gravity_loads(robot, self.chain, self._rigid_angles, gravity, mass, centre, self.stance)
+
+    @property
+    def moments(self) -> np.ndarray | None:
+        """Gravity moments (N, n + 1, 3) on frames 0 to n, N m, or None if the robot file states no masses."""
+        return None if self.loads is None else self.loads.moments
 
     @cached_property
     def measured_torques(self) -> np.ndarray | None:
@@ -167,7 +172,7 @@ class Scene:
             robot=d.robot,
             chain=self.chain,
             q=self.q,
-            moments=self.moments,
+            loads=self.loads,
             tool=m.tool,
             tool_names=tuple(tool.name for tool in d.tools),
             tool_centres=np.array([tool.centre for tool in d.tools]),
@@ -193,7 +198,7 @@ class Scene:
             sessions=self._sessions(targets),
             turned_tools=turned,
             tool_u_angle=tuple(tool.u_angle for tool in d.tools),
-            delta=self.delta,
+            stance=self.stance,
             compliances=self.compliances,
             measured_torques=self.measured_torques,
         )
@@ -316,7 +321,7 @@ def _tied(targets: Sequence[Target]) -> bool:
     return any(t.u is not None or t.u_angle is not None for t in targets)
 
 
-POSED = {"moments"}
+POSED = {"loads"}
 """Cached quantities that depend on the fitted pose, also of an arm whose robot file states no compliance."""
 UNPOSED = {name for name, value in vars(Scene).items() if isinstance(value, cached_property)} - POSED
 """Cached quantities that scenes of one dataset share at all poses of such an arm."""

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayescal.arm.chain import chain_of, frames, link_angles, points
+from bayescal.arm.chain import chain_of, displaced, frames, link_angles, points
 from bayescal.arm.robot import Robot
-from bayescal.arm.statics import gravity_moments
+from bayescal.arm.statics import Stance, gravity_loads
+from bayescal.arm.transforms import AXES
 
 LOAD, AT = 1.3, np.array([0.02, -0.03, 0.06])
 
@@ -81,7 +82,8 @@ def check_kinematics(robot: Robot, readings: np.ndarray, tool: np.ndarray) -> No
 
 def moments_of(robot: Robot, q: np.ndarray, gravity: np.ndarray) -> np.ndarray:
     count = len(q)
-    return gravity_moments(robot, chain_of(robot), q, gravity, np.full(count, LOAD), np.tile(AT, (count, 1)))
+    load, at = np.full(count, LOAD), np.tile(AT, (count, 1))
+    return gravity_loads(robot, chain_of(robot), q, gravity, load, at).moments
 
 
 def check_statics(robot: Robot, q: np.ndarray, gravity: np.ndarray) -> None:
@@ -139,16 +141,53 @@ def test_displaced_arms_are_misbuilt_ones(robot, seed):
     chain, other = chain_of(robot), chain_of(wrong)
     np.testing.assert_allclose(frames(chain, q, there), frames(other, turned), atol=1e-12)
     load, at = np.full(3, LOAD), np.tile(AT, (3, 1))
-    found = gravity_moments(robot, chain, q, gravity, load, at, there)
+    found = gravity_loads(robot, chain, q, gravity, load, at, Stance(there, 0.0 * there)).moments
     expected = moments_of(wrong, turned, gravity)
     # that of the base stays about the base as drawn: the moment of the same weights about another place
     weight = (np.sum(robot.masses) + LOAD) * gravity
     about = expected[:, 0] @ wrong.base[:3, :3].T + np.cross(wrong.base[:3, 3] - robot.base[:3, 3], weight)
     expected[:, 0] = about @ robot.base[:3, :3]
-    np.testing.assert_allclose(found, expected, atol=1e-10)
+    own = [0, 2]  # the y axis of a frame stands behind its turn about x
+    np.testing.assert_allclose(found[..., own], expected[..., own], atol=1e-10)
     check_statics(wrong, turned, gravity)
-    drawn = gravity_moments(robot, chain, q, gravity, load, at, 0 * there)
+    drawn = gravity_loads(robot, chain, q, gravity, load, at, Stance(0.0 * there, 0.0 * there)).moments
     np.testing.assert_allclose(drawn, moments_of(robot, q, gravity), atol=1e-12)
+
+
+@pytest.mark.parametrize("convention", ["mdh", "dh"])
+def test_loads_are_the_slopes_of_potential_energy_by_every_displacement(lrmate, convention):
+    """Of an arm that stands beside its drawing: turns and slides of all frames, each along its own axis."""
+    robot = replace(lrmate, convention=convention)
+    rng = np.random.default_rng(4)
+    built, yields = 0.02 * rng.standard_normal((2, 1, 8, 6))
+    yields[:, [0, 7]] = 0.0
+    if convention == "mdh":  # a turn of the next row turns the hinges about y, but not the link's own mass
+        built[..., 2:] = 0.0
+    q, gravity, h = rng.uniform(-3, 3, (1, 6)), np.array([0.5, 1.0, -9.7]), 1e-5
+    chain, load = chain_of(robot), np.array([LOAD])
+    found = gravity_loads(robot, chain, q, gravity, load, AT[None], Stance(built + yields, yields))
+
+    def energy(frame: int, axis: int, by: float) -> float:
+        more = np.zeros_like(yields)
+        more[:, frame, axis] = by
+        pose, out = frames(chain, q, built + yields + more), 0.0
+        bodies = [(LOAD, pose[0, 7] @ np.append(AT, 1.0))]
+        for i, (mass, centre) in enumerate(zip(robot.masses, robot.centres_of_mass, strict=True), start=1):
+            if convention == "dh":
+                centre = (chain.link[i] @ np.append(centre, 1.0))[:3]
+            moves = (yields + more)[0, i] if convention == "mdh" else (built + yields + more)[0, i]
+            own = np.append(displaced(centre, np.where(np.arange(6) < 2, 0.0, moves)), 1.0)
+            bodies.append((mass, pose[0, i] @ own))
+        for mass, where in bodies:
+            out -= mass * gravity @ where[:3]
+        return out
+
+    for frame in range(1, 7):
+        for k, axis in enumerate("xyz"):
+            for kind, loads in (("r", found.moments), ("t", found.weights)):
+                at = AXES.index(f"{kind}{axis}")
+                slope = (energy(frame, at, h) - energy(frame, at, -h)) / (2 * h)
+                assert loads[0, frame, k] == pytest.approx(-slope, abs=1e-7), (frame, kind, axis)
 
 
 def test_lrmate(lrmate):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayescal.arm.chain import link_angles
-from bayescal.arm.statics import gravity_moments
+from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.estimate import calibrated
 from bayescal.gap.linear.masses import masses
 from bayescal.gap.settings import LINEAR
@@ -51,7 +51,7 @@ def test_a_payload_error_is_a_heavier_tool(cube, convention, stated):
 def test_an_error_of_a_mass_moves_every_compliant_site(cube):
     """By differences of the gravity moments of all frames, times the compliances of the sites."""
     scene = Scene(cube(seed=3, count=24).dataset)
-    delta = 1e-3 * np.random.default_rng(0).standard_normal((24, 8, 6))
+    stance = Stance(*1e-3 * np.random.default_rng(0).standard_normal((2, 24, 8, 6)))
     c = scene.circumstances(scene.rows("calibrate"))
     rigid = {f"compliance {name}": 0.0 for name in c.robot.joint_names}
     q = link_angles(c.robot, c.readings)
@@ -60,11 +60,11 @@ def test_an_error_of_a_mass_moves_every_compliant_site(cube):
 
     def moments(kilograms):
         robot = replace(c.robot, masses=kilograms)
-        return gravity_moments(robot, c.chain, q, c.gravity, c.load_mass, c.load_centre, delta)
+        return gravity_loads(robot, c.chain, q, c.gravity, c.load_mass, c.load_centre, stance).moments
 
     added = moments(heavier) - moments(c.robot.masses)
     for site, frame, axis in (("base-compliance x", 0, "rx"), ("bending J2 bearing", 2, "ry")):
-        now = replace(c, delta=delta, compliances=rigid | {site: 2e-5})
+        now = replace(c, stance=stance, compliances=rigid | {site: 2e-5})
         (p,) = (p for p in masses(now) if p.name == "mass of link 3")
         driver = {(t.frame, t.axis): t.driver for t in p.terms}[frame, axis]
         component = "xyz".index(axis[1])

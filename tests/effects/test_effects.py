@@ -7,7 +7,7 @@ import pytest
 
 from bayescal.arm.chain import chain_of, link_angles
 from bayescal.arm.motion import CERTIFICATE, CONTACT
-from bayescal.arm.statics import gravity_moments
+from bayescal.arm.statics import gravity_loads
 from bayescal.arm.transforms import AXES
 from bayescal.dataset import Noise, Tool
 from bayescal.effects import EFFECTS, UNITS, Effect, confusable, parameters_of
@@ -382,7 +382,8 @@ def test_payload_and_tool_weigh(cube):
     assert carries.any()
     tool, chain, q = dataset.tools[0], chain_of(dataset.robot), link_angles(dataset.robot, m.readings)
     at = np.tile(tool.centre_of_mass, (len(q), 1))
-    alone = gravity_moments(dataset.robot, chain, q, dataset.gravity, np.full(len(q), tool.mass), at)
+    load = np.full(len(q), tool.mass)
+    alone = gravity_loads(dataset.robot, chain, q, dataset.gravity, load, at).moments
     np.testing.assert_allclose(empty, alone, atol=1e-14)
     np.testing.assert_allclose(loaded[~carries], empty[~carries], atol=1e-14)
     np.testing.assert_allclose(loaded[carries], both[carries], atol=1e-13)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayescal.arm.statics import Stance
 from bayescal.estimate import calibrated, estimate, settled
 from bayescal.model import ARM, build, standing
 from bayescal.model.scene import POSED, UNPOSED, Scene
@@ -77,7 +78,7 @@ def test_only_a_model_that_gravity_acts_on_is_fitted_again(cube, monkeypatch, ef
     monkeypatch.setattr(module, "estimate", counted)
     found = calibrated(Scene(cube().dataset), effects)
     assert len(count) == fits
-    assert found.model.scene.delta is not None
+    assert found.model.scene.stance is not None
     again = estimate(build(found.model.scene, effects), start=found.z)
     assert np.array_equal(again.rejected, found.rejected)
     assert np.allclose(again.z, found.z, atol=2e-3 if fits == 1 else 0.05)
@@ -91,11 +92,11 @@ def test_scenes_of_several_poses_share_only_what_is_equal(cube, sag):
     scene, rows = Scene(dataset, oriented=True), np.arange(20)
     for name in UNPOSED | POSED:
         getattr(scene, name)
-    delta = 1e-2 * np.random.default_rng(0).standard_normal((20, 8, 6))
-    moved, fresh = scene.posed_at(delta, {"compliance J2": 1e-6}), Scene(dataset, delta, True)
+    stance = Stance(*1e-2 * np.random.default_rng(0).standard_normal((2, 20, 8, 6)))
+    moved, fresh = scene.posed_at(stance, {"compliance J2": 1e-6}), Scene(dataset, stance, True)
     for name in UNPOSED | POSED:
         a, b = getattr(moved, name), getattr(fresh, name)
-        np.testing.assert_equal(vars(a) if name == "chain" else a, vars(b) if name == "chain" else b, name)
+        np.testing.assert_equal(*(vars(x) if name in ("chain", "loads") else x for x in (a, b)), name)
     a, b = moved.circumstances(rows), fresh.circumstances(rows)
     np.testing.assert_array_equal(a.moments, b.moments)
     np.testing.assert_array_equal(a.q, b.q)
@@ -103,5 +104,5 @@ def test_scenes_of_several_poses_share_only_what_is_equal(cube, sag):
     assert not np.array_equal(a.moments, scene.circumstances(rows).moments)
     assert np.array_equal(a.q, scene.q) == (sag == 0.0)
     assert (moved.points is scene.points) == (sag == 0.0)
-    assert a.delta is delta
+    assert a.stance is stance
     assert a.compliances == {"compliance J2": 1e-6}

@@ -54,7 +54,7 @@ def test_rows_of_the_session_are_where_the_model_has_them(session, effect):
 def test_the_model_is_in_equilibrium(session):
     arm = fake(session, ("geometry", "compliance", "bending", "base-compliance", "payload"))
     again = standing(arm.model, arm.values)
-    np.testing.assert_allclose(again.delta, arm.model.scene.delta, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(again.stance.delta, arm.model.scene.stance.delta, rtol=0, atol=1e-12)
 
 
 def test_flange_and_slopes(session):

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import multivariate_normal
 
-from bayescal.arm.statics import gravity_moments
+from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.effects import EFFECTS
 from bayescal.effects.compliance import expected
 from bayescal.effects.location import joint
@@ -345,13 +345,14 @@ def test_a_contact_of_three_rows_is_left_out_as_one():
 def test_columns_of_masses_are_differences_of_gravity_moments(cube):
     scene = Scene(cube(seed=3, count=24).dataset)
     delta = 1e-3 * np.random.default_rng(0).standard_normal((24, 8, 6))
+    stance = Stance(delta, 0.0 * delta)
     known = {f"compliance {name}": 2e-5 for name in scene.dataset.robot.joint_names}
-    c = replace(scene.circumstances(scene.rows("calibrate")), delta=delta, compliances=known)
+    c = replace(scene.circumstances(scene.rows("calibrate")), stance=stance, compliances=known)
     robot = c.robot
 
     def torque(masses=robot.masses, centres=robot.centres_of_mass, load=c.load_mass, at=c.load_centre):
         changed = replace(robot, masses=masses, centres_of_mass=centres)
-        return gravity_moments(changed, c.chain, c.q, c.gravity, load, at, delta)[:, 1:, 2]
+        return gravity_loads(changed, c.chain, c.q, c.gravity, load, at, stance).moments[:, 1:, 2]
 
     before, found = torque(), {p.name: p for p in mass_errors.masses(c)}
     assert len(found) > 10

@@ -10,7 +10,7 @@ import pytest
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.robot import Robot
-from bayescal.arm.statics import gravity_moments
+from bayescal.arm.statics import gravity_loads
 from bayescal.robots import builtin_robots, load_robot
 
 # alpha (deg), a, d (mm), offset (deg) of standard rows Rz Tz Tx Rx, and how far the source may be off (mm)
@@ -282,7 +282,7 @@ def test_weights(name):
     )
     q, gravity = np.random.default_rng(3).uniform(-3, 3, (20, 6)), np.array([0.3, 0.2, -9.8])
     torque = [
-        gravity_moments(r, chain_of(r), q, gravity, np.zeros(20), np.zeros((20, 3)))[:, 1:, 2]
+        gravity_loads(r, chain_of(r), q, gravity, np.zeros(20), np.zeros((20, 3))).moments[:, 1:, 2]
         for r in (robot, other)
     ]
     np.testing.assert_allclose(*torque, atol=0.01)

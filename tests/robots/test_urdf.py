@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from bayescal.arm.chain import chain_of, frames, link_angles
-from bayescal.arm.statics import gravity_moments
+from bayescal.arm.statics import gravity_loads
 from bayescal.errors import BayescalError
 from bayescal.robots import load_robot, robot_to_yaml
 
@@ -77,7 +77,8 @@ def ours(found, readings):
 def moments(found, readings) -> np.ndarray:
     none = np.zeros(len(readings))
     q = link_angles(found, readings)
-    return gravity_moments(found, chain_of(found), q, GRAVITY, none, np.zeros((len(readings), 3)))[:, 1:, 2]
+    loads = gravity_loads(found, chain_of(found), q, GRAVITY, none, np.zeros((len(readings), 3)))
+    return loads.moments[:, 1:, 2]
 
 
 @pytest.mark.parametrize("style", ["skew", "square", "parallel"])

@@ -6,7 +6,7 @@ from scipy.stats import kstest
 from simulated import LITTLE, lrmate, robot_file
 
 from bayescal.arm.chain import chain_of, link_angles, points
-from bayescal.arm.statics import gravity_moments
+from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.errors import BayescalError
 from bayescal.model import build
 from bayescal.model.scene import Scene
@@ -47,7 +47,8 @@ def gaps(s: Simulation, readings: np.ndarray) -> np.ndarray:
             delta[:, -1, [3, 5, 1]["xyz".index(p["name"][-1])]] += off
     stiff, com = delta.copy(), np.tile(tool.centre_of_mass, (len(q), 1))
     for _ in range(10 if compliance.any() else 0):
-        torque = gravity_moments(robot, chain, q, d.gravity, load, com, delta)[:, 1:, 2]
+        stance = Stance(delta, delta - stiff)
+        torque = gravity_loads(robot, chain, q, d.gravity, load, com, stance).moments[:, 1:, 2]
         delta[:, 1:-1, 0] = stiff[:, 1:-1, 0] + compliance * torque
     ball = points(chain, q, tool.centre, delta)
     out = np.empty(len(q))

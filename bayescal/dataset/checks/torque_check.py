@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.chain import chain_of, link_angles
-from bayescal.arm.statics import gravity_moments, torques_on_links
+from bayescal.arm.statics import gravity_loads, torques_on_links
 from bayescal.dataset.load import load_centre, load_mass
 from bayescal.dataset.types import Dataset
 from bayescal.errors import BayescalError
@@ -30,8 +30,8 @@ def check_sign(dataset: Dataset, document: Document) -> None:
     if dataset.torques != "measured" or m.torque is None or robot.masses is None:
         return
     q, chain = link_angles(robot, m.readings), chain_of(robot)
-    moments = gravity_moments(robot, chain, q, dataset.gravity, load_mass(dataset), load_centre(dataset))
-    computed, measured = moments[:, 1:, 2], torques_on_links(robot, m.torque)
+    loads = gravity_loads(robot, chain, q, dataset.gravity, load_mass(dataset), load_centre(dataset))
+    computed, measured = loads.moments[:, 1:, 2], torques_on_links(robot, m.torque)
     size = np.sqrt(np.mean(computed**2, axis=0) * np.mean(measured**2, axis=0))
     alike = np.mean(computed * measured, axis=0) / np.maximum(size, 1e-12)
     wrong = (np.sqrt(np.mean(computed**2, axis=0)) > FELT) & (alike < OPPOSED)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag
 
+from bayescal.arm.statics import Stance
 from bayescal.effects import EFFECTS, Circumstances, Parameter, Setting, parameters_of
 from bayescal.effects.selection import in_proportion
 from bayescal.estimate import Estimate
@@ -211,11 +212,11 @@ def _tighter(block: Block) -> np.ndarray:
     return np.minimum(block.sd, DESIGN.roughly) / block.sd
 
 
-def _stands(scene: Scene, interventions: Sequence[Intervention]) -> np.ndarray | None:
-    """Poses of the frames in the rows of a session and of all interventions."""
-    if scene.delta is None:
+def _stands(scene: Scene, interventions: Sequence[Intervention]) -> Stance | None:
+    """Stances in the rows of a session and of all interventions."""
+    if scene.stance is None:
         return None
-    return scene.delta[np.concatenate([np.arange(len(scene.delta)), *(v.source for v in interventions)])]
+    return scene.stance.at(np.concatenate([np.arange(len(scene.q)), *(v.source for v in interventions)]))
 
 
 def _again(old: Sequence[Parameter], new: Sequence[Parameter]) -> list[Parameter]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.chain import frames, link_angles
+from bayescal.arm.statics import centre_of_mass, hinges, placed
 from bayescal.effects import Circumstances, Parameter
 from bayescal.effects.deflection import deflections
 from bayescal.gap.settings import LINEAR
@@ -23,34 +24,32 @@ def masses(c: Circumstances) -> list[Parameter]:
     robot, n = c.robot, c.robot.n
     if robot.masses is None or robot.centres_of_mass is None or c.moments is None:
         return []
-    pose = frames(c.chain, link_angles(robot, c.readings), c.delta)
-    about = pose[:, : n + 1].copy()
-    about[:, 0] = c.chain.base  # the base deflects about its undisplaced origin
-    turned, origins = about[..., :3, :3], about[..., :3, 3]
+    delta = None if c.stance is None else c.stance.delta
+    pose = frames(c.chain, link_angles(robot, c.readings), delta)
+    about, carried = hinges(c.chain, pose, delta), np.arange(n + 1)[:, None]
     out: list[Parameter] = []
 
-    def add(name: str, body: int, kilograms: np.ndarray, lever: np.ndarray) -> None:
-        """Add a parameter: kilograms (N,) at levers (N, n + 1, 3), m, carried by the frames up to `body`."""
-        moments = np.cross(lever, kilograms[:, None, None] * c.gravity)
-        moments = (np.swapaxes(turned, -1, -2) @ moments[..., None])[..., 0]
-        moments[:, body + 1 :] = 0.0
-        if terms := deflections(c, moments):
+    def add(name: str, body: int, moment: np.ndarray, weight: np.ndarray) -> None:
+        """Add a parameter: a moment about F0's origin, N m, and a weight, N, (N, 3), up to frame `body`."""
+        loads = about.loads(*(np.where(carried <= body, x[:, None], 0.0) for x in (moment, weight)))
+        if terms := deflections(c, loads):
             out.append(Parameter(name, "1", terms, 1.0))
 
-    def add_body(name: str, body: int, place: np.ndarray, centre: np.ndarray, mass: np.ndarray) -> None:
-        """Add mass and centre of mass (N, 3) of a body with the pose `place` (N, 4, 4)."""
+    def add_body(
+        name: str, body: int, mass: np.ndarray, at: np.ndarray, turn: np.ndarray, off: np.ndarray
+    ) -> None:
+        """Add mass (N,) and centre of mass (N, 3) in F0 of a body of orientation (N, 3, 3); `off` (3,), m."""
         share = LINEAR.load_share if name == "load" else LINEAR.mass_share
-        at = (place[:, :3, :3] @ centre[..., None])[..., 0] + place[:, :3, 3]
-        add(f"mass of {name}", body, share * mass, at[:, None] - origins)
+        weight = mass[:, None] * c.gravity
+        add(f"mass of {name}", body, share * np.cross(at, weight), share * weight)
         for k, axis in enumerate("xyz"):
-            of_link = LINEAR.centre_off + LINEAR.mass_share * np.abs(centre[:, k])
-            off = LINEAR.load_off if name == "load" else of_link
-            way = np.broadcast_to(place[:, None, :3, k], origins.shape)
-            add(f"centre of {name} {axis}", body, off * mass, way)
+            add(f"centre of {name} {axis}", body, off[k] * np.cross(turn[:, :, k], weight), 0.0 * weight)
 
-    for i in range(1, n + 1):
-        place = pose[:, i] if robot.convention == "mdh" else pose[:, i] @ c.chain.link[i]
-        centre = np.broadcast_to(robot.centres_of_mass[i - 1], (len(place), 3))
-        add_body(f"link {i}", i, place, centre, np.full(len(place), robot.masses[i - 1]))
-    add_body("load", n, pose[:, n + 1], c.load_centre, c.load_mass)
+    for i, (mass, centre) in enumerate(zip(robot.masses, robot.centres_of_mass, strict=True), start=1):
+        at = placed(pose[:, i], centre_of_mass(robot, c.chain, i, c.stance))
+        turn = (pose[:, i] if robot.convention == "mdh" else pose[:, i] @ c.chain.link[i])[:, :3, :3]
+        off = LINEAR.centre_off + LINEAR.mass_share * np.abs(centre)
+        add_body(f"link {i}", i, np.full(len(at), mass), at, turn, off)
+    flange, off = pose[:, n + 1], np.full(3, LINEAR.load_off)
+    add_body("load", n, c.load_mass, placed(flange, c.load_centre), flange[:, :3, :3], off)
     return out

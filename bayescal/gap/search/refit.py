@@ -61,7 +61,7 @@ def refit(
         As of the baseline.
     """
     extra = tuple(model_name(m, known) for m in members if m.effect not in known.partly)
-    scene = replace(before.model.scene, delta=None, compliances={})
+    scene = replace(before.model.scene, stance=None, compliances={})
     left = still_without(without, members)
     found = calibrated(scene, (*before.model.effects, *extra), prior_width, robust, left)
     return judged_complete(found)[0] if robust else found
