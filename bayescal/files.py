@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterable
+import os
+import secrets
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path as File
 from typing import Annotated, Any, TypeVar
@@ -231,3 +233,28 @@ def _tell(error: ErrorDetails) -> tuple[Path, str, str]:
     key = f"`{path[-2]}`, entry {last + 1}" if isinstance(last, int) and len(path) > 1 else f"`{last}`"
     told = _TOLD.get(error["type"], lambda key, ctx, value: (f"{key}: {error['msg']}", ""))
     return path, *told(key, ctx, error["input"])
+
+
+def write_together(files: Mapping[File, str | bytes]) -> None:
+    """Write files: first all of them under temporary names beside their places, then each is put in place.
+
+    Raises
+    ------
+    BayescalError
+        If one cannot be written; then no file is changed.
+    """
+    staged = {path: path.with_name(f".{path.name}.{secrets.token_hex(4)}.part") for path in files}
+    try:
+        for path, content in files.items():
+            data = content.encode("utf-8") if isinstance(content, str) else content
+            with staged[path].open("wb") as stream:
+                stream.write(data)
+                stream.flush()
+                os.fsync(stream.fileno())
+        for path in files:
+            staged[path].replace(path)
+    except OSError as error:
+        raise BayescalError(error.strerror or "cannot be written", str(path), "give another --out") from None
+    finally:
+        for part in staged.values():
+            part.unlink(missing_ok=True)

@@ -47,3 +47,21 @@ AllowXacro = Annotated[
     bool, typer.Option("--allow-xacro", help="Execute a robot's xacro file: it is a program.")
 ]
 """The option of every command that reads a robot."""
+Run = Annotated[
+    Path, typer.Argument(metavar="RUN", help="Run folder of bayescal fit or gap: its arm.json and dataset.")
+]
+WithEffects = Annotated[
+    str,
+    typer.Option(
+        "--with",
+        help="Effects to add to the model of the run, separated by commas: the session is fitted again.",
+    ),
+]
+WithoutEffects = Annotated[
+    str,
+    typer.Option(
+        help="Effects of the model of the run to leave out, or parts of them ('geometry at joint 4'), "
+        "separated by commas: the session is fitted again."
+    ),
+]
+"""Options of the commands that take the arm of a run."""

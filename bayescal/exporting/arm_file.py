@@ -66,6 +66,8 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
         "covariance_si": arm.covariance.tolist(),
         "targets_si": {name: state.tolist() for name, state in arm.states.items()},
         "rejected": list(arm.rejected),
+        "doubts": list(arm.doubts),
+        "notes": list(arm.notes),
     }
 
 
@@ -153,4 +155,6 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
             record["prior_width"],
             tuple(record["without"]),
         ),
+        tuple(record["doubts"]),
+        tuple(record["notes"]),
     )

@@ -22,6 +22,7 @@ from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
 from bayescal.estimate.discrepancy import stated
+from bayescal.exporting import gate
 from bayescal.exporting.rows import Circumstance, posed_rows, standing_model
 from bayescal.model import ARM, Model
 
@@ -93,6 +94,10 @@ class FittedArm:
     rejected : tuple of str
         Rows of the session that the fit excluded, by their ids.
     origin : Origin
+    doubts : tuple of str
+        Reasons of the fit not to hand out the arm.
+    notes : tuple of str
+        What a user should know of the choice of effects.
     """
 
     model: Model
@@ -102,6 +107,13 @@ class FittedArm:
     states: Mapping[str, np.ndarray]
     rejected: tuple[str, ...] = ()
     origin: Origin = Origin()
+    doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def against(self) -> tuple[str, ...]:
+        """All reasons not to hand out the arm; see `gate`."""
+        return (*self.doubts, *gate.negative(self.model.parameters, self.values, self.covariance))
 
     @property
     def dataset(self) -> Dataset:
@@ -212,7 +224,8 @@ def of_estimate(found: Estimate, covariance: np.ndarray, origin: Origin = Origin
 def of_fit(fit: Fit) -> FittedArm:
     """The arm of a calibration."""
     origin = Origin("fit", fit.seed, fit.robust, fit.prior_width, fit.without)
-    return of_estimate(fit.final.estimate, fit.stated.limited, origin)
+    arm = of_estimate(fit.final.estimate, fit.stated.limited, origin)
+    return replace(arm, doubts=gate.of_fit(fit))
 
 
 def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
@@ -222,7 +235,13 @@ def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> 
     """
     assert gap.arm is not None, "a diagnosis has its refit"
     origin = Origin("gap", gap.seed, gap.robust, gap.prior_width, gap.still_without)
+    left_out = tuple(
+        f"{n.model} is named, but the validation data do not confirm it: the arm is without it"
+        for n in gap.verdict.named
+        if not n.confirmed
+    )
     arm = of_estimate(gap.arm, stated(gap.arm).limited, origin)
+    arm = replace(arm, doubts=gate.of_gap(gap), notes=left_out)
     return refitted(arm, with_, without) if with_ or without else arm
 
 
@@ -253,7 +272,23 @@ def refitted(arm: FittedArm, with_: Sequence[str] = (), without: Sequence[str] =
     parts = (*arm.origin.without, *(name for name in without if name not in whole))
     o = arm.origin
     found = fit(arm.dataset, (*effects, *with_), 0, o.seed, o.robust, o.prior_width, without=parts)
-    return replace(of_fit(found), origin=replace(o, without=parts))
+    refit = of_fit(found)
+    doubts = (*refit.doubts, *gate.not_gained(_gains(found, with_)))
+    return replace(refit, origin=replace(o, without=parts), doubts=doubts)
+
+
+def _gains(fit: Fit, names: Sequence[str]) -> list[tuple[str, float]]:
+    """Gain of log density of the validation rows, nats, by each of the last effects of a fit."""
+    if not names:
+        return []
+    from bayescal.gap.search.gate import gain
+    from bayescal.predict.crossvalidation import validation_errors
+
+    errors = [validation_errors(e.estimate, strict=False) for e in fit.levels[-len(names) - 1 :]]
+    return [
+        (name, gain(errors[0], less, more))
+        for name, less, more in zip(names, errors, errors[1:], strict=False)
+    ]
 
 
 def open_run(folder: Path, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:

@@ -9,34 +9,46 @@ import numpy as np
 from bayescal.arm.chain import chain_of, displaced
 from bayescal.arm.robot import Robot
 from bayescal.arm.rows import split
-from bayescal.arm.transforms import AXES, rigid
+from bayescal.arm.transforms import rigid
+from bayescal.effects import Parameter
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.encoder_scale import ENCODER_SCALE
 from bayescal.effects.geometry import PARALLEL
 from bayescal.effects.joint import JOINT
 from bayescal.effects.joints import READING, side_of
 from bayescal.effects.selection import Selection
-from bayescal.estimate import Estimate
-from bayescal.model import ARM
+from bayescal.exporting.displaced import constant, constant_displacements
+from bayescal.exporting.fitted import FittedArm
+from bayescal.exporting.geometry import items
+from bayescal.exporting.written import Format, Options, Written, item
+from bayescal.model import Model
+from bayescal.robots import robot_to_yaml
 
 
-def calibrated_robot(fitted: Estimate, name: str = "") -> Robot:
-    """The robot of an estimate: DH rows, Hayati's beta, scales and compliances; the tool is no part of it.
+def calibrated_robot(model: Model, values: np.ndarray, name: str = "", state: int | None = None) -> Robot:
+    """The robot of a fitted arm: DH rows, Hayati's beta, scales and compliances; the tool is no part of it.
 
-    Between two joints' Rz Tz stands a constant transform, displaced by the estimate. It is split anew
-    into Rx Tx (Ry) and what belongs to the joints before and behind: the flange moves exactly as in the
-    model, whatever components the displacement had.
+    Between two joints' Rz Tz stands a constant transform, displaced by the fit. It is split anew into Rx Tx
+    (Ry) and what belongs to the joints before and behind: the flange moves exactly as in the model, whatever
+    components the displacement had.
+
+    Parameters
+    ----------
+    model : Model
+    values : np.ndarray, shape (P,)
+        Deviations of its parameters from nominal, SI.
+    name : str
+        Of the robot; default: that of the nominal robot with ``-calibrated``.
+    state : int, optional
+        Row of the session whose state (time, temperature, events) holds; without it, what changes during the
+        session is left out.
     """
-    model = fitted.model
     robot = model.scene.dataset.robot
-    values = model.deviations(fitted.z[model.slices[ARM]])
-    delta = np.zeros((robot.n + 2, 6))
     compliance = np.zeros(robot.n) if robot.compliance is None else robot.compliance.copy()
     coupling = robot.link_from_reading.copy()
-    asked = [s.setting for s in map(Selection.read, model.effects) if s.effect == ENCODER_SCALE.name]
-    side = asked[0] if asked and asked[0] else side_of(robot)
+    side = scale_side(model)
     for value, p in zip(values, model.parameters, strict=True):
-        if p.effect in (ENCODER_SCALE.name, JOINT.name) and p.unit == "1":  # not a joint's zero
+        if is_scale(p):
             joint = p.site.number - 1
             if side == READING:  # every link that the reading moves turns so
                 coupling[:, joint] *= 1.0 + value
@@ -45,17 +57,25 @@ def calibrated_robot(fitted: Estimate, name: str = "") -> Robot:
         if p.effect == COMPLIANCE.name:
             for own in p.stands_for or (p,):
                 compliance[own.site.number - 1] += value * (own.centre if p.stands_for else 1.0)
-            continue
-        for term in p.terms:
-            if 0 <= term.frame <= robot.n and np.ndim(term.driver) == 0:  # not of a contact or a certificate
-                delta[term.frame, AXES.index(term.axis)] += value * float(term.driver)
-    out = _displaced_rows(robot, delta)
+    out = _displaced_rows(robot, constant_displacements(model, values, state))
     return replace(
         out,
         name=name or f"{robot.name}-calibrated",
         link_from_reading=coupling,
-        compliance=compliance if np.any(compliance) else None,
+        # a negative estimate is not physical: such a joint is rigid
+        compliance=np.maximum(compliance, 0.0) if np.any(compliance > 0) else None,
     )
+
+
+def is_scale(p: Parameter) -> bool:
+    """Whether a parameter is a scale of a joint's readings, and not its zero."""
+    return p.effect in (ENCODER_SCALE.name, JOINT.name) and p.unit == "1"
+
+
+def scale_side(model: Model) -> str:
+    """The side of coupled axes on which the model has the encoders."""
+    asked = [s.setting for s in map(Selection.read, model.effects) if s.effect == ENCODER_SCALE.name]
+    return asked[0] if asked and asked[0] else side_of(model.scene.dataset.robot)
 
 
 def _matrix(delta: np.ndarray) -> np.ndarray:
@@ -88,3 +108,37 @@ def _displaced_rows(robot: Robot, delta: np.ndarray) -> Robot:
         offset[n - 1] += delta[n, 0]
         d[n - 1] += delta[n, 1]
     return replace(robot, alpha=alpha, a=a, beta=beta, offset=offset, d=d, base=base)
+
+
+def _write(arm: FittedArm, options: Options) -> Written:
+    robot = calibrated_robot(arm.model, arm.values, state=options.state)
+    comment = (
+        f"{arm.dataset.robot.name} calibrated on {arm.dataset.name}: {', '.join(arm.effects)}.\n"
+        "The tool is not part of it."
+    )
+    places = [("base" if k == 0 else f"joints[{name}]", "DH row") for k, name in enumerate(robot.joint_names)]
+    every = items(arm, places)
+    for k, p in enumerate(arm.model.parameters):
+        if is_scale(p):
+            every.append(item(arm, k, "link_from_reading", p.site.text))
+        elif p.effect == COMPLIANCE.name and _holds(arm, k):
+            every.append(item(arm, k, "joint_compliance_rad_per_nm", p.site.text))
+    return Written(robot_to_yaml(robot, comment), every)
+
+
+def _holds(arm: FittedArm, k: int) -> bool:
+    p = arm.model.parameters[k]
+    if p.effect == COMPLIANCE.name:
+        return bool(p.nominal + arm.values[k] >= 0.0)
+    return constant(p) or is_scale(p)
+
+
+ROBOT_YAML = Format(
+    "robot.yaml",
+    ".yaml",
+    "robot.yaml of bayescal: rows, base, scales, compliances of the joints",
+    _write,
+    _holds,
+    "robot.yaml has constant geometry, scales of readings and compliances of joints",
+)
+"""The arm as the `robot:` of a further session."""

@@ -70,6 +70,13 @@ class Circumstance:
         return out
 
 
+def state_row(dataset: Dataset, time: float | None = None, row: str | int | None = None) -> int:
+    """Index of the row whose state holds at a time, s, or that is named; default: the last fitted row."""
+    if time is not None and row is not None:
+        raise BayescalError("a time and a row are given", "--at-time", "give one of them")
+    return int(Circumstance.of(dataset, 1, None, 0.0, time, row).source[0])
+
+
 def _row(dataset: Dataset, row: str | int | None) -> int:
     """Index of a row by its id or index; the last row to fit by default."""
     m = dataset.measurements

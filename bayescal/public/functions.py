@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
+from bayescal.public.exports import names
 from bayescal.public.results import ComparisonResult, FitResult, GapResult, SimulatedSession
 
 if TYPE_CHECKING:
@@ -126,9 +127,9 @@ def fit(
     from bayescal.assess.agreement import agreement
     from bayescal.calibration import fit as run
 
-    effects, session = _names(model), _session(dataset, remounted, True, allow_xacro)
+    effects, session = names(model), _session(dataset, remounted, True, allow_xacro)
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
-    options = (samples, seed, robust, prior_width, latent_joints, progress, tolerance, _names(without))
+    options = (samples, seed, robust, prior_width, latent_joints, progress, tolerance, names(without))
     found = run(session, effects, *options)
     if not session.sessions:
         return FitResult(found)
@@ -182,8 +183,8 @@ def diagnose(
     from bayescal.model.scene import Scene
 
     # the sessions share a noise scale, so that their residuals are comparable
-    effects, session = _names(model), _session(dataset, remounted, False, allow_xacro)
-    found = run(session, effects, seed, robust, prior_width, progress, _names(without))
+    effects, session = names(model), _session(dataset, remounted, False, allow_xacro)
+    found = run(session, effects, seed, robust, prior_width, progress, names(without))
     if not session.sessions:
         return GapResult(found)
     progress("compare", 1.0)
@@ -241,7 +242,7 @@ def simulate(
     if unknown := [name for name in options if name not in known]:
         what = f"there is no option {', '.join(unknown)}"
         raise BayescalError(what, "simulate", f"known: {', '.join(known)}")
-    asked = Options(robot=robot, effects=_names(effects), seed=seed, **options)
+    asked = Options(robot=robot, effects=names(effects), seed=seed, **options)
     return SimulatedSession(run(asked, allow_xacro))
 
 
@@ -280,13 +281,7 @@ def compare(
     from bayescal.methods import compare as run
 
     session = _session(dataset, allow_xacro=allow_xacro)
-    return ComparisonResult(run(session, _names(model), seed, progress=progress))
-
-
-def _names(effects: Sequence[str] | str) -> tuple[str, ...]:
-    """Names of effects, from a sequence or from a text with commas."""
-    each = effects.split(",") if isinstance(effects, str) else effects
-    return tuple(name.strip() for name in each if name.strip())
+    return ComparisonResult(run(session, names(model), seed, progress=progress))
 
 
 def _session(

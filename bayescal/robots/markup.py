@@ -27,7 +27,7 @@ def read_markup(path: Path, allow_xacro: bool = False) -> tuple[ElementTree.Elem
     """
     is_xacro = path.suffix.lower() == ".xacro"
     content = expanded(path, allow_xacro) if is_xacro else decoded(path)[1]
-    return _checked(content, path.name), content
+    return parse_markup(content, path.name), content
 
 
 def refuse_network(reference: str, where: str) -> None:
@@ -38,8 +38,8 @@ def refuse_network(reference: str, where: str) -> None:
         )
 
 
-def _checked(content: bytes, name: str) -> ElementTree.Element:
-    """The root of safe XML."""
+def parse_markup(content: bytes, name: str) -> ElementTree.Element:
+    """The root element of safe XML; `name` is the file, for messages."""
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import ParseError, fromstring
 

@@ -99,7 +99,7 @@ def test_compliance_in_proportion_is_the_same_stiffness_everywhere(cube):
     factor = model.deviations(found.z[: len(model.parameters)])[k]
     usual = {p.site.number: p.centre for p in model.parameters[k].stands_for}
     assert factor > 0.2
-    robot = calibrated_robot(found)
+    robot = calibrated_robot(found.model, found.arm)
     assert {j: robot.compliance[j - 1] for j in usual} == pytest.approx(
         {j: factor * v for j, v in usual.items()}
     )

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from export_arms import fake
 
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
-from bayescal.estimate import estimate
-from bayescal.exporting import of_estimate, open_run, write_arm
+from bayescal.exporting import open_run, write_arm
 from bayescal.model import build, standing
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
@@ -25,15 +25,6 @@ MOVING = tuple(
 def session():
     options = Options(contacts=60, later=6, repeats=2, spheres=0, seed=3, payload=1.0)
     return simulate(options).dataset
-
-
-def fake(session, effects, seed=0):
-    """An arm with random values of all parameters, as large as their priors."""
-    model = build(Scene(session), effects)
-    found = estimate(build(Scene(session), ("geometry",)))
-    z = 0.7 * np.random.default_rng(seed).standard_normal(model.size)
-    found = replace(found, model=model, z=z)
-    return of_estimate(found, np.eye(model.size))
 
 
 @pytest.mark.parametrize("effect", MOVING)

@@ -29,7 +29,7 @@ def test_rows_move_as_the_model(cube, convention, tied):
     found = estimate(build(Scene(cube(seed=1, count=60).dataset), ("geometry",)))
     rng = np.random.default_rng(0)
     fake = replace(found, model=model, z=2.0 * rng.standard_normal(model.size))
-    robot = calibrated_robot(fake)
+    robot = calibrated_robot(fake.model, fake.arm)
     values = model.deviations(fake.z[model.slices[ARM]])
     tool = scene.tools[0].copy()
     for value, p in zip(values, model.parameters, strict=True):
@@ -43,7 +43,7 @@ def test_rows_move_as_the_model(cube, convention, tied):
 
 def test_compliance_goes_along(cube):
     found = estimate(build(Scene(cube(seed=1, count=120).dataset), ("geometry", "compliance")))
-    robot = calibrated_robot(found)
+    robot = calibrated_robot(found.model, found.arm)
     named = {p.name: v for p, v in zip(found.model.parameters, found.model.physical(found.z), strict=False)}
     assert robot.compliance is not None
     assert robot.compliance[1] == pytest.approx(named["compliance J2"], rel=1e-12)
@@ -58,13 +58,12 @@ def test_scales_go_along(cube, effect, coupling):
     session = replace(session, robot=replace(session.robot, coupling=coupling))
     scene = Scene(session)
     model = build(scene, (effect,))
-    found = estimate(build(scene, ()))
     rng = np.random.default_rng(0)
     for j in range(1, 7):  # one at a time: scales of two joints multiply, which the model does not know
         z = np.zeros(model.size)
         own = [k for k, p in enumerate(model.parameters) if p.name == f"encoder-scale J{j}"]
         z[own] = 3.0 * rng.standard_normal()
-        robot = calibrated_robot(replace(found, model=model, z=z))
+        robot = calibrated_robot(model, model.deviations(z[model.slices[ARM]]))
         expected = (
             model.motion(np.arange(len(scene.q))).points_reference(model.deviations(z[model.slices[ARM]])).T
         )
@@ -83,7 +82,7 @@ def test_a_registered_effect_of_a_similar_name_is_no_scale(cube):
         model = build(scene, ("encoder-scale-drift",))
         z = np.zeros(model.size)
         z[0] = 2.0
-        robot = calibrated_robot(replace(estimate(build(scene, ())), model=model, z=z))
+        robot = calibrated_robot(model, model.deviations(z[model.slices[ARM]]))
     finally:
         effects.unregister("encoder-scale-drift")
     np.testing.assert_array_equal(robot.link_from_reading, scene.dataset.robot.link_from_reading)

@@ -34,7 +34,7 @@ def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None
     `compared` is what the sessions of a joint fit say of the arm each by itself.
     """
     robot = robot_to_yaml(
-        calibrated_robot(fit.final.estimate),
+        calibrated_robot(fit.final.estimate.model, fit.final.estimate.arm),
         comment=f"{fit.dataset.robot.name} calibrated on {fit.dataset.name}: {', '.join(fit.final.effects)}. "
         "The tool is not part of it: see fit.json.",
     )

@@ -1,0 +1,56 @@
+"""`bayescal export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayescal.cli import app
+from bayescal.cli.options import Run, WithEffects, WithoutEffects
+
+
+@app.command()
+def export(
+    run: Run,
+    to: Annotated[
+        str, typer.Option(help="Format: robot.yaml, urdf, sdf, ur-yaml, dh-csv, joint-zeros, mjcf.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="File to write [default: the robot's name with the format's suffix].")
+    ] = None,
+    into: Annotated[
+        str,
+        typer.Option(
+            help="Your own file of the arm, which is patched in a copy: names, comments, meshes and order "
+            "stay. arm.urdf#tool0 names the link that carries the tool."
+        ),
+    ] = "",
+    with_: WithEffects = "",
+    without: WithoutEffects = "",
+    readings: Annotated[
+        str,
+        typer.Option(help="mjcf: errors of the readings in the file (plain) or in a replay script (script)."),
+    ] = "plain",
+    at_time: Annotated[
+        float | None, typer.Option(help="s since the session began, at which the file holds (drift, steps).")
+    ] = None,
+    at_row: Annotated[
+        str, typer.Option(help="id of the row at which it holds [default: the last fitted row].")
+    ] = "",
+    force: Annotated[bool, typer.Option("--force", help="Export in spite of reasons against it.")] = False,
+) -> None:
+    """Export the arm of a run folder of fit or gap, and state what the file cannot hold."""
+    from bayescal.public.exports import export as work
+
+    result = work(
+        run, to, into=into, with_=with_, without=without, readings=readings, at_time=at_time,
+        at_row=at_row or None, force=force,
+    )  # fmt: skip
+    written = result.save(out)
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.print(result.report())
+    console.print(f"[dim]written          [/dim]{', '.join(map(str, written))}", soft_wrap=True)

@@ -1,0 +1,219 @@
+"""An arm in a format: the file, what it lacks, and the sidecar that says both."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayescal.dataset import Dataset
+from bayescal.effects import UNITS
+from bayescal.effects.tool import TOOL
+from bayescal.errors import BayescalError
+from bayescal.exporting import gate
+from bayescal.exporting.expressed import Missing, not_expressed
+from bayescal.exporting.fitted import FittedArm
+from bayescal.exporting.formats import format_of
+from bayescal.exporting.rows import state_row
+from bayescal.exporting.written import Options, Written, path_of
+from bayescal.files import write_together
+
+SCHEMA = "bayescal-export/1"
+SIDECAR = ".bayescal.json"
+UM = 1e6
+
+
+@dataclass(frozen=True)
+class Exported:
+    """An arm in a format, not yet written.
+
+    `missing` is what the file does not hold, by effect; `rest` is all of it together.
+    """
+
+    format: str
+    suffix: str
+    options: Options
+    written: Written
+    missing: tuple[Missing, ...]
+    rest: Missing
+    arm: FittedArm
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of this file."""
+        forced = (f"exported with --force: {reason}" for reason in self.arm.against)
+        return (*self.arm.notes, *self.written.notes, *forced)
+
+    def files(self, path: Path) -> dict[Path, str | bytes]:
+        """All files with their content, the sidecar last, for a main file at `path`."""
+        main = {path: self.written.content}
+        beside = {path.with_name(path.stem + suffix): text for suffix, text in self.written.beside.items()}
+        text = json.dumps(self.record(path.name), indent=1, allow_nan=False) + "\n"
+        return {**main, **beside, sidecar_of(path): text}
+
+    def record(self, name: str) -> dict[str, Any]:
+        """The content of the sidecar of a file called `name`."""
+        arm, dataset = self.arm, self.arm.dataset
+        content = self.written.content
+        raw = content.encode() if isinstance(content, str) else content
+        return {
+            "schema": SCHEMA,
+            "format": self.format,
+            "file": name,
+            "sha256": hashlib.sha256(raw).hexdigest(),
+            "dataset": {"name": dataset.name, "sha256": dataset.sha256},
+            "robot": dataset.robot.name,
+            "model": list(arm.effects),
+            "without": list(arm.origin.without),
+            "state": _state(dataset, self.options.state),
+            "written": [vars(item) for item in self.written.items],
+            "not_expressed": [_missing(m) for m in self.missing],
+            "remaining": {"rms_um": _or_none(self.rest.rms), "max_um": _or_none(self.rest.maximum)},
+            "tools": _tools(arm),
+            **self.written.details,
+            "notes": list(self.notes),
+        }
+
+    def save(self, path: Path) -> tuple[Path, ...]:
+        """Write the file and its sidecar; an earlier export of that name is replaced.
+
+        Raises
+        ------
+        BayescalError
+            If `path` is the user's own file, or another file that is no unchanged earlier export.
+        """
+        _check_free(path, self.options.into)
+        files = self.files(path)
+        write_together(files)
+        return tuple(files)
+
+
+def export(
+    arm: FittedArm,
+    to: str,
+    *,
+    into: str = "",
+    readings: str = "plain",
+    time: float | None = None,
+    row: str | int | None = None,
+    force: bool = False,
+    name: str = "arm",
+) -> Exported:
+    """Convert a fitted arm to a format.
+
+    Parameters
+    ----------
+    arm : FittedArm
+    to : str
+        A name of `formats.FORMATS`.
+    into : str
+        Path of a file of the user, which is patched in a copy; of a URDF ``arm.urdf#tool0`` names the link
+        that carries the tool.
+    readings : str
+        'plain' or 'script', for formats that have both.
+    time : float, optional
+        s since the session began, at which the file holds (drift, steps); default: the last fitted row.
+    row : str or int, optional
+        The row at which it holds.
+    force : bool
+        Export in spite of reasons against it (`gate`).
+    name : str
+        Of the robot in a new file.
+
+    Raises
+    ------
+    BayescalError
+        If the arm should not be exported, or the format cannot hold it, or the user's file is of another arm.
+    """
+    format_ = format_of(to)
+    if into and not format_.into:
+        raise BayescalError(f"{to} is always a new file", f"--into {into}", "leave --into out")
+    gate.check(arm.against, force)
+    options = Options(state_row(arm.dataset, time, row), name, into, readings)
+    written = format_.write(arm, options)
+    missing, rest = not_expressed(arm, format_, options.state)
+    return Exported(to, format_.suffix, options, written, missing, rest, arm)
+
+
+def sidecar_of(path: Path) -> Path:
+    """The sidecar beside an exported file."""
+    return path.with_name(path.name + SIDECAR)
+
+
+def _state(dataset: Dataset, row: int) -> dict[str, Any]:
+    m = dataset.measurements
+    time = {} if m.time is None else {"time_s": float(m.time[row])}
+    return {"row": m.ids[row], **time}
+
+
+def _missing(m: Missing) -> dict[str, Any]:
+    return {
+        "effect": m.effect,
+        "why": m.why,
+        "rms_um": _or_none(m.rms),
+        "max_um": _or_none(m.maximum),
+        "parameters": list(m.parameters),
+    }
+
+
+def _or_none(value: float) -> float | None:
+    return UM * value if np.isfinite(value) else None
+
+
+def _tools(arm: FittedArm) -> list[dict[str, Any]]:
+    """Fitted centres of the tools in the flange, which no file holds."""
+    deviation = {
+        p.name: (float(v), float(c) ** 0.5)
+        for p, v, c in zip(arm.model.parameters, arm.values, np.diag(arm.covariance), strict=True)
+        if p.effect == TOOL.name
+    }
+    out = []
+    for tool in arm.dataset.tools:
+        off = [deviation.get(f"{tool.name} {axis}", (0.0, 0.0)) for axis in "xyz"]
+        factor = UNITS["m"][1]
+        out.append(
+            {
+                "name": tool.name,
+                "centre_mm": [factor * (float(c) + o[0]) for c, o in zip(tool.centre, off, strict=True)],
+                "u_mm": [factor * o[1] for o in off],
+            }
+        )
+    return out
+
+
+def _check_free(path: Path, into: str) -> None:
+    """Refuse to write over a file of the user."""
+    if into and path.exists() and path.samefile(path_of(into)[0]):
+        raise BayescalError("is the file to patch itself", str(path), "give another --out: it is not changed")
+    if not path.exists():
+        return
+    try:
+        known = json.loads(sidecar_of(path).read_text(encoding="utf-8"))
+        same = known["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    except (OSError, ValueError, KeyError, TypeError):
+        same = False
+    if not same:
+        raise BayescalError("exists and is no unchanged export", str(path), "give another --out")
+
+
+def read_sidecar(path: Path) -> Mapping[str, Any]:
+    """The sidecar of an exported file.
+
+    Raises
+    ------
+    BayescalError
+        If there is none, or the file was changed since.
+    """
+    beside = sidecar_of(path)
+    try:
+        record = json.loads(beside.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BayescalError(f"cannot be read: {error}", str(beside), "export the arm again") from None
+    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
+        raise BayescalError(f"is no {SCHEMA}", str(beside), "export the arm again")
+    return record

@@ -1,0 +1,23 @@
+"""All formats that an arm can be exported to. A further one is a file and an entry here."""
+
+from __future__ import annotations
+
+from bayescal.errors import BayescalError
+from bayescal.exporting.robot import ROBOT_YAML
+from bayescal.exporting.urdf import URDF
+from bayescal.exporting.written import Format
+
+FORMATS: dict[str, Format] = {f.name: f for f in (ROBOT_YAML, URDF)}
+
+
+def format_of(name: str) -> Format:
+    """A format by its name.
+
+    Raises
+    ------
+    BayescalError
+        If there is no such format.
+    """
+    if name not in FORMATS:
+        raise BayescalError(f"there is no format '{name}'", "--to", f"formats: {', '.join(FORMATS)}")
+    return FORMATS[name]

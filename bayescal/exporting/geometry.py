@@ -1,0 +1,77 @@
+"""What a file of constant geometry can hold of a fitted arm: frames of the joints at zero readings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayescal.arm.chain import chain_of, frames
+from bayescal.arm.motion import Term
+from bayescal.arm.robot import Robot
+from bayescal.exporting.displaced import constant, constant_displacements
+from bayescal.exporting.fitted import FittedArm
+from bayescal.exporting.written import Item, item
+
+
+def zero_frames(robot: Robot, delta: np.ndarray | None = None) -> np.ndarray:
+    """Frames 1 to n and the flange (n + 1, 4, 4) in F0, at zero readings, with displacements (n + 2, 6).
+
+    Frame k turns about its z axis with joint k; it is behind the joint's offset and d, and carries the link.
+    """
+    moved = None if delta is None else delta[None]
+    return frames(chain_of(robot), robot.offset[None], moved)[0, 1:]
+
+
+def geometry_of(arm: FittedArm, state: int) -> np.ndarray:
+    """Frames 1 to n and the flange of an arm (n + 1, 4, 4) in F0, at zero readings, in a state."""
+    delta = constant_displacements(arm.model, arm.values, state)
+    return zero_frames(arm.dataset.robot, delta)
+
+
+def steps(frames_: np.ndarray) -> np.ndarray:
+    """Transforms (n + 1, 4, 4) from F0 to frame 1, from each frame to the next, and to the flange."""
+    before = np.concatenate([np.eye(4)[None], frames_[:-1]])
+    return np.linalg.inv(before) @ frames_
+
+
+def carries(t: Term) -> int:
+    """Number (from 0) of the step that a displacement acts in: a frame's tilts are behind its joint."""
+    behind = t.axis not in ("rz", "tz") or t.frame == 0
+    return t.frame if behind else t.frame - 1
+
+
+def items(arm: FittedArm, places: list[tuple[str, str]]) -> list[Item]:
+    """All constant parameters that act in a step with a place (element, attribute) in the file."""
+    out = []
+    for k, p in enumerate(arm.model.parameters):
+        if constant(p):
+            for step in dict.fromkeys(carries(t) for t in p.terms):
+                if step < len(places):
+                    out.append(item(arm, k, *places[step]))
+    return out
+
+
+def joint_angles(robot: Robot, readings: np.ndarray) -> np.ndarray:
+    """Angles of the joints from zero readings, (C, n), rad, by the nominal coupling."""
+    return readings @ robot.link_from_reading.T
+
+
+def at_zero_poses(frames_: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Flange (C, 4, 4) in F0 of joints that turn frames (n + 1, 4, 4) about their z axes by (C, n), rad."""
+    out = np.tile(np.eye(4), (len(turns), 1, 1))
+    for step, turn in zip(steps(frames_), np.append(turns, np.zeros((len(turns), 1)), axis=1).T, strict=True):
+        spin = np.tile(np.eye(4), (len(turns), 1, 1))
+        spin[:, 0, 0] = spin[:, 1, 1] = np.cos(turn)
+        spin[:, 1, 0] = np.sin(turn)
+        spin[:, 0, 1] = -np.sin(turn)
+        out = out @ step @ spin
+    return out
+
+
+def centre_in_frame(robot: Robot, k: int) -> np.ndarray:
+    """Centre of mass of link `k` (from 0) in the frame of its joint, (3,), m; see `zero_frames`."""
+    assert robot.centres_of_mass is not None
+    centre = robot.centres_of_mass[k]
+    if robot.convention == "mdh":
+        return centre
+    behind = chain_of(robot).link[k + 1]  # in standard DH it is stated behind the whole row
+    return behind[:3, :3] @ centre + behind[:3, 3]

@@ -1,0 +1,278 @@
+"""A calibrated arm as a URDF: the user's file patched in place, or a new one.
+
+In the user's file only the origins of the joints that turn are changed; text, comments, order, meshes,
+masses, fixed and mimic joints stay. Where a link's frame stands on its joint's axis is the file's own choice
+and is kept; the axis itself is the calibrated one. With F_k the calibrated frame of joint k at zero readings,
+X_k the constant transform from it to the file's frame of that link, G that of the file's root in F0, and P_k
+the fixed joints before joint k, its origin becomes
+
+    P_k^-1 X_(k-1)^-1 F_(k-1)^-1 F_k X_k,    and    P_1^-1 G^-1 F_1 X_1    for the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from bayescal.arm.robot import Robot
+from bayescal.arm.transforms import rpy_of
+from bayescal.errors import BayescalError
+from bayescal.exporting.displaced import constant
+from bayescal.exporting.fitted import FittedArm
+from bayescal.exporting.geometry import (
+    at_zero_poses,
+    centre_in_frame,
+    geometry_of,
+    items,
+    joint_angles,
+    steps,
+)
+from bayescal.exporting.same_arm import FileArm, match
+from bayescal.exporting.tag import with_attributes
+from bayescal.exporting.written import Format, Options, Written, path_of
+from bayescal.robots.markup import parse_markup, read_markup
+from bayescal.robots.tree import TURNING, Tree, read_tree, tip_of
+
+CLOSE = 1e-9
+"""m: difference of the written file's kinematics from the model's geometry at which it is not handed out."""
+BALL = 0.05
+"""m: radius of the homogeneous ball whose inertia a link of a new file has; gravity does not depend on it."""
+
+
+def write(arm: FittedArm, options: Options) -> Written:
+    """The URDF of an arm in one state."""
+    calibrated = geometry_of(arm, options.state)
+    text, names, details = (
+        _patched(arm, calibrated, options.into) if options.into else _new(arm, calibrated, options.name)
+    )
+    return Written(
+        text,
+        items(arm, [(f"joint[@name='{name}']/origin", "xyz, rpy") for name in names]),
+        details=details,
+        notes=_notes(arm.dataset.robot, np.array(details["joint_from_reading"])),
+    )
+
+
+def numbers(values: np.ndarray) -> str:
+    """Numbers with all their digits, as an attribute holds them."""
+    return " ".join(repr(float(v) + 0.0) for v in values)
+
+
+def _notes(robot: Robot, by_reading: np.ndarray) -> list[str]:
+    if np.array_equal(by_reading, np.eye(robot.n)):
+        return []
+    return [
+        "joint values of the file are joint_from_reading times the controller's readings (see the sidecar)"
+    ]
+
+
+def file_arm(tree: Tree, tip: str) -> FileArm:
+    """The moving joints of a URDF from its root to a tip, at zero."""
+    names, frames, axes, fixed = [], [], [], []
+    pose, since = np.eye(4), np.eye(4)
+    for joint in tree.above(tip):
+        if joint.mimic or joint.kind not in (*TURNING, "fixed"):
+            what = f"joint {joint.name} {'follows another joint' if joint.mimic else f'is {joint.kind}'}"
+            remedy = f"choose a tip before it, as in --into {tree.file}#{joint.parent}"
+            raise BayescalError(what, tree.file, remedy)
+        pose = pose @ joint.place
+        if joint.kind == "fixed":
+            since = since @ joint.place
+            continue
+        names.append(joint.name)
+        frames.append(pose)
+        axes.append(joint.axis)
+        fixed.append(since)
+        since = np.eye(4)
+    return FileArm(
+        tuple(names),
+        np.array(frames).reshape(-1, 4, 4),
+        np.array(axes).reshape(-1, 3),
+        np.array(fixed).reshape(-1, 4, 4),
+        since,
+    )
+
+
+def _patched(
+    arm: FittedArm, calibrated: np.ndarray, into: str
+) -> tuple[str, tuple[str, ...], dict[str, Any]]:
+    path, asked = path_of(into)
+    if path.suffix.lower() == ".xacro":
+        raise BayescalError(
+            "a xacro file cannot be patched", str(path), "expand it: xacro arm.xacro > arm.urdf"
+        )
+    root, content = read_markup(path)
+    tree = read_tree(root, path.name)
+    tip = tip_of(tree, asked)
+    file, robot = file_arm(tree, tip), arm.dataset.robot
+    found = match(robot, file, path.name)
+    links = calibrated[:-1] @ found.own
+    before = np.concatenate([np.linalg.inv(found.root)[None] @ np.eye(4), np.linalg.inv(links[:-1])])
+    origins = np.linalg.inv(file.fixed) @ before @ links
+    changed = {
+        name: {"xyz": numbers(t[:3, 3]), "rpy": numbers(rpy_of(t[:3, :3]))}
+        for name, t in zip(file.names, origins, strict=True)
+    }
+    text = with_origins(content.decode("utf-8-sig"), changed)
+    again = read_tree(parse_markup(text.encode(), path.name), path.name)
+    flange_in_tip = np.linalg.inv(links[-1] @ file.tip) @ calibrated[-1]
+    _check(arm, calibrated, file_arm(again, tip), found.root, found.signs, flange_in_tip, path.name)
+    by_reading = found.signs[:, None] * robot.link_from_reading
+    details = {
+        "into": path.name,
+        "tip": tip,
+        "joints": dict(zip(robot.joint_names, file.names, strict=True)),
+        "joint_from_reading": by_reading.tolist(),
+        "root_in_f0": found.root.tolist(),
+        "flange_in_tip": flange_in_tip.tolist(),
+    }
+    return text, file.names, details
+
+
+def _check(
+    arm: FittedArm, calibrated: np.ndarray, file: FileArm, root: np.ndarray, signs: np.ndarray,
+    flange_in_tip: np.ndarray, name: str,
+) -> None:  # fmt: skip
+    """Compare the kinematics of the written text, read again, with the model's at poses of the session."""
+    turns = joint_angles(arm.dataset.robot, arm.dataset.measurements.readings)
+    ours = at_zero_poses(calibrated, turns)
+    out = np.tile(root, (len(turns), 1, 1))
+    before = np.linalg.inv(np.concatenate([np.eye(4)[None], file.frames[:-1]]))
+    for k, step in enumerate(before @ file.frames):
+        out = out @ step @ _spins(file.axes[k], signs[k] * turns[:, k])
+    theirs = out @ file.tip @ flange_in_tip
+    off = float(np.abs(theirs - ours).max(initial=0.0))
+    if not off < CLOSE:
+        what = f"the written file moves by {off:.1e} m (or rad) from the calibrated geometry"
+        raise BayescalError(what, name, "this is a defect of bayescal; nothing is written")
+
+
+def _spins(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Rotations (C, 4, 4) about a unit vector."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    out = np.tile(np.eye(4), (len(angle), 1, 1))
+    out[:, :3, :3] += np.sin(angle)[:, None, None] * skew + (1 - np.cos(angle))[:, None, None] * (skew @ skew)
+    return out
+
+
+def with_origins(text: str, origins: Mapping[str, Mapping[str, str]]) -> str:
+    """The text of a URDF with other attributes of the origins of some joints; all else stays, to the byte."""
+    data = text.encode("utf-8")
+    spots: dict[str, tuple[int, bool]] = {}  # position of the tag to change, and whether it is an origin
+    stack: list[tuple[str, str]] = []
+    parser = expat.ParserCreate("utf-8")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        inside = stack[-1] if stack else ("", "")
+        if tag == "joint" and len(stack) == 1 and attributes.get("name") in origins:
+            spots[attributes["name"]] = (parser.CurrentByteIndex, False)
+        if tag == "origin" and len(stack) == 2 and inside[0] == "joint" and inside[1] in origins:
+            spots[inside[1]] = (parser.CurrentByteIndex, True)
+        stack.append((tag, attributes.get("name", "")))
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda tag: stack.pop()
+    parser.Parse(data, True)
+    for name, (at, is_origin) in sorted(spots.items(), key=lambda spot: -spot[1][0]):
+        end = tag_end(data, at)
+        if is_origin:
+            new = with_attributes(data[at:end].decode(), origins[name]).encode()
+        else:
+            attributes = " ".join(f"{key}={quoteattr(value)}" for key, value in origins[name].items())
+            new = data[at:end] + f"<origin {attributes}/>".encode()
+        data = data[:at] + new + data[end:]
+    return data.decode("utf-8")
+
+
+def tag_end(data: bytes, at: int) -> int:
+    """Position behind a tag that starts at `at`; a > in a quoted value does not end it."""
+    quote = 0
+    for k in range(at, len(data)):
+        byte = data[k]
+        if quote:
+            quote = 0 if byte == quote else quote
+        elif byte in b"\"'":
+            quote = byte
+        elif byte == ord(">"):
+            return k + 1
+    raise AssertionError("a parsed tag ends")
+
+
+def _new(arm: FittedArm, calibrated: np.ndarray, name: str) -> tuple[str, tuple[str, ...], dict[str, Any]]:
+    robot = arm.dataset.robot
+    sense = np.where(np.diag(robot.link_from_reading) < 0, -1.0, 1.0)
+    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(name)}>", '  <link name="base_link"/>']
+    before = "base_link"
+    for k, (step, joint) in enumerate(zip(steps(calibrated)[:-1], robot.joint_names, strict=True)):
+        link = f"{joint}_link"
+        low, high = map(float, robot.limits[k])
+        lines += [
+            f'  <joint name={quoteattr(joint)} type="revolute">',
+            f"    {_origin(step)}",
+            f"    <parent link={quoteattr(before)}/>",
+            f"    <child link={quoteattr(link)}/>",
+            f'    <axis xyz="0 0 {sense[k]:g}"/>',
+            f'    <limit lower="{low!r}" upper="{high!r}" effort="0" velocity="0"/>',
+            "  </joint>",
+            *_link(robot, k, link),
+        ]
+        before = link
+    lines += [
+        '  <joint name="flange_joint" type="fixed">',
+        f"    {_origin(steps(calibrated)[-1])}",
+        f"    <parent link={quoteattr(before)}/>",
+        '    <child link="flange"/>',
+        "  </joint>",
+        '  <link name="flange"/>',
+        "</robot>",
+    ]
+    text = "\n".join(lines) + "\n"
+    tree = read_tree(parse_markup(text.encode(), name), name)
+    _check(arm, calibrated, file_arm(tree, "flange"), np.eye(4), sense, np.eye(4), name)
+    details = {
+        "tip": "flange",
+        "joints": {joint: joint for joint in robot.joint_names},
+        "joint_from_reading": (sense[:, None] * robot.link_from_reading).tolist(),
+        "root_in_f0": np.eye(4).tolist(),
+        "flange_in_tip": np.eye(4).tolist(),
+    }
+    return text, robot.joint_names, details
+
+
+def _origin(step: np.ndarray) -> str:
+    return f'<origin xyz="{numbers(step[:3, 3])}" rpy="{numbers(rpy_of(step[:3, :3]))}"/>'
+
+
+def _link(robot: Robot, k: int, name: str) -> list[str]:
+    """A link with its mass."""
+    if robot.masses is None:
+        return [f"  <link name={quoteattr(name)}/>"]
+    centre, mass = centre_in_frame(robot, k), float(robot.masses[k])
+    inertia = 0.4 * mass * BALL**2
+    return [
+        f"  <link name={quoteattr(name)}>",
+        "    <inertial>",
+        f'      <origin xyz="{numbers(centre)}" rpy="0 0 0"/>',
+        f'      <mass value="{mass!r}"/>',
+        f"      <!-- assumed: a homogeneous ball of {1e3 * BALL:g} mm radius -->",
+        f'      <inertia ixx="{inertia!r}" iyy="{inertia!r}" izz="{inertia!r}" ixy="0" ixz="0" iyz="0"/>',
+        "    </inertial>",
+        "  </link>",
+    ]
+
+
+URDF = Format(
+    "urdf",
+    ".urdf",
+    "URDF, new or patched in place: origins of the joints",
+    write,
+    lambda arm, k: constant(arm.model.parameters[k]),
+    "a URDF holds constant geometry only",
+    into=True,
+)
+"""Geometry and joint zeros, for anything that reads a URDF."""

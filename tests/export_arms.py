@@ -1,0 +1,40 @@
+"""Fitted arms for tests of exports: random values of all parameters, as large as their priors."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from bayescal.estimate import estimate
+from bayescal.exporting import of_estimate
+from bayescal.model import build
+from bayescal.model.scene import Scene
+from bayescal.robots import load_robot
+from bayescal.simulation import Options, simulate
+
+
+@cache
+def session_of(robot="fanuc-lrmate200ic", **options):
+    """A small simulated session."""
+    usual = {"contacts": 40, "later": 6, "repeats": 2, "spheres": 0, "seed": 3, "payload": 1.0}
+    return simulate(Options(robot=robot, **(usual | options))).dataset
+
+
+def with_robot(dataset, robot):
+    """The rows of a session as those of another robot, of as many joints."""
+    return replace(dataset, robot=robot, robot_reference="robot.yaml")
+
+
+def fake(session, effects, seed=0, scale=0.7):
+    """An arm with random values; physically positive ones are positive."""
+    model = build(Scene(session), effects)
+    found = estimate(build(Scene(session_of()), ("geometry",)))
+    z = scale * np.random.default_rng(seed).standard_normal(model.size)
+    positive = [k for k, p in enumerate(model.parameters) if p.positive]
+    z[positive] = np.abs(z[positive])
+    return of_estimate(replace(found, model=model, z=z), 0.01 * np.eye(model.size))
+
+
+def robot_of(path, tmp_path):
+    """A robot from a file."""
+    return load_robot(str(path), tmp_path)[0]

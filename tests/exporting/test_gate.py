@@ -1,0 +1,74 @@
+"""What is not exported without --force, and why."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from export_arms import fake, session_of
+
+import bayescal as bc
+from bayescal.errors import BayescalError
+from bayescal.exporting import gate, of_fit
+from bayescal.exporting.export import export
+
+
+@pytest.fixture(scope="module")
+def result():
+    return bc.fit(bc.simulate(contacts=90, later=10, repeats=5, spheres=0, seed=1), samples=0)
+
+
+def test_a_good_fit_passes(result):
+    assert of_fit(result.data).against == ()
+    assert bc.export(result, "urdf").record["notes"][-1].startswith("joint values of the file")
+
+
+def test_a_sampler_that_did_not_converge(result):
+    draws = replace(result.data.draws, converged=False, complaint="R-hat 1.2")
+    bad = replace(result.data, draws=draws)
+    with pytest.raises(BayescalError, match="not exported: the sampler did not converge"):
+        export(of_fit(bad), "urdf")
+    notes = export(of_fit(bad), "urdf", force=True).notes
+    assert any(n.startswith("exported with --force: the sampler did not converge") for n in notes)
+
+
+def test_a_negative_compliance():
+    arm = fake(session_of(), ("geometry", "compliance"))
+    k = arm.model.names.index("compliance J3")
+    values = arm.values.copy()
+    values[k] = -1e-6
+    soft = arm.valued(values)
+    with pytest.raises(
+        BayescalError, match=r"compliance J3 is negative, which is not physical: -1 urad/\(N m\)"
+    ):
+        export(soft, "robot.yaml")
+    out = export(soft, "robot.yaml", force=True)
+    assert [m.parameters for m in out.missing] == [("compliance J3",)]
+    assert "compliance J3" not in [i.parameter for i in out.written.items]
+
+
+def test_priors_that_decide(result):
+    """The same fit with the covariance of the prior."""
+    found = result.data.final.estimate
+    assert gate.of_estimate(found) == ()
+    (reason,) = gate.of_estimate(replace(found, covariance=np.eye(found.model.size)))
+    assert reason.startswith("the fit is not identified: distances between tool points keep 100 %")
+    bare = replace(found.model, constraints=())
+    assert gate.of_estimate(replace(found, model=bare))[0].startswith("no certified length was fitted")
+
+
+def test_names_without_gain():
+    assert gate.not_gained([("backlash", 4.0), ("bending", -0.5), ("step@3", float("nan"))]) == (
+        "bending does not make the validation data more probable (-0.5 nats)",
+        "step@3 does not make the validation data more probable (+nan nats)",
+    )
+
+
+def test_an_effect_that_the_machine_does_not_have_is_refused(result, tmp_path):
+    """Added by the user: fitted again, and its gain on the validation rows is not positive."""
+    with pytest.raises(BayescalError, match="hysteresis does not make the validation data more probable"):
+        bc.export(result, "urdf", with_="hysteresis")
+    without = bc.export(result, "urdf", without="compliance")
+    assert without.record["model"] == ["geometry"]
+    assert not without.data.missing
+    with pytest.raises(BayescalError, match="the model has compliance already"):
+        bc.export(result, "urdf", with_="compliance")

@@ -1,0 +1,208 @@
+"""URDF exports against Pinocchio on the written text; the user's file keeps all that is not an origin."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from export_arms import fake, robot_of, session_of, with_robot
+from urdf_texts import arm as random_arm
+from urdf_texts import joint, link, robot
+
+from bayescal.errors import BayescalError
+from bayescal.exporting.export import export
+from bayescal.exporting.geometry import at_zero_poses, geometry_of, joint_angles
+from bayescal.exporting.rows import state_row
+
+LRMATE = robot(
+    link("base_link"), link("link_1", 7.0), link("link_2"), link("link_3"), link("link_4"), link("link_5"),
+    link("link_6"), link("tool0"), link("finger"),
+    joint("joint_1", "base_link", "link_1", xyz=(0, 0, 0.33)),
+    "<!-- the shoulder -->",
+    joint("joint_2", "link_1", "link_2", xyz=(0.075, 0, 0), axis=(0, 1, 0)),
+    joint("joint_3", "link_2", "link_3", xyz=(0, 0, 0.3), axis=(0, -1, 0)),
+    joint("joint_4", "link_3", "link_4", xyz=(0, 0, 0.075), axis=(-1, 0, 0)),
+    joint("joint_5", "link_4", "link_5", xyz=(0.32, 0, 0), axis=(0, -1, 0)),
+    joint("joint_6", "link_5", "link_6", xyz=(0.08, 0, 0), axis=(-1, 0, 0)),
+    joint("to_tool", "link_6", "tool0", "fixed", rpy=(3.14159265358979, -1.570796326794897, 0)),
+    joint("grip", "link_6", "finger", "prismatic", xyz=(0, 0.01, 0),
+          more='<mimic joint="joint_6" multiplier="0.1"/>'),
+)  # fmt: skip
+"""The LR Mate as ROS-Industrial has it: other frames, other senses, and J3 relative to the upper arm."""
+
+
+def tip_points(text: str, tip: str, record: dict, readings: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Points of the flange (C, 3) in F0, by Pinocchio on a URDF with the mapping of its sidecar."""
+    model = pin.buildModelFromXML(text)
+    data, frame = model.createData(), model.getFrameId(tip)
+    angles = readings @ np.array(record["joint_from_reading"]).T
+    own = np.array(record["flange_in_tip"]) @ np.append(point, 1.0)
+    out = []
+    for turn in angles:
+        q = pin.neutral(model)
+        for name, value in zip(record["joints"].values(), turn, strict=True):
+            q[model.joints[model.getJointId(name)].idx_q] = value
+        pin.framesForwardKinematics(model, data, q)
+        out.append(np.array(record["root_in_f0"]) @ data.oMf[frame].homogeneous @ own)
+    return np.array(out)[:, :3]
+
+
+def expected(arm, point, state=None) -> np.ndarray:
+    """The same points by the model's geometry."""
+    frames = geometry_of(arm, state_row(arm.dataset, row=state))
+    turns = joint_angles(arm.dataset.robot, arm.dataset.measurements.readings)
+    return (at_zero_poses(frames, turns) @ np.append(point, 1.0))[:, :3]
+
+
+POINT = np.array([0.06, -0.03, 0.12])
+
+
+@pytest.mark.parametrize(
+    "name", ["fanuc-lrmate200ic", "universal-robots-ur5e", "franka-panda", "unimation-puma560"]
+)
+def test_a_new_urdf_moves_as_the_geometry(name):
+    arm = fake(session_of(name), ("geometry",))
+    out = export(arm, "urdf", name="arm")
+    found = tip_points(
+        out.written.content, "flange", out.record("a"), arm.dataset.measurements.readings, POINT
+    )
+    np.testing.assert_allclose(found, expected(arm, POINT), rtol=0, atol=1e-9)
+    own = arm.at(arm.dataset.measurements.readings)
+    at_tool = (own.flange @ np.append(POINT, 1.0))[:, :3]
+    np.testing.assert_allclose(found, at_tool, rtol=0, atol=1e-9)
+    assert not out.missing
+
+
+@pytest.mark.parametrize("style", ["skew", "square"])
+def test_a_patched_file_moves_as_the_geometry(tmp_path, style):
+    """Fixed joints between the moving ones, branches, axes and frames of any direction."""
+    text = random_arm(5, 6, style)
+    (tmp_path / "arm.urdf").write_text(text)
+    arm = fake(with_robot(session_of(), robot_of("arm.urdf#tip", tmp_path)), ("geometry",))
+    out = export(arm, "urdf", into=str(tmp_path / "arm.urdf#tip"))
+    found = tip_points(out.written.content, "tip", out.record("a"), arm.dataset.measurements.readings, POINT)
+    np.testing.assert_allclose(found, expected(arm, POINT), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(out.record("a")["root_in_f0"], np.eye(4), atol=1e-12)
+
+
+def test_other_frames_senses_and_coupling(tmp_path):
+    (tmp_path / "arm.urdf").write_text(LRMATE)
+    arm = fake(session_of(), ("geometry",))
+    out = export(arm, "urdf", into=str(tmp_path / "arm.urdf#tool0"))
+    record = out.record("a")
+    found = tip_points(out.written.content, "tool0", record, arm.dataset.measurements.readings, POINT)
+    np.testing.assert_allclose(found, expected(arm, POINT), rtol=0, atol=1e-9)
+    assert record["joints"]["J3"] == "joint_3"
+    np.testing.assert_array_equal(record["joint_from_reading"][2], [0, 1, 1, 0, 0, 0])
+    np.testing.assert_allclose(np.array(record["root_in_f0"])[:3, 3], [0, 0, -0.33], atol=1e-12)
+
+
+def test_everything_else_of_the_file_stays(tmp_path):
+    (tmp_path / "arm.urdf").write_text(LRMATE)
+    out = export(fake(session_of(), ("geometry",)), "urdf", into=str(tmp_path / "arm.urdf#tool0"))
+    new, old = out.written.content, LRMATE
+    turning = r'(<joint name="joint_\d" type="revolute"><origin )[^>]*(/>)'
+    assert re.sub(turning, r"\1\2", new) == re.sub(turning, r"\1\2", old)
+    assert new != old
+    assert "<!-- the shoulder -->" in new
+
+
+def test_a_joint_without_origin_gets_one_and_quotes_may_be_single(tmp_path):
+    text = LRMATE.replace('<origin xyz="0.0 0.0 0.33" rpy="0.0 0.0 0.0"/>', "", 1)
+    text = text.replace('<origin xyz="0.0 0.0 0.3" rpy="0.0 0.0 0.0"/>', "<origin xyz='0 0 0.3'/>", 1)
+    text = text.replace('<joint name="joint_1"', "<joint\n  name = 'joint_1' ", 1)
+    assert text.count("<origin") == LRMATE.count("<origin") - 1
+    (tmp_path / "arm.urdf").write_text(text)
+    arm = fake(session_of(), ("geometry",))
+    out = export(arm, "urdf", into=str(tmp_path / "arm.urdf#tool0"))
+    assert out.written.content.count("<origin") == LRMATE.count("<origin")
+    readings = arm.dataset.measurements.readings
+    found = tip_points(out.written.content, "tool0", out.record("a"), readings, POINT)
+    np.testing.assert_allclose(found, expected(arm, POINT), rtol=0, atol=1e-9)
+
+
+REFUSED = (
+    (lambda t: t.replace('0.3"', '0.31"', 1), "the distance of the axes of joint_2 and joint_3 is 310.00 mm"),
+    (lambda t: t.replace('axis xyz="-1.0 0.0 0.0"', 'axis xyz="-1.0 0.1 0.0"', 1), "and joint_4 differ by"),
+    (lambda t: t.replace('"0.32 0.0 0.0"', '"0.42 0.0 0.0"', 1), "the axis of joint_"),
+    (lambda t: t.replace('"joint_6" type="revolute"', '"joint_6" type="fixed"'), "5 joints turn before"),
+    (lambda t: t.replace("joint_1", "J2"), "joint 1 is called J2"),
+    (lambda t: t.replace("joint_5", "lift").replace('"lift" type="revolute"', '"lift" type="prismatic"'),
+     "joint lift is prismatic"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "message"), REFUSED)
+def test_another_arm_is_refused_with_the_first_difference(tmp_path, change, message):
+    text = change(LRMATE)
+    assert text != LRMATE
+    (tmp_path / "arm.urdf").write_text(text)
+    with pytest.raises(BayescalError, match=message):
+        export(fake(session_of(), ("geometry",)), "urdf", into=str(tmp_path / "arm.urdf#tool0"))
+
+
+def test_a_xacro_and_another_format_are_refused(tmp_path):
+    arm = fake(session_of(), ("geometry",))
+    with pytest.raises(BayescalError, match="a xacro file cannot be patched"):
+        export(arm, "urdf", into=str(tmp_path / "arm.xacro"))
+    with pytest.raises(BayescalError, match="is always a new file"):
+        export(arm, "robot.yaml", into="arm.yaml")
+    with pytest.raises(BayescalError, match="there is no format 'usd'"):
+        export(arm, "usd")
+
+
+def test_drift_is_written_at_a_state_and_its_change_is_told():
+    arm = fake(session_of(), ("geometry", "thermal-drift", "step@20"))
+    m = arm.dataset.measurements
+    outs = [export(arm, "urdf", row=row, name="arm") for row in (m.ids[0], None)]
+    assert outs[0].written.content != outs[1].written.content
+    for out, row in zip(outs, (0, None), strict=True):
+        found = tip_points(out.written.content, "flange", out.record("a"), m.readings, POINT)
+        np.testing.assert_allclose(found, expected(arm, POINT, row), rtol=0, atol=1e-9)
+        assert {m.effect for m in out.missing} == {"thermal-drift", "step"}
+        assert all(m.why.startswith("changes during the session") for m in out.missing)
+    at_time = export(arm, "urdf", time=float(m.time[0]), name="arm")
+    assert at_time.written.content == outs[0].written.content
+
+
+def test_sizes_of_what_is_missing():
+    """By effect: the distance of the tool points from those without it."""
+    arm = fake(session_of(), ("geometry", "compliance", "backlash", "lobing"))
+    out = export(arm, "urdf", name="arm")
+    missing = {m.effect: m for m in out.missing}
+    assert missing.keys() == {"compliance", "backlash", "lobing"}
+    rows = np.arange(len(arm.dataset.measurements.ids))
+    rigid = replace(
+        arm, values=np.where([p.effect == "backlash" for p in arm.model.parameters], 0, arm.values)
+    )
+    full = arm.model.motion(rows).points(arm.values)
+    off = np.linalg.norm(full - arm.model.motion(rows).points(rigid.values), axis=0)
+    assert missing["backlash"].rms == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-12)
+    assert missing["backlash"].maximum == pytest.approx(off.max(), rel=1e-12)
+    assert missing["lobing"].why.startswith("belongs to the probe")
+    assert missing["lobing"].rms > 0
+    assert out.rest.rms >= 0.5 * missing["compliance"].rms
+
+
+def test_files_are_written_together_and_never_over_those_of_a_user(tmp_path):
+    arm = fake(session_of(), ("geometry",))
+    path = tmp_path / "arm.urdf"
+    path.write_text(LRMATE)
+    out = export(arm, "urdf", into=f"{path}#tool0")
+    with pytest.raises(BayescalError, match="is the file to patch itself"):
+        out.save(path)
+    assert path.read_text() == LRMATE
+    assert [p.name for p in out.save(tmp_path / "new.urdf")] == ["new.urdf", "new.urdf.bayescal.json"]
+    out.save(tmp_path / "new.urdf")  # an unchanged export is replaced
+    (tmp_path / "new.urdf").write_text("mine")
+    with pytest.raises(BayescalError, match="is no unchanged export"):
+        out.save(tmp_path / "new.urdf")
+    with pytest.raises(BayescalError, match="No such file or directory"):
+        out.save(tmp_path / "nowhere" / "new.urdf")
+    assert sorted(p.name for p in Path(tmp_path).iterdir()) == [
+        "arm.urdf",
+        "new.urdf",
+        "new.urdf.bayescal.json",
+    ]
