@@ -16,7 +16,7 @@ from bayescal.estimate.solver import solve
 from bayescal.estimate.weights import Weights, unit_weights
 from bayescal.model.block import ARM, Block
 from bayescal.model.equilibrium import STILL, by_name, moved, standing, tool_points
-from bayescal.model.model import Model, build
+from bayescal.model.model import ORIENTATION, Model, build
 from bayescal.model.parts import Part
 from bayescal.model.scene import Scene
 
@@ -24,6 +24,9 @@ ROUNDS = 25
 """Maximum number of reweightings."""
 FITS = 12
 """Maximum number of fits with gravity moments at the pose of the fit before; usual are three or four."""
+AT_REST, MOVES = 1e-3, 0.1
+"""Displacements of the tool point by such a fit, in units of the smallest noise: at which the fits end, and
+from which on their result after the last is refused (conventions)."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,8 @@ def calibrated(
 
     With nominal moments the error of a compliance is several standard deviations, and larger with a payload;
     the residuals do not show it. The model is therefore fitted again until moments at the fitted pose move no
-    tool point; the first two fits search for outliers. A model that gravity does not act on is fitted once.
+    tool point by a thousandth of the noise; the first two fits search for outliers. A model that gravity does
+    not act on is fitted once.
 
     Raises
     ------
@@ -80,14 +84,23 @@ def calibrated(
     for fits in range(1, FITS):
         model, before, values = build(settled(found), effects, prior_width, without), found.model, found.arm
         now = by_name(model, values, before)
-        if same_motion(before, model) or moved(tool_points(before, values), tool_points(model, now)) < STILL:
+        step, noise = moved(tool_points(before, values), tool_points(model, now)), _smallest_noise(found)
+        if same_motion(before, model) or step < max(STILL, AT_REST * noise):
             return replace(found, model=model)
         known = dict(zip(before.names, found.z.tolist(), strict=True))
         start = np.array([known.get(name, 0.0) for name in model.names])
         rejected = None if fits == 1 else found.rejected
         found = estimate(model, robust=robust, start=start, left_out=rejected)
-    what = f"gravity moves the arm of the fit by more than 1 nm after {FITS} fits at its pose"
+    if step < MOVES * noise:
+        return found
+    what = f"gravity moves the arm by {1e6 * step:.3g} um from fit to fit, after {FITS} fits at its pose"
     raise BayescalError(what, "compliance", "check masses (kg), payload (kg) and gravity (m/s2)")
+
+
+def _smallest_noise(found: Estimate) -> float:
+    """Smallest standard uncertainty of a fitted residual, m, of lengths."""
+    w, lengths = found.weights, [b for b in found.model.blocks if b.group != ORIENTATION]
+    return min(float(np.min(w.sigma[b.name])) * w.scale[b.group] for b in lengths)
 
 
 def same_motion(a: Model, b: Model) -> bool:
