@@ -32,14 +32,19 @@ def test_only_significant_curves_and_an_event_once():
 
 
 @pytest.mark.parametrize(
-    ("rms", "words"), [(5e-6, "explains these data"), (9e-6, "validation points are larger")]
+    ("rms", "unknown", "words"),
+    [
+        (5e-6, 0.2, "explains these data"),
+        (9e-6, 0.2, "validation points are larger"),
+        (5e-6, 0.7, "noise only is possible (probability 0.25)"),
+    ],
 )
-def test_the_headline_is_that_of_the_table(rms, words):
+def test_the_headline_is_that_of_the_table(rms, unknown, words):
     measured = SimpleNamespace(
         what=VALIDATION_POINTS, rms=rms, predicted_rms=5e-6, predicted_interval95=(3e-6, 7e-6)
     )
     gap = SimpleNamespace(
-        verdict=SimpleNamespace(kind="null"),
+        verdict=SimpleNamespace(kind="null", probability={"null": 0.25, "unknown": unknown}),
         where=(),
         magnitude=SimpleNamespace(noise=5e-6, measured=(measured,)),
     )

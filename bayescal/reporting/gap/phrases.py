@@ -78,7 +78,10 @@ def headline(gap: Gap) -> list[str]:
         odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
         if odd:
             return [f"No effect found, but errors of {listed(odd)} are larger than the model predicts"]
-        return ["No effect above noise: the model explains these data"]
+        null = verdict.probability["null"]
+        if null >= max(verdict.probability.values()):
+            return ["No effect above noise: the model explains these data"]
+        return [f"No effect found: noise only is possible (probability {probability(null)})"]
     if verdict.kind == "unknown":
         p = probability(verdict.probability.get("unknown", float("nan")))
         return [f"Unmodelled effect outside the vocabulary, {there} (probability {p})"]
