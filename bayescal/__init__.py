@@ -4,8 +4,8 @@
 >>> "backlash" in bc.effects.names()
 True
 
-Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `load`; packages: `robots`,
-`effects`. All are imported when first used.
+Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `load`, `verify`;
+packages: `robots`, `effects`. All are imported when first used.
 """
 
 from importlib import import_module
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from bayescal.public.exports import export
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
     from bayescal.public.saved import load
+    from bayescal.public.verifying import verify
 
 __version__ = "0.1.0"
 __all__ = [
@@ -31,12 +32,14 @@ __all__ = [
     "read_dataset",
     "robots",
     "simulate",
+    "verify",
 ]
 
 _FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate"), "bayescal.public.functions")
 _FROM |= {
     "export": "bayescal.public.exports",
     "load": "bayescal.public.saved",
+    "verify": "bayescal.public.verifying",
     "BayescalError": "bayescal.errors",
 }
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from bayescal.errors import BayescalError
+from bayescal.exporting.mjcf.format import MJCF
 from bayescal.exporting.robot import ROBOT_YAML
 from bayescal.exporting.urdf import URDF
 from bayescal.exporting.written import Format
 
-FORMATS: dict[str, Format] = {f.name: f for f in (ROBOT_YAML, URDF)}
+FORMATS: dict[str, Format] = {f.name: f for f in (ROBOT_YAML, URDF, MJCF)}
 
 
 def format_of(name: str) -> Format:

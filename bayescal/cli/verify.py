@@ -1,0 +1,34 @@
+"""`bayescal verify`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayescal.cli import app
+from bayescal.cli.output import show
+from bayescal.cli.progress import progress
+
+
+@app.command()
+def verify(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of bayescal fit or gap.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File written by bayescal export.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Run folder to write [default: runs/<file>-verify].")
+    ] = None,
+) -> None:
+    """Load an exported arm in its simulator: against the fitted arm, and against the measured rows."""
+    from bayescal.folders import check_free
+    from bayescal.public.verifying import verify as verified
+
+    folder = out or Path("runs") / f"{file.stem}-verify"
+    check_free(folder, "verify.json")
+    with progress() as notify:
+        result = verified(run, file, progress=notify)
+        written = result.save(folder)
+    show(result.report(), folder, written)
+    if not result.passed:
+        raise typer.Exit(1)

@@ -1,0 +1,130 @@
+"""Springs of an arm: joints, bearings and the stand, from the fitted parameters that gravity drives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.arm.statics import Loads
+from bayescal.effects import named
+from bayescal.effects.base_compliance import BASE_COMPLIANCE
+from bayescal.effects.stand import tilts, vertical
+from bayescal.effects.vocabulary import Circumstances, Parameter
+from bayescal.errors import BayescalError
+from bayescal.exporting.mjcf.content import Content
+from bayescal.exporting.mjcf.spring import Spring, linear, spring_of
+
+BEYOND = 2.0
+"""A spring holds up to this multiple of the largest torque of the session; beyond, it is extrapolated."""
+LEAST = 0.05
+"""Share of the compliance without load below which a hardening is not extrapolated further."""
+STEPS = 1500
+"""Torques at which a characteristic is evaluated."""
+
+
+def joint_springs(content: Content) -> Mapping[int, Spring]:
+    """Springs about the axes of the joints, by their index: compliance, hardening and hysteresis together.
+
+    Raises
+    ------
+    BayescalError
+        For a deflection that does not increase with the torque.
+    """
+    scene, robot = content.arm.model.scene, content.arm.model.scene.dataset.robot
+    if scene.moments is None:
+        return {}
+    known = np.zeros(robot.n) if robot.compliance is None else robot.compliance
+    largest = BEYOND * np.max(np.abs(scene.moments[:, 1:, 2]), axis=0)
+    share = np.linspace(0.0, 1.0, STEPS + 1)[1:] ** 2  # denser at small torques
+    bent = [known[j] * largest[j] * share for j in range(robot.n)]
+    for p, value in content.driven("torque"):
+        j = p.site.number - 1
+        torques = np.zeros((STEPS, robot.n))
+        torques[:, j] = largest[j] * share
+        bent[j] = bent[j] + value * _response(content, p, torques)
+    out = {}
+    for j, name in enumerate(robot.joint_names):
+        if not np.any(bent[j]):
+            continue
+        torque = largest[j] * share
+        slope = np.gradient(bent[j], torque)
+        count = int(np.argmax(slope <= LEAST * slope[0])) if np.any(slope <= LEAST * slope[0]) else STEPS
+        if slope[0] <= 0 or BEYOND * torque[count - 1] < largest[j]:
+            what = f"{name} turns against its torque: its fitted compliance is not positive"
+            raise BayescalError(what, "export", "no simulator has such a spring; leave it out with --without")
+        out[j] = spring_of(torque[:count], bent[j][:count])
+    return out
+
+
+def _response(content: Content, p: Parameter, torques: np.ndarray) -> np.ndarray:
+    """Driver (G,) of a parameter at torques (G, n), N m, of the joints."""
+    grid = appended(content.circumstances, torques)
+    for name in content.arm.effects:
+        effect, setting = named(name)
+        for own in effect.at(grid, setting) if effect.name == p.effect else ():
+            if own.name == p.name:
+                (term,) = own.terms
+                return np.asarray(term.driver)[-len(torques) :]
+    raise AssertionError(f"{p.name} is no parameter of {content.arm.effects}")
+
+
+def appended(c: Circumstances, torques: np.ndarray) -> Circumstances:
+    """The circumstances with rows of given torques (G, n), N m, that are not fitted; for torque drivers."""
+    more = (0, len(torques))
+    c = replace(c, q=np.pad(c.q, [more, (0, 0)]))
+    if c.measured_torques is not None:
+        return replace(c, measured_torques=np.vstack([c.measured_torques, torques]))
+    assert c.loads is not None
+    moments, weights = (np.pad(own, [more, (0, 0), (0, 0)]) for own in (c.loads.moments, c.loads.weights))
+    moments[-len(torques) :, 1:, 2] = torques
+    return replace(c, loads=Loads(moments, weights))
+
+
+def bearings(content: Content) -> Mapping[int, Spring]:
+    """Springs transverse to the axes of the joints, by their index; those of both directions are equal."""
+    robot, out = content.arm.model.scene.dataset.robot, {}
+    for p, value in content.driven("bending moment"):
+        if p.name.endswith("bearing") and value:
+            out[p.site.number - 1] = _positive(value, p.name)
+    return {j: out[j] for j in range(robot.n) if j in out}
+
+
+@dataclass(frozen=True)
+class StandHinge:
+    """A hinge of the stand: unit axis and a point of it relative to the base's origin, (3,), in F0."""
+
+    name: str
+    axis: np.ndarray
+    pos: np.ndarray
+    spring: Spring
+    rest: float
+
+
+def stand_hinges(content: Content) -> tuple[StandHinge, ...]:
+    """Hinges of the stand: a tilt with a slide is a rotation about an axis away from the base's origin."""
+    values = {p.name.rpartition(":")[2]: value for p, value in content.driven("base moment")}
+    if not any(values.values()):
+        return ()
+    c, out, e = content.circumstances, [], BASE_COMPLIANCE.name
+    up = vertical(c)
+    masses = 0.0 if c.robot.masses is None else float(np.sum(c.robot.masses))
+    weight = (masses + float(c.load_mass[content.row])) * c.gravity
+    for tilt in tilts(c):
+        compliance = values.get(f"{e} {tilt.name}", 0.0)
+        moved = values.get(f"{e} slide {tilt.name}", 0.0) * tilt.across
+        moved = moved + values.get(f"{e} rise {tilt.name}", 0.0) * up
+        spring = _positive(compliance, f"{e} {tilt.name}")
+        pos = -np.cross(moved / compliance, tilt.axis)  # axis x (origin - pos) is the slide per radian
+        # the moment that acts is that about the base's origin, not about the hinge
+        rest = compliance * float(tilt.axis @ np.cross(pos, weight))
+        out.append(StandHinge(f"stand_{tilt.name}", tilt.axis, pos, spring, rest))
+    return tuple(out)
+
+
+def _positive(compliance: float, name: str) -> Spring:
+    if compliance <= 0:
+        what = f"{name} is {1e6 * compliance:.3g} urad/(N m): no spring has a compliance that is not positive"
+        raise BayescalError(what, "export", "leave the effect out with --without")
+    return linear(compliance)

@@ -1,0 +1,64 @@
+"""MJCF as a format of an export."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bayescal.effects import Parameter
+from bayescal.effects.tool import TOOL
+from bayescal.exporting.fitted import FittedArm
+from bayescal.exporting.mjcf.content import STATE
+from bayescal.exporting.mjcf.new_file import mjcf
+from bayescal.exporting.written import Format, Item, Options, Written, item
+
+PLACES = {
+    "torque": ("joint {name}_flex, tendons {name}_flex_...", "stiffness"),
+    "bending moment": ("joints {name}_tilt_... and {name}_bend_...", "stiffness"),
+    "base moment": ("joints stand_...", "stiffness, pos"),
+    "mass": ("body tool", "mass"),
+    "direction": ("tendon {name}_gear", "springlength"),
+    "angle": ("tendon {name}_gear", "coef"),
+}
+"""Element and attribute of a parameter, by the kind of its driver."""
+WEIGHED = ("torque", "bending moment", "base moment", "mass")
+"""Drivers that need the masses of the links."""
+
+
+def write(arm: FittedArm, options: Options) -> Written:
+    """The MJCF file of an arm."""
+    return Written(mjcf(arm, options.state, options.readings == "script"), tuple(_items(arm)))
+
+
+def holds(arm: FittedArm, k: int) -> bool:
+    """Whether an MJCF file can hold a parameter."""
+    p = arm.model.parameters[k]
+    if p.driver.kind in STATE:
+        return all(term.frame >= 0 for term in p.terms)
+    return p.driver.kind in PLACES and (p.driver.kind not in WEIGHED or arm.model.scene.moments is not None)
+
+
+def _items(arm: FittedArm) -> Iterator[Item]:
+    for k, p in enumerate(arm.model.parameters):
+        if holds(arm, k):
+            yield item(arm, k, *_place(arm, p))
+
+
+def _place(arm: FittedArm, p: Parameter) -> tuple[str, str]:
+    names = arm.dataset.robot.joint_names
+    if p.effect == TOOL.name:
+        return "site", "pos"
+    if p.driver.kind in PLACES:
+        element, attribute = PLACES[p.driver.kind]
+        return element.format(name=names[p.site.number - 1] if p.site.number else "..."), attribute
+    return (f"body link{p.site.number}" if p.site.number else "body base"), "pos, quat"
+
+
+MJCF = Format(
+    "mjcf",
+    ".xml",
+    "MuJoCo: geometry, springs of joints, bearings and stand, errors of the readings, lost motion",
+    write,
+    holds,
+    "MuJoCo has no such element",
+)
+"""The whole arm, for MuJoCo 4."""

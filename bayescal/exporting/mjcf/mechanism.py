@@ -1,0 +1,155 @@
+"""The fitted arm as a mechanism: bodies in series with their hinges, springs and masses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bayescal.arm.chain import Chain, displaced
+from bayescal.arm.robot import Robot
+from bayescal.arm.transforms import rigid, rotation
+from bayescal.dataset import Tool
+from bayescal.exporting.mjcf.content import Content
+from bayescal.exporting.mjcf.elastic import StandHinge, bearings, joint_springs, stand_hinges
+from bayescal.exporting.mjcf.law import Law
+from bayescal.exporting.mjcf.readings import erring, error
+from bayescal.exporting.mjcf.spring import Spring
+
+X, Y, Z = np.eye(3)
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """A hinge of a body: unit axis and a point of it (3,), m, in the body's frame at zero.
+
+    Without a spring it is a joint that the readings command. A spring has its zero at `rest`, rad.
+    """
+
+    name: str
+    axis: np.ndarray
+    pos: np.ndarray
+    spring: Spring | None = None
+    rest: float = 0.0
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body: pose (4, 4) in its parent at zero, its hinges in order, mass and its centre (3,)."""
+
+    name: str
+    pose: np.ndarray
+    hinges: tuple[Hinge, ...] = ()
+    mass: float = 0.0
+    centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Load:
+    """A tool: its tip and centre of mass in the flange frame, (3,), m, and its mass, kg."""
+
+    name: str
+    tip: np.ndarray
+    mass: float
+    centre: np.ndarray
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Bodies in series from the base, the flange (4, 4) in the frame of the last one, and the tools."""
+
+    bodies: tuple[Body, ...]
+    flange: np.ndarray
+    loads: tuple[Load, ...]
+    gravity: np.ndarray  # (3,) m/s2
+
+
+def mechanism(content: Content, law: Law) -> Mechanism:
+    """The mechanism of an arm.
+
+    A link's frame is that of its row, behind Rz and Tz; what stands between it and the next joint, with its
+    constant displacements, is part of the pose of the next body.
+
+    Raises
+    ------
+    BayescalError
+        If no spring holds a fitted elastic deflection.
+    """
+    scene = content.arm.model.scene
+    robot, chain, delta = scene.dataset.robot, scene.chain, content.constants()
+    springs, tilts, wrong = joint_springs(content), bearings(content), erring(law)
+    foot, *places, flange = poses(content, law)
+    bodies = [Body("base", foot, _stand(stand_hinges(content), foot, chain))]
+    for j, (name, place) in enumerate(zip(robot.joint_names, places, strict=True)):
+        hinges = [Hinge(name, Z, 0.0 * Z)]
+        if wrong[j]:
+            hinges.append(Hinge(error(name), Z, 0.0 * Z))
+        if j in springs:
+            hinges.append(Hinge(f"{name}_flex", Z, 0.0 * Z, springs[j]))
+        if j in tilts:
+            across = _moved(delta[j + 1], (1,))  # the tilt about y follows the constant displacement about x
+            hinges.append(Hinge(f"{name}_tilt_x", X, 0.0 * Z, tilts[j]))
+            hinges.append(Hinge(f"{name}_tilt_y", across[:3, 1], across[:3, 3], tilts[j]))
+        mass = 0.0 if robot.masses is None else float(robot.masses[j])
+        bodies.append(Body(f"link{j + 1}", place, tuple(hinges), mass, _centre(robot, chain, delta, j + 1)))
+    return Mechanism(tuple(bodies), flange, loads(content), scene.dataset.gravity)
+
+
+def loads(content: Content) -> tuple[Load, ...]:
+    """The tools with their fitted offsets and the fitted payload."""
+    return tuple(_load(content, k, tool) for k, tool in enumerate(content.arm.dataset.tools))
+
+
+def names(n: int) -> tuple[str, ...]:
+    """Names of the bodies of an arm with n joints, with the flange."""
+    return ("base", *(f"link{j}" for j in range(1, n + 1)), "flange")
+
+
+def poses(content: Content, law: Law) -> list[np.ndarray]:
+    """Poses (4, 4) of base, links and flange, each in the frame of the one before, at readings of zero."""
+    scene = content.arm.model.scene
+    chain, delta = scene.chain, content.constants()
+    at_zero = scene.dataset.robot.offset + law.turned(np.zeros((1, chain.n)))[0]
+    out, before = [chain.base @ _moved(delta[0])], chain.link[0]
+    for j in range(1, chain.n + 1):
+        turn, along = at_zero[j - 1] + delta[j, 0], chain.d[j - 1] + delta[j, 1]
+        out.append(before @ rigid(rotation(2, turn), along * Z))
+        before = _moved(delta[j], (1, 2)) @ chain.link[j]
+    return [*out, before]
+
+
+def _moved(delta: np.ndarray, parts: tuple[int, ...] = (0, 1, 2)) -> np.ndarray:
+    """Transform (4, 4) of some parts of a displacement (6,): 0 is Rz Tz, 1 Rx Tx, 2 Ry Ty."""
+    own = np.where(np.isin(np.arange(6) // 2, parts), delta, 0.0)
+    corners = displaced(np.vstack([np.zeros(3), np.eye(3)]), own)
+    return rigid((corners[1:] - corners[0]).T, corners[0])
+
+
+def _stand(hinges: tuple[StandHinge, ...], foot: np.ndarray, chain: Chain) -> tuple[Hinge, ...]:
+    """Hinges of the stand in the frame of the displaced base; given relative to the nominal one, in F0."""
+    turn = foot[:3, :3].T
+    at = chain.base[:3, 3] - foot[:3, 3]
+    return tuple(Hinge(h.name, turn @ h.axis, turn @ (at + h.pos), h.spring, h.rest) for h in hinges)
+
+
+def _centre(robot: Robot, chain: Chain, delta: np.ndarray, j: int) -> np.ndarray:
+    """Centre of mass of link j (from 1) in the frame of its body."""
+    if robot.centres_of_mass is None:
+        return np.zeros(3)
+    centre = robot.centres_of_mass[j - 1]
+    if robot.convention == "dh":
+        centre = chain.link[j, :3, :3] @ centre + chain.link[j, :3, 3]
+        centre = displaced(centre, np.where(np.arange(6) < 2, 0.0, delta[j]))
+    return centre
+
+
+def _load(content: Content, number: int, tool: Tool) -> Load:
+    """A tool with its fitted offset and the fitted payload."""
+    m = content.arm.model.scene.dataset.measurements
+    rows = np.flatnonzero(m.tool == number)
+    row = content.row if content.row in rows or not len(rows) else int(rows[-1])
+    shift = content.constants(row)[-1]
+    extra = sum(value for _, value in content.driven("mass"))
+    centre = tool.centre if tool.centre_of_mass is None else tool.centre_of_mass
+    tip = tool.centre + displaced(np.zeros(3), shift)
+    return Load(tool.name, tip, tool.mass + extra, displaced(centre, shift))

@@ -1,0 +1,87 @@
+"""Poses of a session replayed in a simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.exporting.fitted import FittedArm
+from bayescal.exporting.mjcf.content import Content
+from bayescal.exporting.mjcf.law import Law, law_of
+from bayescal.exporting.mjcf.mechanism import Load, loads, names, poses
+from bayescal.exporting.mjcf.readings import posture
+from bayescal.exporting.verify.simulator import APPROACH, Simulator
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What brings an arm in a simulator to a pose: the law of its readings, its tools, places of bodies."""
+
+    law: Law
+    loads: tuple[Load, ...]
+    joints: tuple[str, ...]
+    poses: Mapping[str, np.ndarray]
+
+    @classmethod
+    def of(cls, arm: FittedArm, row: int) -> Machine:
+        """The machine of an arm in the state of a row."""
+        content = Content(arm, row)
+        law = law_of(content)
+        places = dict(zip(names(len(law.lost)), poses(content, law), strict=True))
+        return cls(law, loads(content), arm.dataset.robot.joint_names, places)
+
+    def starts(self, readings: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
+        """Readings (C, n), rad, from which the poses are approached, if any gear has lost motion.
+
+        Every gear that turned before the pose turns in the same direction, far enough to pass its lost
+        motion.
+        """
+        if direction is None or not self.law.lost.any():
+            return readings
+        gears = self.law.geared @ self.law.nominal
+        return readings - APPROACH * np.sign(direction @ gears.T) @ np.linalg.inv(gears).T
+
+
+def replayed(
+    simulator: Simulator, machine: Machine, arm: FittedArm, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Readings reached (C, n), rad, and tool points (C, 3), m, in rows of the session.
+
+    Each pose is approached in the direction in which the arm moved, with the tool and the payload of the row.
+    """
+    m = arm.dataset.measurements
+    payload = np.zeros(len(m.ids)) if m.payload is None else m.payload
+    velocity = m.velocity
+    reached, points = np.empty((len(rows), m.readings.shape[1])), np.empty((len(rows), 3))
+    carried = np.column_stack([m.tool[rows], payload[rows]])
+    for tool, extra in np.unique(carried, axis=0):
+        mine = np.flatnonzero((carried == (tool, extra)).all(axis=1))
+        load = machine.loads[int(tool)]
+        simulator.carry(load, float(extra))
+        readings = m.readings[rows[mine]]
+        starts = machine.starts(readings, None if velocity is None else velocity[rows[mine]])
+        postures = [posture(machine.law, machine.joints, start) for start in starts]
+        stood = simulator.stand(postures, starts, readings, load.name)
+        reached[mine], points[mine] = stood.readings, stood.points
+    return reached, points
+
+
+def modelled(arm: FittedArm, rows: np.ndarray, reached: np.ndarray, state: int) -> np.ndarray:
+    """Tool points (C, 3), m, of the fitted arm at readings reached (C, n) in rows, in the state of a row."""
+    m = arm.dataset.measurements
+    out = np.empty((len(rows), 3))
+    names = [t.name for t in arm.dataset.tools]
+    for tool in np.unique(m.tool[rows]):
+        mine = np.flatnonzero(m.tool[rows] == tool)
+        payload = 0.0 if m.payload is None else m.payload[rows[mine]]
+        direction = None if m.velocity is None else m.velocity[rows[mine]]
+        if direction is not None:  # of any motion, not its speed
+            fastest = np.max(np.abs(direction), axis=1, keepdims=True)
+            direction = np.divide(direction, fastest, where=fastest > 0, out=np.zeros(direction.shape))
+        poses = arm.at(
+            reached[mine], tool=names[int(tool)], payload_kg=payload, direction=direction, row=state
+        )
+        out[mine] = poses.points
+    return out

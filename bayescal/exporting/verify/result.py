@@ -1,0 +1,76 @@
+"""Verification of a written file: levels, the gap, and whether it passed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bayescal.errors import BayescalError
+from bayescal.exporting.export import read_sidecar
+from bayescal.exporting.fitted import FittedArm, open_run, refitted
+from bayescal.exporting.verify.gap import Gap, read_record, simulated_gap
+from bayescal.exporting.verify.levels import Level, levels
+from bayescal.exporting.verify.simulator import mujoco
+
+Notify = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Verification:
+    """A written file in its simulator."""
+
+    arm: FittedArm
+    path: Path
+    format: str
+    state: int
+    software: str
+    levels: tuple[Level, ...]
+    gap: Gap | None
+
+    @property
+    def passed(self) -> bool:
+        """Whether all differences are within their limits."""
+        return all(level.passed for level in self.levels)
+
+
+def verify(run: Path, path: Path, notify: Notify = lambda stage, share: None) -> Verification:
+    """Load a written file in its simulator, and replay the session.
+
+    Raises
+    ------
+    BayescalError
+        If the run folder has no arm, the simulator is not installed, or the file is not of this arm.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        what = getattr(error, "strerror", None) or "is not a text file"
+        raise BayescalError(what, str(path), "give a file of bayescal export") from None
+    mj = mujoco()
+    sidecar = read_sidecar(path)
+    arm = _arm(run, sidecar, str(path))
+    state = arm.dataset.measurements.ids.index(sidecar["state"]["row"])
+    found = levels(arm, text, state, str(path), lambda share: notify("levels", share))
+    notify("replay", 0.0)
+    gap = simulated_gap(arm, text, state, str(path), read_record(run))
+    return Verification(arm, path, "mjcf", state, f"MuJoCo {mj.__version__}", found, gap)
+
+
+def _arm(run: Path, sidecar: Mapping[str, Any], where: str) -> FittedArm:
+    """The arm that was exported: that of the run, or of the same refit.
+
+    Raises
+    ------
+    BayescalError
+        If the file is of another session.
+    """
+    arm = open_run(run)
+    if sidecar["dataset"]["name"] != arm.dataset.name or sidecar["robot"] != arm.dataset.robot.name:
+        what = f"was exported from the session {sidecar['dataset']['name']}, not from {arm.dataset.name}"
+        raise BayescalError(what, where, "give the run that was exported")
+    more = [name for name in sidecar["model"] if name not in arm.effects]
+    less = [name for name in arm.effects if name not in sidecar["model"]]
+    less += [part for part in sidecar["without"] if part not in arm.origin.without]
+    return refitted(arm, more, less) if more or less else arm

@@ -1,0 +1,62 @@
+"""Arms with drawn parameters in MuJoCo, an independent simulator, against our own model."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+sys.path.insert(0, str(Path(__file__).parents[3]))
+
+from analysis.simulators import BASE, CASES, differences, drawn
+from bayescal.errors import BayescalError
+from bayescal.exporting.mjcf.new_file import mjcf
+from bayescal.exporting.verify.limits import limit
+
+POSES = 8
+FALLS_SHORT = {"bending"}
+HELD = [case for case in CASES if not FALLS_SHORT.intersection(case)]
+TOGETHER = tuple(name for name in CASES[-1] if name not in FALLS_SHORT)
+
+
+@pytest.mark.parametrize("effects", [*HELD, TOGETHER], ids=lambda case: f"{case[-1]} of {len(case)}")
+def test_every_effect_of_a_coupled_arm(effects):
+    off, size = differences(drawn("fanuc-lrmate200ic", effects), POSES)
+    assert np.max(off) < limit(effects)
+    assert size > 2e-6  # there is an effect to hold
+
+
+@pytest.mark.parametrize("robot", ["universal-robots-ur5e", "franka-panda", "unimation-puma560"])
+def test_other_arms(robot):
+    effects = (*BASE, "base-compliance", "hysteresis", "coupling", "eccentricity", "backlash")
+    off, _ = differences(drawn(robot, effects), POSES)
+    assert np.max(off) < limit(effects)
+
+
+@pytest.mark.parametrize("side", ["reading", "link"])
+def test_lost_motion_of_coupled_axes_is_at_its_gear(side):
+    off, size = differences(drawn("fanuc-lrmate200ic", (*BASE, f"backlash@{side}")), POSES)
+    assert np.max(off) < limit((*BASE, "backlash"))
+    assert size > 2e-6
+
+
+def test_a_difference_is_seen():
+    """Ten micrometres in the file are ten micrometres in the comparison."""
+    arm = drawn("universal-robots-ur5e", BASE)
+    text = mjcf(arm, len(arm.dataset.measurements.ids) - 1)
+    x = re.search(r'<body name="base" .*?pos="(\S+) ', text)
+    wrong = text[: x.start(1)] + repr(float(x[1]) + 1e-5) + text[x.end(1) :]
+    off, _ = differences(arm, POSES, wrong)
+    assert np.allclose(off, 1e-5, atol=1e-8)
+
+
+def test_leading_backlash_and_negative_compliance_are_refused():
+    arm = drawn("universal-robots-ur5e", (*BASE, "backlash"))
+    backlash = np.array([p.effect == "backlash" for p in arm.model.parameters])
+    compliance = np.array([p.effect == "compliance" for p in arm.model.parameters])
+    with pytest.raises(BayescalError, match="backlash J1 leads by"):
+        mjcf(arm.valued(np.where(backlash, -arm.values, arm.values)), 0)
+    with pytest.raises(BayescalError, match="J2 turns against its torque"):
+        mjcf(arm.valued(np.where(compliance, -arm.values, arm.values)), 0)
