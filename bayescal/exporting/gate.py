@@ -103,5 +103,7 @@ def check(doubts: Sequence[str], force: bool) -> None:
         With all reasons, unless `force`.
     """
     if doubts and not force:
-        remedy = "--force exports it all the same; --without EFFECT fits the session again without it"
+        remedy = (
+            "--force exports it all the same; --without EFFECT (or 'compliance at joint 3') fits it again"
+        )
         raise BayescalError("; ".join(doubts), "not exported", remedy)

@@ -20,7 +20,7 @@ from bayescal.effects.selection import Selection
 from bayescal.exporting.displaced import constant, constant_displacements
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.geometry import items
-from bayescal.exporting.written import Format, Options, Written, item
+from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.model import Model
 from bayescal.robots import robot_to_yaml
 
@@ -116,14 +116,19 @@ def _write(arm: FittedArm, options: Options) -> Written:
         f"{arm.dataset.robot.name} calibrated on {arm.dataset.name}: {', '.join(arm.effects)}.\n"
         "The tool is not part of it."
     )
-    places = [("base" if k == 0 else f"joints[{name}]", "DH row") for k, name in enumerate(robot.joint_names)]
-    every = items(arm, places)
+    return Written(robot_to_yaml(robot, comment), robot_items(arm))
+
+
+def robot_items(arm: FittedArm) -> list[Item]:
+    """The parameters that a robot of DH rows holds, and where."""
+    names = arm.dataset.robot.joint_names
+    out = items(arm, [("base" if k == 0 else f"joints[{name}]", "DH row") for k, name in enumerate(names)])
     for k, p in enumerate(arm.model.parameters):
         if is_scale(p):
-            every.append(item(arm, k, "link_from_reading", p.site.text))
+            out.append(item(arm, k, "link_from_reading", p.site.text))
         elif p.effect == COMPLIANCE.name and _holds(arm, k):
-            every.append(item(arm, k, "joint_compliance_rad_per_nm", p.site.text))
-    return Written(robot_to_yaml(robot, comment), every)
+            out.append(item(arm, k, "joint_compliance_rad_per_nm", p.site.text))
+    return out
 
 
 def _holds(arm: FittedArm, k: int) -> bool:

@@ -1,0 +1,68 @@
+"""Corrections of the joint zeros as a table, for controllers that have an offset for each joint only.
+
+The true reading of a joint is what the controller shows plus its correction. Of coupled axes, corrections of
+the links are converted to those of the readings.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+
+from bayescal.arm.transforms import AXES
+from bayescal.exporting.displaced import at_state, constant
+from bayescal.exporting.fitted import FittedArm
+from bayescal.exporting.written import Format, Options, Written, item
+
+TICKS = 4096
+"""Steps per revolution of the encoders of common servos (Feetech STS, Dynamixel X)."""
+
+
+def zeros(arm: FittedArm, state: int) -> tuple[np.ndarray, np.ndarray]:
+    """Corrections (n,) of the readings, rad, and their covariance (n, n)."""
+    robot = arm.dataset.robot
+    by = np.zeros((robot.n, len(arm.values)))
+    for k, p in enumerate(arm.model.parameters):
+        for t in at_state(p, state).terms if _holds(arm, k) else ():
+            by[t.frame - 1, k] += float(t.driver)
+    by = np.linalg.solve(robot.link_from_reading, by)
+    return by @ arm.values, by @ arm.covariance @ by.T
+
+
+def _holds(arm: FittedArm, k: int) -> bool:
+    """Whether a parameter turns joints about their axes, and does nothing else."""
+    p, n = arm.model.parameters[k], arm.model.scene.chain.n
+    return constant(p) and all(t.axis == AXES[0] and 1 <= t.frame <= n for t in p.terms)
+
+
+def _write(arm: FittedArm, options: Options) -> Written:
+    robot = arm.dataset.robot
+    correction, covariance = zeros(arm, options.state)
+    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(
+        ["joint", "correction_deg", "u_deg", "correction_rad", "u_rad", f"correction_ticks_{TICKS}"]
+    )
+    for name, value, own in zip(robot.joint_names, correction.tolist(), u.tolist(), strict=True):
+        turns = value / (2.0 * np.pi)
+        cells = [np.degrees(value), np.degrees(own), value, own]
+        writer.writerow([name, *(repr(float(c)) for c in cells), round(turns * TICKS)])
+    named = [name for k, name in enumerate(robot.joint_names) if u[k] == 0.0]
+    notes = [f"the zero of {', '.join(named)} is not identifiable and has no correction"] if named else []
+    notes.append("true reading = reading shown + correction; see docs/export.md for the sign of an offset")
+    items = [item(arm, k, "row of the joint", "correction") for k in range(len(arm.values)) if _holds(arm, k)]
+    return Written(out.getvalue(), items, notes=notes)
+
+
+JOINT_ZEROS = Format(
+    "joint-zeros",
+    ".csv",
+    "corrections of the joint zeros as CSV",
+    _write,
+    _holds,
+    "a controller's offsets hold the zeros of the joints only",
+)
+"""Offsets of the joints for a controller, as in the files of LeRobot or TALOS."""
