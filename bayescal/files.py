@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import json
 import math
 import os
+import re
 import secrets
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -258,3 +260,9 @@ def write_together(files: Mapping[File, str | bytes]) -> None:
     finally:
         for part in staged.values():
             part.unlink(missing_ok=True)
+
+
+def json_text(record: Any) -> str:
+    """A record as JSON text with all digits, lists of numbers on one line."""
+    text = json.dumps(record, indent=1, allow_nan=False)
+    return re.sub(r"\[[-\d.eE+,\s]+\]", lambda found: " ".join(found[0].split()), text) + "\n"

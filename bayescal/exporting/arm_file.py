@@ -19,6 +19,7 @@ from bayescal.effects import UNITS, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.fitted import FittedArm, Origin
 from bayescal.exporting.rows import standing_model
+from bayescal.files import json_text
 from bayescal.model import Model
 from bayescal.model.scene import Scene
 
@@ -91,8 +92,7 @@ def write_arm(arm: FittedArm, folder: Path) -> tuple[str, str]:
     for name, session in copies:
         (folder / name).mkdir(parents=True)
         write_files(session, folder / name)
-    text = json.dumps(arm_record(arm), indent=1, allow_nan=False) + "\n"
-    (folder / ARM_FILE).write_text(text, encoding="utf-8")
+    (folder / ARM_FILE).write_text(json_text(arm_record(arm)), encoding="utf-8")
     return ARM_FILE, COPY
 
 

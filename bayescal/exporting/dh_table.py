@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,6 +14,7 @@ from bayescal.arm.transforms import rpy_of
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.robot import ROBOT_YAML, calibrated_robot, robot_items
 from bayescal.exporting.written import Format, Options, Written
+from bayescal.files import json_text
 
 SCHEMA = "bayescal-dh/1"
 COLUMNS = {
@@ -28,6 +28,8 @@ COLUMNS = {
 COMPLIANCE = ("urad_per_nm", 1e6)
 STEP = 1e-3
 """Step of the numerical derivatives, in prior standard deviations of a parameter."""
+ROUNDING = 1e-9
+"""mm, deg and urad/(N m)."""
 
 
 def quantities(robot: Robot) -> Iterator[tuple[str, str, str, float]]:
@@ -64,6 +66,8 @@ def spread(arm: FittedArm, state: int) -> np.ndarray:
         step[k] = STEP * sd
         slopes.append((of(arm.values + step) - of(arm.values - step)) / (2.0 * step[k]))
     by = np.array(slopes).reshape(len(arm.values), -1)
+    # a slope that displaces by less than `ROUNDING` for a prior standard deviation is rounding
+    by[np.abs(by * arm.model.sd[:, None]) < ROUNDING] = 0.0
     return by.T @ arm.covariance @ by
 
 
@@ -75,7 +79,7 @@ def _write(arm: FittedArm, options: Options) -> Written:
     return Written(
         _csv(robot, {(place, key): own for (place, key, *_), own in zip(every, u, strict=True)}),
         robot_items(arm),
-        beside={".json": json.dumps(_record(arm, robot, every, u, covariance), indent=1) + "\n"},
+        beside={".json": json_text(_record(arm, robot, every, u, covariance))},
         notes=["the JSON file beside it has the base, the coupling of the readings and the full covariance"],
     )
 

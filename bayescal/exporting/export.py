@@ -21,7 +21,7 @@ from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.formats import format_of
 from bayescal.exporting.rows import state_row
 from bayescal.exporting.written import Options, Written, path_of
-from bayescal.files import write_together
+from bayescal.files import json_text, write_together
 
 SCHEMA = "bayescal-export/1"
 SIDECAR = ".bayescal.json"
@@ -53,7 +53,7 @@ class Exported:
         """All files with their content, the sidecar last, for a main file at `path`."""
         main = {path: self.written.content}
         beside = {path.with_name(path.stem + suffix): text for suffix, text in self.written.beside.items()}
-        text = json.dumps(self.record(path.name), indent=1, allow_nan=False) + "\n"
+        text = json_text(self.record(path.name))
         return {**main, **beside, sidecar_of(path): text}
 
     def record(self, name: str) -> dict[str, Any]:

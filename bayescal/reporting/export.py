@@ -5,6 +5,7 @@ from __future__ import annotations
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from bayescal.effects.tool import TOOL
 from bayescal.exporting.export import Exported
 from bayescal.reporting.shared.text import facts, model_label, plain_table, um
 
@@ -14,11 +15,13 @@ def export_summary(export: Exported) -> RenderableType:
     arm = export.arm
     m = arm.dataset.measurements
     held = len({i.parameter for i in export.written.items})
+    tool = sum(p.effect == TOOL.name for p in arm.model.parameters)
     time = "" if m.time is None else f" ({m.time[export.options.state]:.0f} s)"
     rows = [
         ("arm", f"{arm.dataset.robot.name}, session {arm.dataset.name}", ""),
         ("model", model_label(arm.effects), ""),
-        ("format", f"{export.format}: {held} of {len(arm.values)} parameters are in the file", ""),
+        ("format", f"{export.format}: {held} of {len(arm.values) - tool} parameters of the arm", ""),
+        ("tool", f"its {tool} parameters are in the sidecar", ""),
     ]
     if any(m.why.startswith("changes") for m in export.missing):
         rows.append(("state", f"that of row {m.ids[export.options.state]}{time}", ""))
