@@ -4,8 +4,8 @@
 >>> "backlash" in bc.effects.names()
 True
 
-Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `load`, `verify`;
-packages: `robots`, `effects`. All are imported when first used.
+Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `verify`, `compensate`,
+`load`; packages: `robots`, `effects`. All are imported when first used.
 """
 
 from importlib import import_module
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bayescal import effects, robots
     from bayescal.errors import BayescalError
+    from bayescal.public.compensating import compensate
     from bayescal.public.exports import export
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
     from bayescal.public.saved import load
@@ -24,6 +25,7 @@ __all__ = [
     "BayescalError",
     "__version__",
     "compare",
+    "compensate",
     "diagnose",
     "effects",
     "export",
@@ -37,6 +39,7 @@ __all__ = [
 
 _FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate"), "bayescal.public.functions")
 _FROM |= {
+    "compensate": "bayescal.public.compensating",
     "export": "bayescal.public.exports",
     "load": "bayescal.public.saved",
     "verify": "bayescal.public.verifying",

@@ -11,7 +11,7 @@ import sys
 import pytest
 
 HEAVY = ("numpy", "scipy", "gtsam", "matplotlib", "numba", "rich", "yaml", "emcee", "arviz", "xarray", "h5py")
-COMMANDS = ("fit", "gap", "compare", "simulate", "import", "blind", "export", "verify")
+COMMANDS = ("fit", "gap", "compare", "simulate", "import", "blind", "export", "verify", "compensate")
 
 PROGRAM = """
 import contextlib, io, sys
@@ -45,7 +45,18 @@ def test_help_of_every_command_loads_no_library_that_computes():
 
 
 def test_every_command_is_asked():
-    from bayescal.cli import app, blind, compare, export, fit, gap, import_, simulate, verify  # noqa: F401
+    from bayescal.cli import (  # noqa: F401
+        app,
+        blind,
+        compare,
+        compensate,
+        export,
+        fit,
+        gap,
+        import_,
+        simulate,
+        verify,
+    )
 
     named = {c.name or c.callback.__name__ for c in app.registered_commands if c.callback}
     assert named | {g.name for g in app.registered_groups} == set(COMMANDS)

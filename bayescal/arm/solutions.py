@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import product
+
 import numpy as np
 
 from bayescal.arm.inverse import descend, to_points, to_poses
@@ -66,7 +69,12 @@ def _within_a_turn(angle: np.ndarray) -> np.ndarray:
     return angle - TURN * np.round(angle / TURN)
 
 
-def nearest(arm: NominalArm, found: np.ndarray, references: np.ndarray) -> np.ndarray | None:
+def nearest(
+    arm: NominalArm,
+    found: np.ndarray,
+    references: np.ndarray,
+    admits: Callable[[np.ndarray], bool] | None = None,
+) -> np.ndarray | None:
     """The readings (n,), rad, of the solution nearest to any of some readings, within the joint limits.
 
     Nearest by the Euclidean distance of the joint angles; every joint is turned by whole turns towards the
@@ -79,17 +87,33 @@ def nearest(arm: NominalArm, found: np.ndarray, references: np.ndarray) -> np.nd
         Angles of `solutions`, rad.
     references : np.ndarray, shape (K, n)
         Readings, rad.
+    admits : callable, optional
+        Whether readings (n,), rad, may be taken; then all whole turns within the limits are tried.
     """
-    low, high = arm.robot.limits.T
-    least, most = np.ceil((low - TOUCHES - found) / TURN), np.floor((high + TOUCHES - found) / TURN)
+    least, most = _turns(arm, found)
     good = np.all(least <= most, axis=1)
-    if not np.any(good):
-        return None
     own, least, most = (part[good, None] for part in (found, least, most))
+    if admits is not None:
+        turned = [
+            angles[0] + TURN * np.array(turns)
+            for angles, low, high in zip(own, least, most, strict=True)
+            for turns in product(*(np.arange(a, b + 1) for a, b in zip(low[0], high[0], strict=True)))
+        ]
+        taken = [angles for angles in turned if admits(arm.readings_of(angles[None])[0])]
+        own = np.array(taken).reshape(-1, 1, arm.robot.n)
+        least = most = np.zeros(own.shape)
+    if not len(own):
+        return None
     goal = arm.angles_of(references)[None]
     candidates = own + TURN * np.clip(np.round((goal - own) / TURN), least, most)
     away = np.linalg.norm(candidates - goal, axis=2)
     return arm.readings_of(candidates[np.unravel_index(np.argmin(away), away.shape)][None])[0]
+
+
+def _turns(arm: NominalArm, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest number of whole turns (S, n) that leave angles (S, n) within the limits."""
+    low, high = arm.robot.limits.T
+    return np.ceil((low - TOUCHES - found) / TURN), np.floor((high + TOUCHES - found) / TURN)
 
 
 def without_solution(arm: NominalArm, pose: np.ndarray, found: np.ndarray) -> str:
@@ -99,18 +123,9 @@ def without_solution(arm: NominalArm, pose: np.ndarray, found: np.ndarray) -> st
     """
     low, high = arm.robot.limits.T
     if len(found):
-        middle = (low + high) / 2
-        own = found + TURN * np.round((middle - found) / TURN)
-        excess = np.maximum(np.maximum(low - own, own - high), 0.0)
-        best = int(np.argmin(excess.max(axis=1)))
-        beyond = [
-            f"{name} at {angle:.1f} deg, limits {least:.0f} to {most:.0f}"
-            for name, angle, least, most in zip(
-                arm.robot.joint_names, *np.degrees([own[best], low, high]), strict=True
-            )
-            if not least - np.degrees(TOUCHES) <= angle <= most + np.degrees(TOUCHES)
-        ]
-        return f"beyond the joint limits ({'; '.join(beyond)})"
+        own = found + TURN * np.round(((low + high) / 2 - found) / TURN)
+        excess = np.maximum(np.maximum(low - own, own - high), 0.0).max(axis=1)
+        return beyond_limits(arm, own[np.argmin(excess)])
     starts = np.random.default_rng(0).uniform(-np.pi, np.pi, (STARTS, arm.robot.n))
     anywhere = np.full(arm.robot.n, np.inf)
     goal = np.tile(pose[:3, 3], (STARTS, 1))
@@ -119,3 +134,14 @@ def without_solution(arm: NominalArm, pose: np.ndarray, found: np.ndarray) -> st
         return "the point is within reach, but not with this orientation"
     short = np.linalg.norm(arm.ball(arm.frames(arm.readings_of(angles))) - goal, axis=1).min()
     return f"out of reach by {1e3 * short:.0f} mm"
+
+
+def beyond_limits(arm: NominalArm, angles: np.ndarray) -> str:
+    """The joints whose angles (n,), rad, are beyond their limits, as text; "" if none is."""
+    low, high = arm.robot.limits.T
+    bad = np.flatnonzero((angles < low - TOUCHES) | (angles > high + TOUCHES))
+    each = [
+        f"{arm.robot.joint_names[k]} at {a:.1f} deg, limits {b:.0f} to {c:.0f}"
+        for k, a, b, c in zip(bad, *np.degrees([angles[bad], low[bad], high[bad]]), strict=True)
+    ]
+    return f"beyond the joint limits ({'; '.join(each)})" if each else ""

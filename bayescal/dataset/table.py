@@ -1,11 +1,11 @@
-"""measurements.csv: its columns, and its cells as numbers with the line of whatever is wrong."""
+"""measurements.csv and other tables: columns, and cells as numbers with the line of whatever is wrong."""
 
 from __future__ import annotations
 
 import csv
 import io
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -93,6 +93,17 @@ class Table:
 
 def read_table(path: Path, n: int) -> Table:
     """Read measurements.csv of an arm with `n` joints: header and shape checked, cells still text."""
+    return read_cells(path, lambda header, where: _check_header(header, where, n))
+
+
+def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Table:
+    """Read a table with a header; `check_header(columns, where)` refuses columns.
+
+    Raises
+    ------
+    BayescalError
+        With the line, for a file that is not CSV, has no rows, or has rows of different lengths.
+    """
     text, content = decoded(path)
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     rows: list[list[str]] = []
@@ -108,13 +119,13 @@ def read_table(path: Path, n: int) -> Table:
         where = f"{path.name}:{reader.line_num}"
         raise BayescalError(f"not CSV: {error}", where, "check the quotes") from None
     header = [c.strip() for c in rows[0]]
-    _check_header(header, f"{path.name}:{lines[0]}", n)
+    check_header(header, f"{path.name}:{lines[0]}")
     for cells, line in zip(rows, lines, strict=True):
         if len(cells) != len(header):
             what = f"{len(cells)} cells, the header has {len(header)}"
             raise BayescalError(what, f"{path.name}:{line}", "one cell a column; the decimal mark is a dot")
     if len(rows) == 1:
-        raise BayescalError("no rows below the header", f"{path.name}:{lines[0]}", "add measurements")
+        raise BayescalError("no rows below the header", f"{path.name}:{lines[0]}", "add rows")
     columns = (tuple(map(str.strip, column)) for column in zip(*rows[1:], strict=True))
     return Table(path.name, dict(zip(header, columns, strict=True)), np.array(lines[1:]), content)
 
@@ -127,20 +138,35 @@ def _is_number(cell: str) -> bool:
     return "_" not in cell
 
 
-def _check_header(header: list[str], where: str, n: int) -> None:
-    """Refuse unknown, doubled and missing columns."""
+def check_names(header: list[str], where: str) -> None:
+    """Refuse columns without a name, doubled ones, and a table whose columns are not separated by commas."""
     if len(header) == 1 and re.search(r"[;\t]", header[0]):
         raise BayescalError("the columns are not separated by commas", where, "save with commas and dots")
-    known = [*PLAIN, *(c for kind in JOINT for c in joint_columns(kind, n))]
     for i, column in enumerate(header):
         if column in header[:i]:
             raise BayescalError(f"column `{column}` is given twice", where, "keep one")
+        if not column:
+            raise BayescalError(f"column {i + 1} has no name", where, "name it, or delete it")
+
+
+def check_groups(header: list[str], where: str, groups: Iterable[tuple[str, ...]]) -> None:
+    """Refuse a part of columns that belong together."""
+    for group in groups:
+        missing = [c for c in group if c not in header]
+        if missing and len(missing) < len(group):
+            remedy = f"give all of {', '.join(group)}, or none"
+            raise BayescalError(f"column `{missing[0]}` is missing", where, remedy)
+
+
+def _check_header(header: list[str], where: str, n: int) -> None:
+    """Refuse unknown, doubled and missing columns."""
+    check_names(header, where)
+    known = [*PLAIN, *(c for kind in JOINT for c in joint_columns(kind, n))]
+    for column in header:
         joint = re.fullmatch(rf"j(\d+)_({'|'.join(JOINT)})", column)
         if joint and int(joint[1]) > n:
             what = f"column `{column}`, but the robot has {n} joints"
             raise BayescalError(what, where, "check `robot` in dataset.yaml")
-        if not column:
-            raise BayescalError(f"column {i + 1} has no name", where, "name it, or delete it")
         if column not in known:
             what, remedy = unknown("column", column, known)
             raise BayescalError(what, where, remedy)
@@ -148,8 +174,4 @@ def _check_header(header: list[str], where: str, n: int) -> None:
         if column not in header:
             remedy = f"the robot has {n} joints: j1_deg to j{n}_deg" if column.startswith("j") else "add it"
             raise BayescalError(f"column `{column}` is missing", where, remedy)
-    for group in (*(joint_columns(kind, n) for kind in JOINT[1:]), XYZ, RPY):
-        missing = [c for c in group if c not in header]
-        if missing and len(missing) < len(group):
-            remedy = f"give all of {', '.join(group)}, or none"
-            raise BayescalError(f"column `{missing[0]}` is missing", where, remedy)
+    check_groups(header, where, (*(joint_columns(kind, n) for kind in JOINT[1:]), XYZ, RPY))

@@ -94,8 +94,8 @@ def negative(parameters: Sequence[Parameter], values: np.ndarray, covariance: np
             yield f"{p.name} is negative, which is not physical: {at}"
 
 
-def check(doubts: Sequence[str], force: bool) -> None:
-    """Refuse an export with reasons against it.
+def check(doubts: Sequence[str], force: bool, done: str = "exported") -> None:
+    """Refuse an export with reasons against it; `done` is what is refused, as text.
 
     Raises
     ------
@@ -103,7 +103,5 @@ def check(doubts: Sequence[str], force: bool) -> None:
         With all reasons, unless `force`.
     """
     if doubts and not force:
-        remedy = (
-            "--force exports it all the same; --without EFFECT (or 'compliance at joint 3') fits it again"
-        )
-        raise BayescalError("; ".join(doubts), "not exported", remedy)
+        remedy = "--force ignores this; --without EFFECT (or 'compliance at joint 3') fits the session again"
+        raise BayescalError("; ".join(doubts), f"not {done}", remedy)

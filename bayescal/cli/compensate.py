@@ -1,0 +1,70 @@
+"""`bayescal compensate`: targets or a robot program with readings that put the calibrated arm there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayescal.cli import app
+from bayescal.cli.options import Run, WithEffects, WithoutEffects
+
+
+@app.command()
+def compensate(
+    run: Run,
+    targets: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TARGETS",
+            help="CSV with x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg or j1_deg ...; or a robot program: "
+            "URScript, FANUC LS, KUKA .src or .dat, ABB RAPID, RoboDK CSV.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="File to write: the same with corrected positions.")],
+    format_: Annotated[
+        str,
+        typer.Option("--format", help="csv, urscript, fanuc, kuka, abb or robodk [default: by the name]."),
+    ] = "",
+    frame: Annotated[
+        str | None, typer.Option(help="Frame of the poses: base, or a target of the session [default: base].")
+    ] = None,
+    tool: Annotated[
+        str | None, typer.Option(help="Tool of the session that is brought to the targets.")
+    ] = None,
+    payload_kg: Annotated[
+        float, typer.Option(min=0.0, help="Mass at the flange beyond the tool, where the table states none.")
+    ] = 0.0,
+    with_: WithEffects = "",
+    without: WithoutEffects = "",
+    at_time: Annotated[
+        float | None, typer.Option(help="Time of the session, s, whose state of the arm holds (drift, step).")
+    ] = None,
+    at_row: Annotated[
+        str | None, typer.Option(help="id of the row whose state holds [default: the last fitted row].")
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Compensate in spite of reasons against the arm.")
+    ] = False,
+) -> None:
+    """Correct targets or a robot program for all fitted effects of an arm."""
+    from bayescal.cli.output import show
+    from bayescal.public.compensating import check_out
+    from bayescal.public.compensating import compensate as run_
+
+    check_out(out, targets)
+    result = run_(
+        run,
+        targets,
+        format=format_,
+        frame=frame,
+        tool=tool,
+        payload_kg=payload_kg,
+        with_=with_,
+        without=without,
+        at_time=at_time,
+        at_row=at_row,
+        force=force,
+    )
+    show(result.report(), out.parent, result.save(out))

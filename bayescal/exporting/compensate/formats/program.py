@@ -1,0 +1,148 @@
+"""A robot program as text with positions in it: what a format finds, and how numbers are put back in place.
+
+Everything but the numbers of the positions is kept, byte for byte: programs are read as Latin-1, in which
+every byte is a character.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.errors import BayescalError
+from bayescal.exporting.compensate.targets import Corrected, Target
+
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+"""A number as programs write it; FANUC leaves the zero before the point out."""
+LENGTH, ANGLE = 4, 5
+"""Least decimals of mm and of deg: 0.1 µm, and at a metre 0.2 µm."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number to be written, with its least decimals; it keeps those that the program had."""
+
+    value: float
+    decimals: int
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A position in the text of a program: its target, its name, and where each of its numbers stands."""
+
+    target: Target
+    name: str
+    spans: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Program:
+    """Positions of a program in the order in which they are visited, and what was left as it is.
+
+    `elsewhere`: what says that poses are not in the frame of the base, and its line; "" if nothing does.
+    """
+
+    slots: tuple[Slot, ...]
+    notes: tuple[str, ...] = ()
+    elsewhere: str = ""
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of robot programs.
+
+    Parameters
+    ----------
+    name : str
+        In options and messages.
+    suffixes : tuple of str
+        Of files; small letters.
+    read : callable
+        Program of a text, for an arm of n joints.
+    pose, joints : callable
+        Numbers of a position in the order of its spans: of poses from (pose (4, 4), m; readings (n,), rad;
+        the numbers of the program), of joints from (readings (n,), rad).
+    summary : str
+        What is read.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    read: Callable[[str, int], Program]
+    pose: Callable[[np.ndarray, np.ndarray, Sequence[float]], Iterable[Number]]
+    joints: Callable[[np.ndarray], Iterable[Number]]
+    summary: str
+
+
+def line_of(text: str, at: int) -> int:
+    """The line, from 1, of a character."""
+    return text.count("\n", 0, at) + 1
+
+
+def masked(text: str, comment: str, quote: str = '"') -> str:
+    """The text with comments (from `comment` to the end of the line) and strings as blanks, equally long."""
+    pattern = re.compile(f"{quote}[^{quote}\n]*{quote}|{re.escape(comment)}[^\r\n]*")
+    return pattern.sub(lambda match: " " * len(match.group()), text)
+
+
+def first(pattern: re.Pattern[str], code: str) -> str:
+    """The first match of a pattern with its line, or ""."""
+    match = pattern.search(code)
+    return f"line {line_of(code, match.start())}: {match.group()}" if match else ""
+
+
+def numbers_in(match: re.Match[str], groups: Iterable[int | str]) -> tuple[tuple[int, int], ...]:
+    """Where groups of a match stand in the text."""
+    return tuple(match.span(group) for group in groups)
+
+
+def values_at(text: str, spans: Iterable[tuple[int, int]]) -> list[float]:
+    """The numbers of a text at some places."""
+    return [float(text[low:high]) for low, high in spans]
+
+
+def degrees_of(readings: np.ndarray) -> list[Number]:
+    """Readings (n,), rad, in degrees."""
+    return [Number(x, ANGLE) for x in np.degrees(readings).tolist()]
+
+
+def lengths_of(pose: np.ndarray) -> list[Number]:
+    """x, y and z of a pose (4, 4), m, in mm."""
+    return [Number(x, LENGTH) for x in (1e3 * pose[:3, 3]).tolist()]
+
+
+def rewritten(text: str, format_: Format, slots: Sequence[Slot], found: Sequence[Corrected]) -> str:
+    """The text with corrected numbers in place.
+
+    Raises
+    ------
+    BayescalError
+        If a position has no solution: a program with a part of its positions corrected is not written.
+    """
+    pieces: list[tuple[int, int, str]] = []
+    for slot, own in zip(slots, found, strict=True):
+        if own.reason:
+            remedy = "correct the position or leave it out; nothing is written"
+            raise BayescalError(f"no solution: {own.reason}", slot.target.where, remedy)
+        assert own.readings is not None
+        assert own.pose is not None
+        if slot.target.pose is None:
+            numbers = format_.joints(own.readings)
+        else:
+            numbers = format_.pose(own.pose, own.readings, values_at(text, slot.spans))
+        for (low, high), number in zip(slot.spans, numbers, strict=True):
+            pieces.append((low, high, _written(number, text[low:high])))
+    out, at = [], 0
+    for low, high, new in sorted(pieces):
+        out += [text[at:low], new]
+        at = high
+    return "".join([*out, text[at:]])
+
+
+def _written(number: Number, old: str) -> str:
+    had = len(old.lower().partition("e")[0].partition(".")[2])
+    new = f"{number.value:.{max(number.decimals, had)}f}" if number.decimals else f"{number.value:.0f}"
+    return new[1:] if float(new) == 0 and new.startswith("-") else new

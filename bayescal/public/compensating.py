@@ -1,0 +1,154 @@
+"""The public function for compensated targets, and its result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bayescal.errors import BayescalError
+from bayescal.public.exports import arm_of, names
+from bayescal.public.results import FitResult, GapResult, as_text
+
+if TYPE_CHECKING:
+    import numpy as np
+    from rich.console import RenderableType
+
+    from bayescal.exporting.compensate.compensation import Compensation
+    from bayescal.exporting.fitted import FittedArm
+
+
+@dataclass(frozen=True, repr=False)
+class CompensationResult:
+    """Corrected targets; `print` shows their errors before and their uncertainty.
+
+    Attributes
+    ----------
+    arm : FittedArm
+        The arm for which they hold.
+    data : Compensation
+        The complete result, in SI.
+    """
+
+    arm: FittedArm
+    data: Compensation
+
+    @property
+    def readings(self) -> np.ndarray:
+        """Corrected readings (M, n), rad; nan where a target has no solution."""
+        import numpy as np
+
+        nothing = np.full(self.arm.dataset.robot.n, np.nan)
+        found = [nothing if own.readings is None else own.readings for own in self.data.found]
+        return np.array(found).reshape(len(found), len(nothing))
+
+    @property
+    def u(self) -> np.ndarray:
+        """Standard uncertainty (M,) of the tool points, m; nan where a target has no solution."""
+        import numpy as np
+
+        return np.array([own.u for own in self.data.found])
+
+    def report(self) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`."""
+        from bayescal.reporting.compensation import compensation_summary
+
+        return compensation_summary(self.arm, self.data)
+
+    def save(self, path: str | PathLike[str]) -> tuple[str, ...]:
+        """Write the corrected file, and beside a program the table of its positions; return their names."""
+        return self.data.save(Path(path))
+
+    def __str__(self) -> str:
+        return as_text(self.report())
+
+    def __repr__(self) -> str:
+        return f"<compensation of {self.data.source}: {len(self.data.found)} targets>"
+
+
+def compensate(
+    run: FitResult | GapResult | str | PathLike[str],
+    targets: str | PathLike[str],
+    *,
+    format: str = "",
+    frame: str | None = None,
+    tool: str | None = None,
+    payload_kg: float = 0.0,
+    with_: Sequence[str] | str = (),
+    without: Sequence[str] | str = (),
+    at_time: float | None = None,
+    at_row: str | None = None,
+    force: bool = False,
+) -> CompensationResult:
+    """Correct targets or a robot program for all fitted effects of an arm.
+
+    Parameters
+    ----------
+    run : FitResult, GapResult or path
+        A path is that of a run folder.
+    targets : path
+        A table (CSV) of poses or nominal readings, or a robot program; see ``docs/compensate.md``.
+    format : str
+        'csv', 'urscript', 'fanuc', 'kuka', 'abb' or 'robodk'; by default by the name of the file.
+    frame : str, optional
+        Frame of the poses: 'base', or a target of the session; default: base.
+    tool : str, optional
+        Name of the tool that is brought to the targets; needed if the session has several.
+    payload_kg : float
+        kg at the flange beyond the tool, of targets that state none.
+    with_, without : sequence of str, or str
+        Effects to add to the model, and to leave out: the session is fitted again.
+    at_time : float, optional
+        s since the session began: the state of the arm (drift, step) is that of this time.
+    at_row : str, optional
+        id of the row whose state holds; default: the last fitted row.
+    force : bool
+        Compensate in spite of reasons against the arm; see `export`.
+
+    Returns
+    -------
+    CompensationResult
+
+    Raises
+    ------
+    BayescalError
+        With file and line, if a target cannot be read, or a position of a program has no solution; with the
+        reason, if the arm should not be used.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import bayescal as bc
+    >>> session = bc.simulate(effects="geometry", contacts=80, later=8, repeats=5, spheres=0, seed=1)
+    >>> fitted = bc.fit(session, "geometry", samples=0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     name = f"{folder}/targets.csv"
+    ...     text = "x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\\n450,0,200,180,0,0\\n"
+    ...     _ = open(name, "w").write(text)
+    ...     done = bc.compensate(fitted, name)
+    >>> done.readings.shape, bool(done.u[0] < 1e-3)
+    ((1, 6), True)
+    """
+    from bayescal.exporting import gate
+    from bayescal.exporting.compensate.compensation import compensate_file
+
+    arm = arm_of(run, names(with_), names(without))
+    gate.check(
+        arm.doubts, force, "compensated"
+    )  # a compliance below zero predicts; only a file cannot hold it
+    done = compensate_file(
+        arm, Path(targets), format_=format, frame=frame, tool=tool, payload=payload_kg, time=at_time,
+        row=at_row,
+    )  # fmt: skip
+    return CompensationResult(arm, done)
+
+
+def check_out(out: Path, targets: Path) -> None:
+    """Refuse an output that would replace the targets, or lie in a folder that does not exist."""
+    if out.exists() and targets.exists() and out.samefile(targets):
+        raise BayescalError("the output would replace the targets", "--out", "choose another name")
+    if out.is_dir() or not out.parent.is_dir():
+        what = "is a folder" if out.is_dir() else f"there is no folder {out.parent}"
+        raise BayescalError(what, f"--out {out}", "name a file in a folder that exists")

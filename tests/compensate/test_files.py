@@ -1,0 +1,150 @@
+"""Tables and programs as files: columns, messages with line and column, and nothing half written."""
+
+import csv
+
+import numpy as np
+import programs
+import pytest
+from compensate_arms import arm_with
+
+from bayescal.errors import BayescalError
+from bayescal.exporting import write_arm
+from bayescal.exporting.compensate.compensation import compensate_file
+
+POSES = "id,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg,note\n"
+ROWS = 'a,450,0,200,180,0,0,"one, two"\nb,450,60,200,180,10,30,\nc,1450,0,150,170,0,90,far\n'
+
+
+@pytest.fixture(scope="module")
+def session(cube):
+    return cube(seed=1, count=40).dataset
+
+
+@pytest.fixture(scope="module")
+def arm(session):
+    return arm_with.__wrapped__(("geometry",), session)
+
+
+def table(path, text):
+    path.write_bytes(text.encode())
+    return path
+
+
+def read(content):
+    return list(csv.DictReader(content.decode().splitlines()))
+
+
+def test_columns_are_kept_and_corrected_readings_added(arm, tmp_path):
+    done = compensate_file(arm, table(tmp_path / "t.csv", POSES + ROWS))
+    rows = read(done.text)
+    assert [r["id"] for r in rows] == ["a", "b", "c"]
+    assert rows[0]["note"] == "one, two"
+    assert done.text.decode().splitlines()[0] == POSES.strip() + (
+        ",j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,u_mm,inside_probed_region,reason,error_mm,solutions"
+    )
+    readings = np.radians([[float(r[f"j{k}_deg"]) for k in range(1, 7)] for r in rows[:2]])
+    at = arm.at(readings)
+    np.testing.assert_allclose(1e3 * at.points, [[450, 0, 200], [450, 60, 200]], atol=2e-5)
+    assert float(rows[0]["u_mm"]) == pytest.approx(1e3 * done.found[0].u, abs=1e-5)
+    assert rows[2]["reason"].startswith("out of reach")
+    assert [rows[2][k] for k in ("j1_deg", "u_mm", "inside_probed_region")] == ["", "", ""]
+
+
+def test_nominal_readings_are_kept_under_another_name(arm, session, tmp_path):
+    q = np.degrees(session.measurements.readings[:2])
+    header = ",".join(f"j{k}_deg" for k in range(1, 7))
+    text = "\r\n".join([header + ",payload_kg", *(",".join(map(str, row)) + ",0.5" for row in q), ""])
+    done = compensate_file(arm, table(tmp_path / "t.csv", text))
+    assert b"\r\n" in done.text
+    rows = read(done.text)
+    assert float(rows[0]["j1_nominal_deg"]) == pytest.approx(q[0, 0])
+    assert abs(float(rows[0]["j1_deg"]) - q[0, 0]) > 1e-6
+    assert done.targets[0].payload == 0.5
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            POSES.replace("rz_deg", "rz_rad") + ROWS,
+            r"t\.csv:1: column `rz_rad` has a wrong unit; write `rz_deg`",
+        ),
+        (POSES.replace(",rz_deg", "") + ROWS, r"t\.csv:1: column `rz_deg` is missing; give all of x_mm"),
+        (POSES + "a,450,0,2oo,180,0,0,\n", r"t\.csv:2: `z_mm` is not a number: '2oo'"),
+        (POSES + "a,450,,200,180,0,0,\n", r"t\.csv:2: `y_mm` is empty; fill the cell in"),
+        (POSES + "a,450,0,200,180,0,0\n", r"t\.csv:2: 7 cells, the header has 8"),
+        (POSES, r"t\.csv:1: no rows below the header"),
+        (POSES.replace("note", "u_mm") + ROWS, "column `u_mm` is written by a compensation"),
+        ("id,note_mm\na,1\n", "the table has neither poses nor joints"),
+        (POSES.replace("note", "tool") + "a,450,0,200,180,0,0,pen\n", r"there is no tool 'pen'; tools: ball"),
+        (POSES.replace("note", "payload_kg") + "a,450,0,200,180,0,0,-1\n", r"t\.csv:2: `payload_kg` is -1"),
+    ],
+)
+def test_bad_tables(arm, tmp_path, text, message):
+    with pytest.raises(BayescalError, match=message):
+        compensate_file(arm, table(tmp_path / "t.csv", text))
+
+
+@pytest.mark.parametrize("name", ["fanuc", "abb", "robodk"])
+def test_a_program_is_corrected_in_place(arm, tmp_path, name):
+    suffix = {"fanuc": ".LS", "abb": ".mod", "robodk": ".csv"}[name]
+    source = tmp_path / f"prog{suffix}"
+    source.write_bytes(getattr(programs, name.upper()))
+    done = compensate_file(arm, source)
+    assert done.format == name
+    assert done.text != source.read_bytes()
+    assert len(done.text.splitlines()) == len(source.read_bytes().splitlines())
+    names = done.save(tmp_path / "out")
+    assert names == ("out", "out.positions.csv")
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["out", "out.positions.csv", source.name])
+    rows = read((tmp_path / "out.positions.csv").read_bytes())
+    assert len(rows) == len(done.found)
+    again = compensate_file(arm, tmp_path / "out", format_=name)  # its targets are the corrected ones
+    for own, target in zip(done.found, again.targets, strict=True):
+        if target.pose is not None:
+            np.testing.assert_allclose(target.pose, own.pose, atol=2e-7)
+        else:
+            np.testing.assert_allclose(target.readings, own.readings, atol=2e-7)
+
+
+def test_a_program_in_another_frame_must_say_which(arm, tmp_path):
+    source = tmp_path / "prog.ls"
+    source.write_bytes(programs.FANUC.replace(b"UF : 0, UT : 1,\t\tCONFIG", b"UF : 2, UT : 1,\t\tCONFIG"))
+    with pytest.raises(
+        BayescalError, match=r"prog\.ls: its poses are not in the frame of the base \(line 9, P\[1"
+    ):
+        compensate_file(arm, source)
+    assert compensate_file(arm, source, frame="base").found
+
+
+def test_files_that_are_no_targets(arm, tmp_path):
+    for name, text, message in (
+        ("a.txt", "x", r"no format has files named \*\.txt; give --format: csv, urscript, fanuc"),
+        ("a.script", "def a():\nend\n", "there are no positions of URScript"),
+    ):
+        with pytest.raises(BayescalError, match=message):
+            compensate_file(arm, table(tmp_path / name, text))
+    with pytest.raises(BayescalError, match="cannot be read: No such file"):
+        compensate_file(arm, tmp_path / "none.csv")
+    with pytest.raises(BayescalError, match="there is no format 'x'"):
+        compensate_file(arm, table(tmp_path / "t.csv", POSES + ROWS), format_="x")
+
+
+def test_the_command(arm, tmp_path, command):
+    """The table beside it stays as it was where a target is wrong; the summary has no traceback."""
+    run = tmp_path / "run"
+    run.mkdir()
+    write_arm(arm, run)
+    source, out = table(tmp_path / "t.csv", POSES + ROWS), tmp_path / "out.csv"
+    code, text, _ = command("compensate", str(run), str(source), "--out", str(out))
+    assert code == 0
+    assert "out of reach" in text
+    assert len(read(out.read_bytes())) == 3
+    table(source, POSES + "a,450,,200,180,0,0,\n")
+    before = out.read_bytes()
+    code, _, error = command("compensate", str(run), str(source), "--out", str(out))
+    assert (code, out.read_bytes()) == (1, before)
+    assert error.count("\n") == 1
+    code, _, error = command("compensate", str(run), str(source), "--out", str(source))
+    assert code == 1
+    assert "the output would replace the targets" in error
