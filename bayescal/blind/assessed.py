@@ -71,6 +71,7 @@ def _silence(answer: Mapping[str, Any] | None) -> Record:
         "first_place_right": False,
         "distance_um": None,
         "plane_um": None,
+        "point_um": None,
         "seconds": None,
     }
 
@@ -98,6 +99,7 @@ def _said(gap: Mapping[str, Any], truth: Mapping[str, Any], answer: Mapping[str,
         "first_place_right": bool(first) and meets(first[0], truth["where"]),
         "distance_um": _distances(gap, float(truth["distance_rms_um"]["fit_without_effect"])),
         "plane_um": _planes(gap, float(truth["noise_um"])),
+        "point_um": _points(gap, truth),
         "seconds": float(answer["seconds"]),
     }
 
@@ -153,8 +155,14 @@ def _planes(gap: Mapping[str, Any], noise: float) -> dict[str, float | None] | N
     return found | {"floor": float(np.sqrt(noise**2 + by_parameters))}
 
 
+def _points(gap: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, float | None] | None:
+    """A coordinate of validation points likewise; where a tracker read them."""
+    true = truth.get("point_rms_um")
+    return _measure(gap, "points", float(true["fit_without_effect"])) if true else None
+
+
 def _measure(gap: Mapping[str, Any], what: str, floor: float) -> dict[str, float | None] | None:
-    s = gap["shrinkage"][what]
+    s = gap["shrinkage"].get(what)
     if s is None:
         return None
     return {

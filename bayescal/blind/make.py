@@ -21,7 +21,7 @@ from bayescal.folders import check_free, whole
 SEEDS = 2**48
 """Number of possible seeds."""
 NO_PINOCCHIO = BayescalError("simulating test sessions needs Pinocchio", "", "pip install 'bayescal[world]'")
-GENERATOR = 3
+GENERATOR = 4
 """Version of the simulator for new sessions; a seed gives the same sessions within one version."""
 Notify = Callable[[str, float], None]
 
@@ -85,7 +85,7 @@ def make(
     notify : callable
         Called with the progress as text and as a fraction.
     generator : int, optional
-        Version of the simulator, 1 to 3; by default that of an interrupted simulation, else the latest.
+        Version of the simulator, 1 to 4; by default that of an interrupted simulation, else the latest.
     reserved : bool
         Also draw the reserved causes outside the vocabulary, on which no constant may be chosen.
 

@@ -21,6 +21,7 @@ Found = Mapping[str, Any]
 KINDS = {"null": "noise only", "single": "one effect", "pair": "two effects", "outside": "outside"}
 NOTHING, OTHER, UNSURE = "noise only", "unmodelled", "ambiguous"
 VERDICTS = {"null": NOTHING, "unknown": OTHER, "named+unexplained": OTHER, "ambiguous": UNSURE}
+MEASURED = {"planes": "validation planes", "distances": "sphere distances", "points": "points of a tracker"}
 BESIDE = "only the other effect"
 """Answer to an effect of a pair of which only the other was named."""
 
@@ -111,8 +112,9 @@ def draw_reliability(records: Sequence[Record], found: Found) -> Figure:
 def draw_shrinkage(records: Sequence[Record], found: Found) -> Figure:
     """Ratios of validation errors after / before the refit: predicted from fitted rows, and achieved."""
     out = figure(12, 6.0, ["Validation RMS, after / before the refit: predicted and achieved"])
-    panels = zip(out.subplots(1, 2), MEASURES, ("validation planes", "sphere distances"), strict=True)
-    for axes, what, words in panels:
+    shown = [what for what in MEASURES if what != "points" or factors(records, what)]
+    for axes, what in zip(out.subplots(1, len(shown)), shown, strict=True):
+        words = MEASURED[what]
         own = factors(records, what)
         every = [x for _, said, done in own for x in (said, done)] or [0.5, 1.0]
         ends = np.array([min(every) / 1.15, max(every) * 1.15])

@@ -26,7 +26,7 @@ class Row(NamedTuple):
 def rows(f: Found) -> list[Row]:
     """All criteria that are a single number."""
     single, pair, clear, out = f["single"], f["pairs"]["all"], f["pairs"]["clear"], f["outside"]
-    d, planes = f["distances"], f["planes"]
+    d, planes, points = f["distances"], f["planes"], f["points"]
     return [
         _at_least(f"named with P from {SURE:g}: exactly right", f["sure"]["right"], 0.96),
         _at_least(f"effects of P from {CERTAIN:g}: present", f["certain"]["vocabulary"], 0.98),
@@ -40,7 +40,7 @@ def rows(f: Found) -> list[Row]:
         _at_most("distances worse beyond noise", f["worse_beyond_noise"], 0.03),
         _at_least(f"first form, lambda from {CLEAR:g}: correct", f["forms"]["first"], 0.90),
         _at_least("another form likewise", f["forms"]["further"], 0.90),
-        *_spheres(f["spheres"]),
+        *_stages(f["stages"]),
         Row("named likewise: no false name", of(f["sure"]["names_true"])),
         _at_least("90 % set contains all effects", f["set"]["holds"], 0.87),
         _under(
@@ -59,7 +59,8 @@ def rows(f: Found) -> list[Row]:
         _worse(f["worse"]),
         _near("distances: RMS after refit / true model", d),
         _near("planes: RMS after refit / true model", planes),
-        *(_predicted(what, f["predicted"][what]) for what in f["predicted"]),
+        *([_near("points: RMS after refit / true model", points)] if points["count"] else []),
+        *(_predicted(what, s) for what, s in f["predicted"].items() if s["count"] or what != "points"),
         _log_score(f["log_score"]),
         Row("seconds per session, median and maximum", f"{number(f['seconds']['median'])}, {_most(f)}"),
         Row("crashes", listed([f"{w}: {e}" for w, e in f["crashed"].items()]), "none", not f["crashed"]),
@@ -71,9 +72,13 @@ def by_form(f: Found) -> list[tuple[str, str, str]]:
     return [(name, form, of(s)) for name, forms in f["forms"]["effects"].items() for form, s in forms.items()]
 
 
-def _spheres(s: Found) -> list[Row]:
-    label = f"on spheres alone, noise only or lambda from {CLEAR:g}: correct"
-    return [_at_least(label, s, 0.90)] if s["count"] else []
+def _stages(stages: Found) -> list[Row]:
+    """Sessions that are not on the cube: noise only, or with a clear effect."""
+    labels = {"spheres": "spheres alone", "tracker": "tracker"}
+    return [
+        _at_least(f"{labels[stage]}, lambda 0 or from {CLEAR:g}: correct", s, 0.90)
+        for stage, s in stages.items() if s["count"]
+    ]  # fmt: skip
 
 
 def _claims(s: Found) -> Found:

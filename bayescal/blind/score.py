@@ -105,7 +105,10 @@ def figures(records: Sequence[Record]) -> dict[str, Any]:
             lambda r: r["first_place_right"],
         ),
         "forms": by_form(hidden, CLEAR),
-        "spheres": share([r for r in records if r["stage"] == "spheres" and _clear(r)], _right),
+        "stages": {
+            stage: share([r for r in records if r["stage"] == stage and _clear(r)], _right)
+            for stage in ("spheres", "tracker")
+        },
         "set": coverage(hidden) | {"size_all": mean(len(r["set"]) for r in records)},
         "set_clear": coverage([r for r in hidden if min(r["each"].values()) > CLEAR]),
         "pairs": {"all": pairs(of["pair"]), "clear": pairs(clear)},
@@ -122,6 +125,7 @@ def figures(records: Sequence[Record]) -> dict[str, Any]:
         "distances": shrunk(hidden, "distance_um"),
         "distances_clear": shrunk([r for r in hidden if r["lambda"] >= CLEAR], "distance_um"),
         "planes": shrunk(hidden, "plane_um"),
+        "points": shrunk(hidden, "point_um"),
         "worse": {
             r["world"]: [r["distance_um"][k] for k in ("before", "after")] for r in records if made_worse(r)
         },

@@ -15,7 +15,7 @@ BAND, SHARED = 1.96, 1.5
 """Half-width of a 95 % band in standard deviations; variance factor of distances that share centres."""
 NEAR, FAR = 1.3, 1.5
 """Factors between predicted and achieved reduction that count as good, and as fair."""
-MEASURES = {"planes": "plane_um", "distances": "distance_um"}
+MEASURES = {"planes": "plane_um", "distances": "distance_um", "points": "point_um"}
 """Keys of a record by measurement."""
 
 

@@ -52,7 +52,7 @@ def make(
     dask: Dask = None,
     generator: Annotated[
         int | None,
-        typer.Option(min=1, help="Version of the simulator; seeds have a meaning within one [default: 3]."),
+        typer.Option(min=1, help="Version of the simulator; seeds have a meaning within one [default: 4]."),
     ] = None,
     reserved: Annotated[
         bool,

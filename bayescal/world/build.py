@@ -6,13 +6,16 @@ import dataclasses
 
 import numpy as np
 
-from bayescal.world import arm, joints, scene, session, write
+from bayescal.world import arm, joints, scene, session, tracker, write
 from bayescal.world.mix import FIRST_OF, GENERATORS, recipe, stage, wishes
 from bayescal.world.size import modest, sized
 from bayescal.world.touch import World
+from bayescal.world.tracker import Tracked
 from bayescal.world.truth import told
 
 SOLVED = 1e-8  # m
+NOISE = {session.CUBE: (5e-6, 10e-6), session.SPHERES: (5e-6, 10e-6), session.TRACKER: (10e-6, 30e-6)}
+"""Standard deviation of a contact, or of a coordinate that the tracker reads, from and to (m)."""
 
 
 def _outliers(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -23,6 +26,16 @@ def _outliers(rng: np.random.Generator, count: int) -> np.ndarray:
         size = np.exp(rng.uniform(np.log(3e-5), np.log(1e-3), count))
         out[hit] = (size * rng.choice([-1, 1], count))[hit]
     return out
+
+
+def _wild(rng: np.random.Generator, plan: session.Session) -> np.ndarray:
+    """Return what outliers add to every row (m); of a point that a tracker reads, in any direction."""
+    wild = _outliers(rng, len(plan.time))
+    wild[plan.phase != 0] = 0.0
+    if plan.stage != session.TRACKER:
+        return wild
+    way = rng.standard_normal((len(wild), 3))
+    return (wild[:, None] * way / np.linalg.norm(way, axis=1, keepdims=True)).ravel()
 
 
 def build(
@@ -52,23 +65,30 @@ def build(
     kind, makers = recipe(seed, number, generator, reserved=reserved)
     only_geometry = any(FIRST_OF.get(maker, maker) is joints.compliance for maker in makers)
     body, things = arm.Arm(arm.draw(rng)), scene.draw(rng)
-    plan = session.plan(rng, things, wishes(rng, makers), stage(seed, number, generator, makers))
-    world = World(body, things, plan, np.zeros(6) if only_geometry else body.shape.give)
+    what = stage(seed, number, generator, makers)
+    plan = session.plan(rng, things, wishes(rng, makers, what), what)
+    give = np.zeros(6) if only_geometry else body.shape.give
+    world = World(body, things, plan, give)
+    if what == session.TRACKER:
+        world = Tracked(body, things, plan, give, tracker.draw(rng))
     n = len(plan.time)
-    sigma = rng.uniform(5e-6, 10e-6)
+    sigma = rng.uniform(*NOISE[what])
     stated = sigma * rng.uniform(0.75, 4 / 3)
-    noise, wild = sigma * rng.standard_normal(n), _outliers(rng, n)
-    wild[plan.phase != 0] = 0.0
+    noise, wild = sigma * rng.standard_normal(len(plan.of_rows(plan.time))), _wild(rng, plan)
     world, quiet, model = modest(world, not only_geometry, sigma)
     found = [sized(rng, maker, world, model, quiet, sigma) for maker in makers]
     acts = [(act, size) for act, size, _ in found]
-    readings, worst = world.touch(() if spared else acts, noise + wild)
-    velocity = world.session.velocity + np.radians(0.002) * rng.standard_normal((n, 6))
+    hidden = () if spared else acts
+    readings, worst = world.touch(hidden, noise + wild)
+    points = world.points(hidden, noise + wild) if isinstance(world, Tracked) else None
+    velocity = plan.velocity + np.radians(0.002) * rng.standard_normal((n, 6))
     name = f"world-{number:03d}"
     texts = {
         "dataset.yaml": write.dataset_text(world, name, stated),
         "robot.yaml": write.robot_text(),
-        "measurements.csv": write.measurements_text(world, readings, velocity),
+        "measurements.csv": write.measurements_text(
+            plan, readings, velocity if plan.says_velocity else None, points
+        ),
         "baseline.txt": "geometry\n" if only_geometry else "geometry,compliance\n",
     }
     truth = told(world, model, found, quiet, sigma, noise)
@@ -79,7 +99,7 @@ def build(
         "session": plan.notes | {"stage": plan.stage},
         "noise_um": 1e6 * sigma,
         "stated_noise_um": 1e6 * stated,
-        "outliers": [f"c{k:04d}" for k in np.flatnonzero(wild)],
+        "outliers": [f"c{k:04d}" for k in np.flatnonzero(wild.reshape(n, -1).any(axis=1))],
         "solver_gap_m": worst,
         "robot": dataclasses.asdict(world.arm.shape),
     }

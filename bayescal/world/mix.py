@@ -16,7 +16,7 @@ from bayescal.world import (
     outside_more,
     probe,
 )
-from bayescal.world.session import CUBE, SPHERES
+from bayescal.world.session import CUBE, SPHERES, TRACKER
 from bayescal.world.touch import Act, World
 
 Maker = Callable[[np.random.Generator, World], Act]
@@ -37,21 +37,32 @@ MIX = ("null",) * 4 + ("single",) * 10 + ("pair",) * 3 + ("outside",) * 3  # of 
 
 
 FIRST_OF = {other: first for first, others in FORMS.items() for other in others}
-GENERATORS = (1, 2, 3)
+GENERATORS = (1, 2, 3, 4)
 """Versions of the generator: a seed gives the same sessions within one.
 
-The first has one form of every effect and the second several; the third has sessions on spheres alone.
+The first has one form of every effect and the second several; the third has sessions on spheres alone, the
+fourth with a tracker.
 """
 ON_CUBE = {
     probe.plane_form, probe.artefact, forms_probe.plane_form, forms_probe.artefact,
     outside.dent, outside_more.shoved_target,
 }  # fmt: skip
+ON_SURFACE = ON_CUBE | {
+    probe.lobing, probe.latency, forms_probe.lobing, forms_probe.latency,
+    outside.warm_trigger, outside.snag, outside_more.hasty_trigger,
+}  # fmt: skip
+"""What needs a surface, a trigger, or an arm that moves while it is measured: a tracker has none of these."""
 ALONE = 0.25
 """Share of sessions on spheres alone, of those whose effects do not need the cube."""
+TRACKED = 0.25
+"""Share of sessions with a tracker, of those whose effects need no surface: a fifth of all."""
 
 
 def stage(seed: int, number: int, generator: int, makers: Sequence[Maker]) -> str:
-    """Return what calibrates in a session: the cube, or spheres alone."""
+    """Return what calibrates in a session: the cube, spheres alone, or poses that a tracker reads."""
+    tracked = generator > 3 and np.random.default_rng([seed, 6, number]).random() < TRACKED
+    if tracked and not ON_SURFACE & set(makers):
+        return TRACKER
     alone = generator > 2 and np.random.default_rng([seed, 5, number]).random() < ALONE
     return SPHERES if alone and not ON_CUBE & set(makers) else CUBE
 
@@ -109,8 +120,11 @@ def _recipe(seed: int, number: int, strange: Sequence[Maker]) -> tuple[str, list
     return kind, [pool[np.random.default_rng([seed, 3, again, len(pool)]).permutation(len(pool))[place]]]
 
 
-def wishes(rng: np.random.Generator, makers: Sequence[Maker]) -> dict:
-    """Return what a session needs for its effects to be visible at all."""
+def wishes(rng: np.random.Generator, makers: Sequence[Maker], what: str) -> dict:
+    """Return what a session needs for its effects to be visible at all.
+
+    Without a surface, only stated velocities tell the direction of motion: backlash needs them.
+    """
     out: dict = {}
     named = {FIRST_OF.get(maker, maker) for maker in makers}
     if probe.latency in named:
@@ -121,6 +135,8 @@ def wishes(rng: np.random.Generator, makers: Sequence[Maker]) -> dict:
         out["payload"] = str(rng.choice(["half", "blocks"]))
     if joints.backlash in named and rng.random() < 0.4:
         out["reverse"] = float(rng.uniform(0.02, 0.06))
+    if joints.backlash in named and what == TRACKER:
+        out["velocity"] = True
     if forms_frames.added_payload in makers:
         out["payload"] = str(rng.choice(["half", "blocks"]))
     if outside_more.hasty_trigger in makers:

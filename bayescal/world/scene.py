@@ -1,4 +1,7 @@
-"""What stands before the arm: a cube of four probed faces, and three balls on a plate at four places."""
+"""What stands before the arm: a cube of four probed faces, and three balls on a plate at four places.
+
+A session with a tracker has neither: its only target is the instrument.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 FACES = ("cube.+y", "cube.-y", "cube.-x", "cube.+z")
+NAMES = (*FACES, *(f"ball.{b}@{p}" for p in (1, 2, 3, 4) for b in "ABC"), "tracker")
+"""Of the targets, by their numbers in a session: faces, then balls, then the instrument."""
+BALLS, INSTRUMENT = slice(4, 16), 16
 SIDE, BALL = 0.2286, 0.0508
 MIDDLE = np.array([0.45, 0.0, 0.15])
 NORMALS = np.array([[0, 1, 0], [0, -1, 0], [-1, 0, 0], [0, 0, 1]], dtype=float)
@@ -25,11 +31,6 @@ class Scene:
     ball_drawn: np.ndarray  # (12, 3)
     radius: np.ndarray  # (12,)
     certified: np.ndarray  # (12,): A-B, A-C and B-C at every place
-
-    @property
-    def names(self) -> list[str]:
-        """Names of faces, then of balls."""
-        return [*FACES, *(f"ball.{b}@{p}" for p in (1, 2, 3, 4) for b in "ABC")]
 
 
 def pairs() -> list[tuple[int, int]]:

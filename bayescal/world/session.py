@@ -8,20 +8,23 @@ import numpy as np
 
 from bayescal.world import reach
 from bayescal.world.arm import JOINT, LINK_FROM_READING, SIZE, Arm, nominal
-from bayescal.world.scene import BALL, MIDDLE, NORMALS, SIDE, Scene
+from bayescal.world.scene import BALL, INSTRUMENT, MIDDLE, NORMALS, SIDE, Scene
 
 TIP = 3e-3  # radius of the probe's ball
 GROUPS, TIMES, LATE, PER_BALL = 15, 4, 60, 11
-CUBE, SPHERES = "cube", "spheres"
+CUBE, SPHERES, TRACKER = "cube", "spheres", "tracker"
 """What calibrates in a session."""
+COUNT = {CUBE: (300, 640), SPHERES: (300, 640), TRACKER: (150, 401)}
+"""Number of contacts or poses to calibrate with, from and below."""
+AT_REST = np.radians(3e-4)  # rad: how far off its target the servo of a joint comes to rest
 MOST = 12.0  # rad a metre of approach: no joint turns faster for a turn's sake
 
 
 @dataclass
 class Session:
-    """Contacts in the order of time; lengths in m, angles in rad, times in s."""
+    """Contacts, or poses that a tracker reads, in the order of time; m, rad and s."""
 
-    phase: np.ndarray  # 0 calibrate, 1 spheres, 2 later planes
+    phase: np.ndarray  # 0 calibrate, 1 spheres, 2 later planes or poses
     target: np.ndarray
     start: np.ndarray  # readings at the drawn place (n, 6)
     straight: np.ndarray  # readings a metre straight to the surface (n, 6)
@@ -34,6 +37,11 @@ class Session:
     measured_temperature: bool
     notes: dict
     stage: str = CUBE
+    says_velocity: bool = True
+
+    def of_rows(self, values: np.ndarray) -> np.ndarray:
+        """Return values (n, ...) of contacts or poses by rows: a pose that a tracker reads has three."""
+        return np.repeat(values, 3, axis=0) if self.stage == TRACKER else values
 
     @property
     def calibrating(self) -> np.ndarray:
@@ -55,6 +63,8 @@ def _spots(rng: np.random.Generator, scene: Scene, target: np.ndarray) -> tuple[
     """Draw the nominal places of contact (n, 3) and their outward normals (n, 3)."""
     n = len(target)
     spot, out = np.empty((n, 3)), np.empty((n, 3))
+    if np.all(target == INSTRUMENT):
+        return _free(rng, n)
     for f in range(4):
         here = target == f
         uv = rng.uniform(-0.093, 0.093, (here.sum(), 3))
@@ -70,6 +80,14 @@ def _spots(rng: np.random.Generator, scene: Scene, target: np.ndarray) -> tuple[
         out[k] = [flat * np.cos(around), flat * np.sin(around), up]
         spot[k] = centre + out[k] * (BALL / 2 + TIP)
     return spot, out
+
+
+def _free(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Draw places of the reflector (n, 3) all around the arm, and directions from which it comes (n, 3)."""
+    bearing, far, high = rng.uniform([-2.6, 0.2, 0.05], [2.6, 0.7, 0.85], (n, 3)).T
+    out = rng.standard_normal((n, 3))
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    return np.stack([far * np.cos(bearing), far * np.sin(bearing), high], axis=1), out
 
 
 def _frames(rng: np.random.Generator, out: np.ndarray, tries: int) -> np.ndarray:
@@ -198,6 +216,33 @@ def targets(rng: np.random.Generator, stage: str) -> tuple[np.ndarray, np.ndarra
     return np.concatenate([np.arange(3) + 3 * p + 4 for p in np.sort(places[:2])]), np.sort(places[2:])
 
 
+def _probed(
+    rng: np.random.Generator, scene: Scene, stage: str, count: int, notes: dict
+) -> list[tuple[np.ndarray, ...]]:
+    """Return target, readings, normal and repeat of every phase: to calibrate, spheres, later planes."""
+    among, places = targets(rng, stage)
+    parts = [_calibrate(rng, scene, among, count, notes)]
+    place = np.concatenate([rng.permutation(np.repeat(np.arange(3), PER_BALL)) + 3 * p + 4 for p in places])
+    late = [rng.permutation(np.arange(LATE) % 4)] if stage == CUBE else []
+    for target in (place, *late):
+        q, out = poses(rng, scene, target)
+        parts.append((target, q, out, np.full(len(target), -1)))
+    return parts
+
+
+def _tracked(rng: np.random.Generator, scene: Scene, count: int, notes: dict) -> list[tuple[np.ndarray, ...]]:
+    """Return the same of poses that a tracker reads: to calibrate, no spheres, later poses."""
+    target, q, out, repeat = _calibrate(rng, scene, np.array([INSTRUMENT]), count, notes)
+    if notes["order"] == "face":  # once around: the first joint goes from one end to the other
+        single = np.flatnonzero(repeat < 0)
+        around = single[np.argsort(q[single, 0])]
+        q[single], out[single] = q[around], out[around]
+    late = np.full(int(rng.integers(40, 81)), INSTRUMENT)
+    later = (late, *poses(rng, scene, late), np.full(len(late), -1))
+    parts = [(target, q, out, repeat), tuple(np.empty_like(part[:0]) for part in later), later]
+    return [(t, at + AT_REST * rng.standard_normal(at.shape), o, r) for t, at, o, r in parts]
+
+
 def plan(rng: np.random.Generator, scene: Scene, wishes: dict, stage: str = CUBE) -> Session:
     """Draw a session.
 
@@ -210,7 +255,7 @@ def plan(rng: np.random.Generator, scene: Scene, wishes: dict, stage: str = CUBE
     wishes : dict
         Notes of the session that are not left to chance, for example ``payload``.
     stage : str
-        What calibrates: the faces of the cube, or spheres alone.
+        What calibrates: the faces of the cube, spheres alone, or free poses that a tracker reads.
     """
     notes = {
         "order": str(rng.choice(["face", "random", "both"])),
@@ -221,14 +266,12 @@ def plan(rng: np.random.Generator, scene: Scene, wishes: dict, stage: str = CUBE
         "payload": str(rng.choice(["none"] * 10 + ["half", "blocks"])),
         "pause_s": float(rng.uniform(1200, 4500)),
     } | wishes
-    count = int(rng.integers(300, 640))
-    among, places = targets(rng, stage)
-    parts = [_calibrate(rng, scene, among, count, notes)]
-    place = np.concatenate([rng.permutation(np.repeat(np.arange(3), PER_BALL)) + 3 * p + 4 for p in places])
-    late = [rng.permutation(np.arange(LATE) % 4)] if stage == CUBE else []
-    for target in (place, *late):
-        q, out = poses(rng, scene, target)
-        parts.append((target, q, out, np.full(len(target), -1)))
+    count = int(rng.integers(*COUNT[stage]))
+    if stage == TRACKER:
+        parts = _tracked(rng, scene, count, notes)
+        notes.setdefault("velocity", bool(rng.random() < 0.6))
+    else:
+        parts = _probed(rng, scene, stage, count, notes)
     target, q, out, repeat = (np.concatenate([p[i] for p in parts]) for i in range(4))
     phase = np.repeat(np.arange(len(parts)), [len(p[0]) for p in parts])
     n = len(target)
@@ -260,5 +303,6 @@ def plan(rng: np.random.Generator, scene: Scene, wishes: dict, stage: str = CUBE
     temperature = room + rng.uniform(1, 5) * warm + 0.1 * rng.standard_normal(n)
     measured = bool(rng.random() < 0.85)
     return Session(
-        phase, target, q, straight, way, speed, time, payload, repeat, temperature, measured, notes, stage
-    )
+        phase, target, q, straight, way, speed, time, payload, repeat, temperature, measured, notes, stage,
+        notes.get("velocity", True),
+    )  # fmt: skip

@@ -139,6 +139,10 @@ class World:
         out[t >= 4] = away / np.linalg.norm(away, axis=1, keepdims=True)
         return out
 
+    def shown(self, move: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """Return what rows (n,) show of displacements of the ball (n, 3)."""
+        return np.sum(normal * move, axis=1)
+
     def clearance(self, ball: np.ndarray) -> np.ndarray:
         """Return how far (n,) the probe's ball is off surfaces without form."""
         t, out = self.session.target, np.empty(len(ball))

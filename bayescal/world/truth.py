@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.world import scene, visible
+from bayescal.world import validation, visible
+from bayescal.world.session import TRACKER
 from bayescal.world.size import second_order, wrong_masses
 from bayescal.world.touch import World
 
@@ -13,25 +14,23 @@ def told(
     world: World, model: visible.Fitted, found: list, quiet: np.ndarray, sigma: float, noise: np.ndarray
 ) -> dict:
     """Return hidden effects, their detectability, and the distance errors."""
-    still, count = world.gap(quiet), int(np.sum(world.session.phase == 0))
+    still, rows = world.gap(quiet), model.used
     acts = [(act, size) for act, size, _ in found]
-    shift = world.gap(quiet, acts) - still if acts else np.zeros(len(quiet))
+    shift = world.gap(quiet, acts) - still if acts else np.zeros(len(still))
     each = {act.name: note["value"] for act, _, note in found}
     free, certificates = (float(np.sum(model.left(shift, sigma, p) ** 2)) for p in (False, True))
     wrong = wrong_masses(world, model, quiet, sigma)
-    rows, sc, out = world.session.phase == 0, world.scene, {}
-    certified = dict(zip(scene.pairs(), sc.certified, strict=True))
-    certificate_error = np.array(
-        [np.linalg.norm(sc.ball[i] - sc.ball[j]) - certified[i, j] for i, j in visible.validating(world)]
-    )
+    certificate_error, out, points = validation.certificate_errors(world), {}, {}
     cases = {"oracle": (noise, None), "fit_without_effect": (noise, rows), "baseline": (noise - shift, rows)}
     for label, (data, fit) in cases.items():
-        errors = visible.distances(world, model, data, sigma, fit) + certificate_error
-        out[label] = 1e6 * float(np.sqrt(np.mean(errors**2)))
-    only = visible.distances(world, model, -shift, sigma, rows)
-    out["baseline_noise_free"] = 1e6 * float(np.sqrt(np.mean(only**2)))
-    rms = {act.name: 1e6 * sigma * np.sqrt(note["value"] / count) for act, _, note in found}
-    return {
+        rest = data if fit is None else data - model.absorbed(data, sigma, fit)
+        errors = validation.distances(world, model, rest, still) + certificate_error
+        out[label], points[label] = _rms_um(errors), _rms_um(rest[~rows])
+    only = validation.distances(world, model, -shift + model.absorbed(shift, sigma, rows), still)
+    out["baseline_noise_free"] = _rms_um(only)
+    rms = {act.name: 1e6 * sigma * np.sqrt(note["value"] / np.sum(rows)) for act, _, note in found}
+    more = {"point_rms_um": points} if world.session.stage == TRACKER else {}
+    return more | {
         "effects": [act.name for act, _, _ in found],
         "outside": None,
         "form": {act.name: act.form for act, _, _ in found},
@@ -52,3 +51,7 @@ def told(
         "effect_parameters": {act.name: act.detail for act, _, _ in found},
         "distance_rms_um": out,
     }
+
+
+def _rms_um(errors: np.ndarray) -> float:
+    return 1e6 * float(np.sqrt(np.mean(errors**2)))

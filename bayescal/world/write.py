@@ -5,11 +5,26 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from bayescal.world.arm import LIMITS, LINK_FROM_READING, REDUCTIONS, nominal
-from bayescal.world.scene import BALL, FACES, MIDDLE, NORMALS, SIDE, U_DISTANCE, U_SIZE, U_SQUARE, pairs
-from bayescal.world.session import CUBE
+from bayescal.world.scene import (
+    BALL,
+    BALLS,
+    FACES,
+    INSTRUMENT,
+    MIDDLE,
+    NAMES,
+    NORMALS,
+    SIDE,
+    U_DISTANCE,
+    U_SIZE,
+    U_SQUARE,
+    pairs,
+)  # fmt: skip
+from bayescal.world.session import CUBE, Session
 from bayescal.world.touch import World
+from bayescal.world.tracker import Tracked
 
 SCHEMA = "worlds-truth/1"
 
@@ -36,8 +51,10 @@ def robot_text() -> str:
 
 def dataset_text(world: World, name: str, stated: float) -> str:
     """Return dataset.yaml: everything nominal, noise as stated (m)."""
-    s, sc = nominal(), world.scene
-    tool = f"centre_mm: {_list(1e3 * s.tool)}, ball_radius_mm: 3.0, mass_kg: {s.tool_mass:g}"
+    s = nominal()
+    of_targets = _instrument if isinstance(world, Tracked) else _cube_and_balls
+    tool, ball, noise, targets = of_targets(world, stated)
+    centre, mass = f"centre_mm: {_list(1e3 * s.tool)}", f"mass_kg: {s.tool_mass:g}"
     lines = [
         "schema: bayescal-dataset/1",
         f"name: {name}",
@@ -45,15 +62,33 @@ def dataset_text(world: World, name: str, stated: float) -> str:
         "readings: encoder",
         "gravity_mps2: [0, 0, -9.81]",
         "tools:",
-        f"  ball: {{{tool}, centre_of_mass_mm: {_list(1e3 * s.tool_com)}}}",
-        f"noise:\n  contact_mm: {1e3 * stated:.6f}\n  point_mm: 0.010\n  joint_deg: 0.0",
+        f"  {tool}: {{{centre}, {ball}{mass}, centre_of_mass_mm: {_list(1e3 * s.tool_com)}}}",
+        f"noise:\n  {noise}\n  joint_deg: 0.0",
         "targets:",
+        *targets,
     ]
-    cube = world.session.stage == CUBE
+    if world.session.measured_temperature:
+        lines.append("temperature_of: arm")
+    return "\n".join([*lines, ""])
+
+
+def _instrument(world: World, stated: float) -> tuple[str, str, str, list[str]]:
+    """Return the tool's name, its ball, the noise and the targets of a session with a tracker."""
+    assert isinstance(world, Tracked)
+    at = world.instrument
+    turn = Rotation.from_matrix(at.stated_turn).as_euler("xyz", degrees=True)
+    place = f"xyz_mm: {_list(1e3 * at.stated_origin, '{:.3f}')}, rpy_deg: {_list(turn, '{:.4f}')}"
+    target = f"  {NAMES[INSTRUMENT]}: {{kind: instrument, {place}}}"
+    return "reflector", "", f"point_mm: {1e3 * stated:.6f}", [target]
+
+
+def _cube_and_balls(world: World, stated: float) -> tuple[str, str, str, list[str]]:
+    """Return the same of a probe, with the certificates of what it touches."""
+    sc, cube, lines = world.scene, world.session.stage == CUBE, []
     for f, normal in enumerate(NORMALS if cube else ()):
         offset = 1e3 * (MIDDLE @ normal + SIDE / 2)
         lines.append(f"  {FACES[f]}: {{kind: plane, normal: {_list(normal)}, offset_mm: {offset:.4f}}}")
-    balls = sc.names[4:]
+    balls = NAMES[BALLS]
     for ball, at in zip(balls, sc.ball_drawn, strict=True):
         centre = _list(1e3 * at, "{:.3f}")
         lines.append(f"  {ball}: {{kind: sphere, centre_mm: {centre}, diameter_mm: {1e3 * BALL:g}}}")
@@ -64,9 +99,7 @@ def dataset_text(world: World, name: str, stated: float) -> str:
         length = f"distance_mm: {1e3 * d:.6f}, u_distance_mm: {1e3 * U_DISTANCE:g}"
         lines.append(f"  - {{kind: distance, between: [{balls[i]}, {balls[j]}], {length}}}")
     lines += [f"  - {{kind: diameter, target: {ball}, u_diameter_mm: 0.001}}" for ball in balls]
-    if world.session.measured_temperature:
-        lines.append("temperature_of: arm")
-    return "\n".join([*lines, ""])
+    return "ball", "ball_radius_mm: 3.0, ", f"contact_mm: {1e3 * stated:.6f}\n  point_mm: 0.010", lines
 
 
 def _cube_certificates() -> list[str]:
@@ -78,17 +111,34 @@ def _cube_certificates() -> list[str]:
     return lines
 
 
-def measurements_text(world: World, readings: np.ndarray, velocity: np.ndarray) -> str:
-    """Return measurements.csv in the order of time; readings in rad, velocities in rad/s."""
-    s, names = world.session, world.scene.names
-    joints = [f"j{j}_deg" for j in range(1, 7)] + [f"j{j}_degps" for j in range(1, 7)]
-    warm = ["temperature_c"] if s.measured_temperature else []
-    lines = [",".join(["id", "role", "target", *joints, "time_s", *warm, "payload_kg", "repeat"])]
+def measurements_text(
+    s: Session, readings: np.ndarray, velocity: np.ndarray | None, points: np.ndarray | None
+) -> str:
+    """Return measurements.csv in the order of time.
+
+    Parameters
+    ----------
+    s : Session
+        What is measured, and when.
+    readings : numpy.ndarray
+        Of the joints (n, 6), rad.
+    velocity : numpy.ndarray, optional
+        Of the joints as they approach (n, 6), rad/s.
+    points : numpy.ndarray, optional
+        What the tracker reads (n, 3), m.
+    """
+    columns = ["id", "role", "target", *(f"j{j}_deg" for j in range(1, 7))]
+    columns += [f"j{j}_degps" for j in range(1, 7)] if velocity is not None else []
+    columns += ["x_mm", "y_mm", "z_mm"] if points is not None else []
+    columns += ["time_s", *(["temperature_c"] if s.measured_temperature else []), "payload_kg", "repeat"]
+    lines = [",".join(columns)]
     for k in range(len(readings)):
-        cells = [f"c{k:04d}", "validate" if s.phase[k] else "calibrate", names[s.target[k]]]
-        cells += [f"{v:.7f}" for v in np.degrees(readings[k])] + [f"{v:.4f}" for v in np.degrees(velocity[k])]
+        cells = [f"c{k:04d}", "validate" if s.phase[k] else "calibrate", NAMES[s.target[k]]]
+        cells += [f"{v:.7f}" for v in np.degrees(readings[k])]
+        cells += [f"{v:.4f}" for v in np.degrees(velocity[k])] if velocity is not None else []
+        cells += [f"{1e3 * v:.5f}" for v in points[k]] if points is not None else []
         cells.append(f"{s.time[k]:.2f}")
-        if warm:
+        if s.measured_temperature:
             cells.append(f"{s.temperature[k]:.2f}")
         cells += [f"{s.payload[k]:.1f}", f"r{s.repeat[k]:02d}" if s.repeat[k] >= 0 else ""]
         lines.append(",".join(cells))

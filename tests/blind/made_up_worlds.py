@@ -31,7 +31,7 @@ def at(site="joint 4", driver="angle 4", name=None):
 
 def answer(
     world="000", verdict="named", named=("step",), p=None, sets=None, chosen=None, where=None, distances=None,
-    planes=None, seconds=2.0, baseline=("geometry", "compliance"), measured=(),
+    planes=None, points=None, seconds=2.0, baseline=("geometry", "compliance"), measured=(),
 ):  # fmt: skip
     """What a diagnosis would say; sure of its names unless told otherwise."""
     p = {"null": float(verdict == "null"), "unknown": float(verdict == "unknown")} | (
@@ -51,7 +51,7 @@ def answer(
             "credible_set90": list(named if chosen is None else chosen),
             "where": [*([at(name=name) for name in named] if where is None else where), at()],
             "gap": {"noise_um": 8.0, "measured": list(measured)},
-            "shrinkage": {"planes": planes, "distances": distances},
+            "shrinkage": {"planes": planes, "distances": distances} | ({"points": points} if points else {}),
         },
     }  # fmt: skip
 
@@ -87,6 +87,11 @@ def null(**more):
 def pair(a="step", b="lobing", strength=(200.0, 50.0), **more):
     """A world that hides two effects."""
     return truth(kind="pair", effects=(a, b), strength=strength, **more)
+
+
+def tracked(**more):
+    """A world that a tracker measured."""
+    return truth(**more) | {"session": {"stage": "tracker"}, "point_rms_um": {"fit_without_effect": 10.0}}
 
 
 def strange(name="tooth", strength=(150.0,), **more):

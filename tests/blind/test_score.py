@@ -4,7 +4,7 @@ from itertools import chain, combinations
 
 import numpy as np
 import pytest
-from made_up_worlds import answer, at, many, null, one, pair, perfect, shrunk, silent, strange, truth
+from made_up_worlds import answer, at, many, null, one, pair, perfect, shrunk, silent, strange, tracked, truth
 
 from bayescal.blind.reasons import REASONS
 from bayescal.blind.score import figures, records
@@ -286,6 +286,14 @@ def test_floor_of_planes_has_the_true_noise():
     noisier = truth() | {"noise_um": 6.0}  # estimated: 8 um, and 6 um by parameters
     r = one(noisier, answer(planes=shrunk(20.0, 11.0, floor=10.0)))
     assert r["plane_um"]["floor"] == pytest.approx(np.hypot(6.0, 6.0))
+
+
+def test_points_of_a_tracker_are_compared_with_those_of_the_true_model():
+    said = answer(points=shrunk(30.0, 11.0, floor=8.0))
+    found = figures(many((tracked(), said), (truth(), said)))["points"]
+    assert (found["count"], found["floor_um"]) == (1, 10.0)
+    assert found["closed"] == pytest.approx((900 - 121) / 800)
+    assert one(tracked(), answer())["point_um"] is None, "no refit"
 
 
 @pytest.mark.parametrize(

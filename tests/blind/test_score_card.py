@@ -4,7 +4,7 @@ import csv
 import json
 
 import pytest
-from made_up_worlds import answer, many, null, perfect, shrunk, silent, strange, truth
+from made_up_worlds import answer, many, null, perfect, shrunk, silent, strange, tracked, truth
 from rich.console import Console
 
 from bayescal.blind.card import BEGIN, END, between, page, tables, terminal
@@ -26,6 +26,11 @@ SOME = [
 CASES = {
     "all kinds": SOME,
     "noise only": [(null(), silent())],
+    "with a tracker": [
+        (tracked(), answer(points=shrunk(30.0, 11.0))),
+        (tracked(strength=50.0), answer(named=("lobing",))),
+        (tracked(strength=20.0), silent()),
+    ],
     "crashed": [(truth(), None)],
 }
 
@@ -47,6 +52,14 @@ def test_terminal_is_one_screen():
         "probability stated", "log score", "misses (3)", "false name 1", "over 100",
     ):  # fmt: skip
         assert words in text
+
+
+def test_sessions_with_a_tracker_have_a_row_of_their_own():
+    assert "tracker" not in printed(figures(many(*SOME)))
+    text = " ".join(printed(figures(many(*CASES["with a tracker"]))).split())
+    assert "tracker, lambda 0 or from 30: correct 1 of 2, 50 % (9 to 91) at least 90 %" in text
+    assert "points: RMS after refit / true model 1.10" in text
+    assert "points: achieved / predicted reduction 1.00" in text
 
 
 def test_no_world_is_no_score_and_no_crash():

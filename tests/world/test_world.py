@@ -30,16 +30,19 @@ from bayescal.world.write import plain
 SEED = 101
 OLD = {"effects": ["payload"], "noise_um": 9.73565034554, "lambda": 150.598473, "dataset": "c977cf2794a74d71"}
 """Session 5 of the first generator; see the test."""
+KINDS = {"cube": {"plane", "sphere"}, "spheres": {"sphere"}, "tracker": {"instrument"}}
 TRUTH = ("truth", "effect", "lambda", "oracle", "outlier")
 
 
 def number_of(kind: str, what: str) -> int:
     drawn = ((k, *recipe(SEED, k)) for k in range(10 * len(MIX)))
     return next(k for k, drawn_kind, makers in drawn
-                if drawn_kind == kind and stage(SEED, k, 3, makers) == what)  # fmt: skip
+                if drawn_kind == kind and stage(SEED, k, GENERATOR, makers) == what)  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=[("null", "cube"), ("single", "cube"), ("null", "spheres")])
+@pytest.fixture(
+    scope="module", params=[("null", "cube"), ("single", "cube"), ("null", "spheres"), ("null", "tracker")]
+)
 def made(request, tmp_path_factory):
     """A world on disk: its folder, its number, its truth."""
     folder, number = tmp_path_factory.mktemp("world"), number_of(*request.param)
@@ -52,9 +55,10 @@ def made(request, tmp_path_factory):
 def test_it_is_a_dataset(made):
     folder, _, truth = made
     dataset = read_dataset(folder)
-    assert dataset.noise.contact == pytest.approx(1e-6 * truth["stated_noise_um"], rel=1e-3)
-    planes = {"plane"} if truth["session"]["stage"] == "cube" else set()
-    assert {t.kind for t in dataset.targets} == planes | {"sphere"}
+    what = truth["session"]["stage"]
+    stated = dataset.noise.point if what == "tracker" else dataset.noise.contact
+    assert stated == pytest.approx(1e-6 * truth["stated_noise_um"], rel=1e-3)
+    assert {t.kind for t in dataset.targets} == KINDS[what]
     assert set(dataset.measurements.role) == {"calibrate", "validate"}
     assert truth["robot"]["a"][2] != pytest.approx(0.3, abs=1e-6), "the arm is not as drawn"
 
@@ -85,7 +89,10 @@ def test_null_world_fits_to_the_noise(made):
     dataset = read_dataset(folder)
     fitted = estimate(build(Scene(dataset), tuple(truth["baseline"])))
     fitted = estimate(build(settled(fitted), tuple(truth["baseline"])), start=fitted.z)
-    noise = 1e6 * dataset.noise.contact * fitted.weights.scale["contact"]
+    kind, stated = ("point", dataset.noise.point) if truth["session"]["stage"] == "tracker" else (
+        "contact", dataset.noise.contact
+    )  # fmt: skip
+    noise = 1e6 * stated * fitted.weights.scale[kind]
     count = sum(len(b.rows) for b in fitted.model.blocks)
     assert noise == pytest.approx(truth["noise_um"], rel=4 / np.sqrt(2 * count))
     off = np.array(list(truth["distance_rms_um"].values()))
