@@ -133,6 +133,9 @@ def export(
     format_ = format_of(to)
     if into and not format_.into:
         raise BayescalError(f"{to} is always a new file", f"--into {into}", "leave --into out")
+    if readings not in format_.readings:
+        what = f"{to} has no readings '{readings}'"
+        raise BayescalError(what, "--readings", f"say {' or '.join(format_.readings)}")
     gate.check(arm.against, force)
     options = Options(state_row(arm.dataset, time, row), name, into, readings)
     written = format_.write(arm, options)

@@ -7,11 +7,12 @@ from bayescal.exporting.dh_table import DH_CSV
 from bayescal.exporting.joint_zeros import JOINT_ZEROS
 from bayescal.exporting.mjcf.format import MJCF
 from bayescal.exporting.robot import ROBOT_YAML
+from bayescal.exporting.sdf import SDF
 from bayescal.exporting.ur_yaml import UR_YAML
 from bayescal.exporting.urdf import URDF
 from bayescal.exporting.written import Format
 
-FORMATS: dict[str, Format] = {f.name: f for f in (ROBOT_YAML, URDF, MJCF, UR_YAML, DH_CSV, JOINT_ZEROS)}
+FORMATS: dict[str, Format] = {f.name: f for f in (ROBOT_YAML, URDF, SDF, MJCF, UR_YAML, DH_CSV, JOINT_ZEROS)}
 
 
 def format_of(name: str) -> Format:

@@ -75,3 +75,12 @@ def centre_in_frame(robot: Robot, k: int) -> np.ndarray:
         return centre
     behind = chain_of(robot).link[k + 1]  # in standard DH it is stated behind the whole row
     return behind[:3, :3] @ centre + behind[:3, 3]
+
+
+def coupled(joint_from_reading: np.ndarray) -> list[str]:
+    """A note where the joint values (n,) of a file are not the readings, but a matrix (n, n) times these."""
+    if np.array_equal(joint_from_reading, np.eye(len(joint_from_reading))):
+        return []
+    return [
+        "joint values of the file are joint_from_reading times the controller's readings (see the sidecar)"
+    ]

@@ -26,6 +26,7 @@ from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.geometry import (
     at_zero_poses,
     centre_in_frame,
+    coupled,
     geometry_of,
     items,
     joint_angles,
@@ -53,21 +54,13 @@ def write(arm: FittedArm, options: Options) -> Written:
         text,
         items(arm, [(f"joint[@name='{name}']/origin", "xyz, rpy") for name in names]),
         details=details,
-        notes=_notes(arm.dataset.robot, np.array(details["joint_from_reading"])),
+        notes=coupled(np.array(details["joint_from_reading"])),
     )
 
 
 def numbers(values: np.ndarray) -> str:
     """Numbers with all their digits, as an attribute holds them."""
     return " ".join(repr(float(v) + 0.0) for v in values)
-
-
-def _notes(robot: Robot, by_reading: np.ndarray) -> list[str]:
-    if np.array_equal(by_reading, np.eye(robot.n)):
-        return []
-    return [
-        "joint values of the file are joint_from_reading times the controller's readings (see the sidecar)"
-    ]
 
 
 def file_arm(tree: Tree, tip: str) -> FileArm:

@@ -68,6 +68,8 @@ class Format:
         What it cannot hold, as the reason for the user: 'a URDF has constant geometry only'.
     into : bool
         Whether it can patch a file of the user.
+    readings : tuple of str
+        How it can hold errors of the readings: 'plain' in the file, 'script' in a script beside it.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Format:
     holds: Callable[[FittedArm, int], bool]
     limits: str
     into: bool = False
+    readings: tuple[str, ...] = ("plain",)
 
 
 def item(arm: FittedArm, k: int, element: str, attribute: str) -> Item:

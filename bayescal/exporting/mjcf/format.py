@@ -60,5 +60,6 @@ MJCF = Format(
     write,
     holds,
     "MuJoCo has no such element",
+    readings=("plain", "script"),
 )
 """The whole arm, for MuJoCo 4."""
