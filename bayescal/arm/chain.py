@@ -165,16 +165,19 @@ def frames(chain: Chain, q: np.ndarray, delta: np.ndarray | None = None) -> np.n
     """
     count, n = q.shape
     out = np.empty((count, n + 2, 4, 4))
-    delta = np.zeros((count, n + 2, 6)) if delta is None else delta
-    behind = np.tile(chain.base, (count, 1, 1)) @ _moved(delta[:, 0], (0, 1, 2))
-    out[:, 0] = behind
+    own = np.zeros((count, n, 6)) if delta is None else delta[:, 1:-1].copy()
+    own[..., 0] += q
+    own[..., 1] += chain.d
+    # all joints at once: the search for poses calls this for few rows, thousands of times
+    joint = chain.link[:-1] @ _moved(own.reshape(-1, 6), (0,)).reshape(count, n, 4, 4)
+    out[:, 0] = behind = chain.base if delta is None else chain.base @ _moved(delta[:, 0], (0, 1, 2))
     for i in range(1, n + 1):
-        own = delta[:, i].copy()
-        own[:, 0] += q[:, i - 1]
-        own[:, 1] += chain.d[i - 1]
-        out[:, i] = behind @ chain.link[i - 1] @ _moved(own, (0,))
-        behind = out[:, i] @ _moved(own, (1, 2)) if delta[:, i, 2:].any() else out[:, i]
-    out[:, n + 1] = behind @ chain.link[n] @ _moved(delta[:, n + 1], (0, 1, 2))
+        out[:, i] = behind = behind @ joint[:, i - 1]
+        if delta is not None and delta[:, i, 2:].any():
+            behind = behind @ _moved(delta[:, i], (1, 2))
+    out[:, n + 1] = behind @ chain.link[n]
+    if delta is not None:
+        out[:, n + 1] = out[:, n + 1] @ _moved(delta[:, n + 1], (0, 1, 2))
     return out
 
 

@@ -34,9 +34,14 @@ class NominalArm:
         """Signs (n,) of the diagonal of `link_from_reading`; limits are stated without them."""
         return np.where(np.diag(self.robot.link_from_reading) < 0, -1.0, 1.0)
 
+    @cached_property
+    def reading_from_link(self) -> np.ndarray:
+        """Inverse of the robot's `link_from_reading`, (n, n)."""
+        return np.linalg.inv(self.robot.link_from_reading)
+
     def readings_of(self, angles: np.ndarray) -> np.ndarray:
         """Readings (N, n), rad, of angles (N, n) to which the limits apply."""
-        return np.linalg.solve(self.robot.link_from_reading, (angles * self.sign).T).T
+        return (angles * self.sign) @ self.reading_from_link.T
 
     def angles_of(self, readings: np.ndarray) -> np.ndarray:
         """Angles (N, n), rad, to which the limits apply: by `link_from_reading` with a positive diagonal."""
