@@ -9,7 +9,7 @@ import numpy as np
 from bayescal.world import arm, joints, scene, session, tracker, write
 from bayescal.world.mix import FIRST_OF, GENERATORS, recipe, stage, wishes
 from bayescal.world.size import modest, sized
-from bayescal.world.touch import World
+from bayescal.world.touch import Act, World
 from bayescal.world.tracker import Tracked
 from bayescal.world.truth import told
 
@@ -38,6 +38,16 @@ def _wild(rng: np.random.Generator, plan: session.Session) -> np.ndarray:
     return (wild[:, None] * way / np.linalg.norm(way, axis=1, keepdims=True)).ravel()
 
 
+@dataclasses.dataclass(frozen=True)
+class Made:
+    """A simulated test session: the true arm in it, the hidden effects and their sizes, files, truth."""
+
+    world: World
+    acts: list[tuple[Act, float]]
+    texts: dict[str, str]
+    truth: dict
+
+
 def build(
     seed: int,
     number: int,
@@ -46,7 +56,20 @@ def build(
     generator: int = GENERATORS[-1],
     reserved: bool = False,
 ) -> tuple[dict[str, str], dict]:
-    """Return the files of a simulated test session by name, and its ground truth.
+    """Return the files of a simulated test session by name, and its ground truth; see `make`."""
+    made = make(seed, number, spared=spared, generator=generator, reserved=reserved)
+    return made.texts, made.truth
+
+
+def make(
+    seed: int,
+    number: int,
+    *,
+    spared: bool = False,
+    generator: int = GENERATORS[-1],
+    reserved: bool = False,
+) -> Made:
+    """Make a simulated test session.
 
     Parameters
     ----------
@@ -108,4 +131,4 @@ def build(
         raise RuntimeError(msg)
     if kind == "outside":
         truth["effects"], truth["outside"] = ["unknown"], found[0][0].name
-    return texts, truth
+    return Made(world, acts, texts, truth)

@@ -1,0 +1,1 @@
+"""Compensated targets on the independent simulator: do distance errors fall to what was predicted."""
