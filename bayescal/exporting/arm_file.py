@@ -18,9 +18,9 @@ from bayescal.dataset.write import write_files
 from bayescal.effects import UNITS, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.fitted import FittedArm, Origin
-from bayescal.exporting.rows import standing_model
+from bayescal.exporting.rows import SETTLED
 from bayescal.files import json_text
-from bayescal.model import Model
+from bayescal.model import Model, equilibrium, with_parameters
 from bayescal.model.scene import Scene
 
 SCHEMA = "bayescal-arm/1"
@@ -128,19 +128,21 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
     sessions = [read_dataset(folder / name, judge=False) for name in of["folders"]]
     scene = Scene(joined(sessions, of["remounted"], of["own_noise"]), oriented=True)
     effects = tuple(record["model"])
-    entries = record["parameters"]
-    known = {p.name: p for p in parameters_of(effects, scene.circumstances(scene.rows("calibrate")))}
-    if missing := [e["name"] for e in entries if e["name"] not in known]:
-        what = f"the model of the dataset's copy has no parameter '{missing[0]}'"
+    entries = {e["name"]: e for e in record["parameters"]}
+
+    def make(scene: Scene) -> Model:
+        known = {p.name: p for p in parameters_of(effects, scene.circumstances(scene.rows("calibrate")))}
+        return Model(scene, effects, tuple(known[name] for name in entries if name in known), (), ())
+
+    def deviations(model: Model) -> np.ndarray:
+        return np.array([entries[p.name]["value"] / UNITS[p.unit][1] - p.nominal for p in model.parameters])
+
+    # a joint may carry a torque only where the arm stands as it was fitted
+    found = equilibrium(scene, make, deviations, SETTLED)
+    if missing := entries.keys() - {p.name for p in found.parameters}:
+        what = f"the model of the dataset's copy has no parameter '{min(missing)}'"
         raise BayescalError(what, str(folder / ARM_FILE), "repeat the command with this version")
-    parameters = tuple(known[e["name"]] for e in entries)
-    values = np.array(
-        [
-            (e["value"] - p.nominal * UNITS[p.unit][1]) / UNITS[p.unit][1]
-            for e, p in zip(entries, parameters, strict=True)
-        ]
-    )
-    model = standing_model(Model(scene, effects, parameters, (), ()), values)
+    model, values = with_parameters(found.scene, effects, found.parameters), deviations(found)
     return FittedArm(
         model,
         values,

@@ -225,7 +225,8 @@ def of_fit(fit: Fit) -> FittedArm:
     """The arm of a calibration."""
     origin = Origin("fit", fit.seed, fit.robust, fit.prior_width, fit.without)
     arm = of_estimate(fit.final.estimate, fit.stated.limited, origin)
-    return replace(arm, doubts=gate.of_fit(fit))
+    told = () if fit.acceptance.explains else (f"verdict of the fit: {fit.acceptance.verdict}",)
+    return replace(arm, doubts=gate.of_fit(fit), notes=told)
 
 
 def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:

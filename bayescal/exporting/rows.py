@@ -157,7 +157,9 @@ def _settled(
     def make(scene: Scene) -> Model:
         c = scene.circumstances(scene.rows("calibrate"))
         named = {p.name: p for p in parameters_of(model.effects, c)}
-        parameters = tuple(own(replace(p, terms=named[p.name].terms)) for p in model.parameters)
+        # a joint without torque has no parameter of it: then it displaces nothing
+        terms = ((p, named[p.name].terms if p.name in named else ()) for p in model.parameters)
+        parameters = tuple(own(replace(p, terms=t)) for p, t in terms)
         return Model(scene, model.effects, parameters, (), ())
 
     return equilibrium(scene, make, lambda _: values, SETTLED)

@@ -14,14 +14,14 @@ def export_summary(export: Exported) -> RenderableType:
     """Model, state, effects that the file does not hold, and notes."""
     arm = export.arm
     m = arm.dataset.measurements
-    held = len({i.parameter for i in export.written.items})
-    tool = sum(p.effect == TOOL.name for p in arm.model.parameters)
+    tools = {p.name for p in arm.model.parameters if p.effect == TOOL.name}
+    held = len({i.parameter for i in export.written.items} - tools)
     time = "" if m.time is None else f" ({m.time[export.options.state]:.0f} s)"
     rows = [
         ("arm", f"{arm.dataset.robot.name}, session {arm.dataset.name}", ""),
         ("model", model_label(arm.effects), ""),
-        ("format", f"{export.format}: {held} of {len(arm.values) - tool} parameters of the arm", ""),
-        ("tool", f"its {tool} parameters are in the sidecar", ""),
+        ("format", f"{export.format}: {held} of {len(arm.values) - len(tools)} parameters of the arm", ""),
+        ("tool", f"its {len(tools)} parameters are in the sidecar", ""),
     ]
     if any(m.why.startswith("changes") for m in export.missing):
         rows.append(("state", f"that of row {m.ids[export.options.state]}{time}", ""))

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from export_arms import fake
+from export_arms import fake, session_of
 
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
@@ -123,3 +123,31 @@ def test_an_arm_without_equilibrium_is_refused(session):
 def test_a_folder_without_arm_is_refused(tmp_path):
     with pytest.raises(BayescalError, match=r"there is no arm\.json"):
         open_run(tmp_path)
+
+
+def test_a_torque_that_only_the_fitted_arm_has(tmp_path):
+    """The last joint of a UR that points straight down carries no torque, unless the arm leans."""
+    session = session_of("universal-robots-ur5e", payload=0.0)
+    readings = np.tile(np.radians([0.0, -90.0, 90.0, -90.0, -90.0, 0.0]), (len(session.measurements.ids), 1))
+    readings[:, 0] = session.measurements.readings[:, 0]
+    tools = tuple(replace(t, centre_of_mass=np.array([0.0, 0.0, 0.06])) for t in session.tools)
+    session = replace(
+        session, tools=tools, measurements=replace(session.measurements, readings=readings, payload=None)
+    )
+    leaning = fake(session, ("geometry",))
+    nominal = {p.name for p in build(leaning.model.scene, ("compliance",)).parameters}
+    assert "compliance J6" in nominal
+    assert "compliance J6" not in {p.name for p in build(Scene(session), ("compliance",)).parameters}
+    model = build(leaning.model.scene, ("geometry", "compliance"))
+    values = dict(zip((p.name for p in leaning.model.parameters), leaning.values, strict=True))
+    arm = replace(leaning, model=model, effects=("geometry", "compliance"))
+    arm = replace(arm, covariance=np.eye(len(model.parameters)), states={})
+    arm = arm.valued(np.array([values.get(p.name, 1e-3) for p in model.parameters]))
+    write_arm(arm, tmp_path)
+    again = open_run(tmp_path)
+    assert [p.name for p in again.model.parameters] == [p.name for p in arm.model.parameters]
+    q = readings[:3]
+    np.testing.assert_allclose(again.at(q).points, arm.at(q).points, rtol=0, atol=2e-9)
+    np.testing.assert_allclose(
+        arm.at_level("nominal", q).points, arm.at_level("nominal", q, row=0).points, atol=1e-12
+    )
