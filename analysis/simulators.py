@@ -18,11 +18,10 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.effects import Parameter
 from bayescal.exporting.fitted import FittedArm
-from bayescal.exporting.mjcf.new_file import mjcf
 from bayescal.exporting.rows import standing_model
+from bayescal.exporting.verify.levels import File
 from bayescal.exporting.verify.limits import TOGETHER, TOGETHER_RMS, limit
 from bayescal.exporting.verify.replay import Machine, modelled, replayed
-from bayescal.exporting.verify.simulator import Simulator
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
@@ -79,12 +78,14 @@ def _value(p: Parameter, rng: np.random.Generator) -> float:
     return 1e-3 * z if loose else p.sd * z
 
 
-def differences(arm: FittedArm, poses: int, text: str | None = None) -> tuple[np.ndarray, float]:
+def differences(arm: FittedArm, poses: int, file: File | None = None) -> tuple[np.ndarray, float]:
     """Differences (C,), m, of the tool points from the model, and the RMS size of the last effect, m."""
     rows = np.unique(np.linspace(0, len(arm.dataset.measurements.ids) - 1, poses).astype(int))
     state = int(rows[-1])
-    simulator = Simulator(text or mjcf(arm, state), arm.dataset.robot.joint_names, "drawn arm")
-    reached, points = replayed(simulator, Machine.of(arm, state), arm, rows)
+    file = file or File.new(arm, state)
+    machine = Machine.of(arm, state, file.place)
+    simulator = machine.simulator(file.text, file.folder, file.name)
+    reached, points = replayed(simulator, machine, arm, rows)
     model = modelled(arm, rows, reached, state)
     without = modelled(arm.level(arm.levels[-2]), rows, reached, state)
     size = float(np.sqrt(np.mean(np.sum((model - without) ** 2, axis=1))))

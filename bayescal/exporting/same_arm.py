@@ -73,7 +73,9 @@ def match(robot: Robot, file: FileArm, name: str) -> Match:
     signs = np.sign(np.einsum("ki,ki->k", a, b @ here[:3, :3].T))
     for k in range(robot.n):
         own[k, :2, 3] = 0.0
-        own[k, :3, :3] = _turn(own[k, :3, :3] @ file.axes[k], np.array([0.0, 0.0, signs[k]])) @ own[k, :3, :3]
+        own[k, :3, :3] = (
+            smallest_turn(own[k, :3, :3] @ file.axes[k], np.array([0.0, 0.0, signs[k]])) @ own[k, :3, :3]
+        )
     return Match(here, own, signs)
 
 
@@ -162,7 +164,7 @@ def _alignment(p: np.ndarray, a: np.ndarray, r: np.ndarray, b: np.ndarray) -> np
     return out
 
 
-def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def smallest_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The smallest rotation (3, 3) that takes a unit vector to another, nearby one."""
     cross = np.cross(a, b)
     skew = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])

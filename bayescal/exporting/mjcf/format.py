@@ -26,7 +26,13 @@ WEIGHED = ("torque", "bending moment", "base moment", "mass")
 
 def write(arm: FittedArm, options: Options) -> Written:
     """The MJCF file of an arm."""
-    return Written(mjcf(arm, options.state, options.readings == "script"), tuple(_items(arm)))
+    items = tuple(_items(arm))
+    if options.into:
+        from bayescal.exporting.mjcf.into.patch import patched
+
+        text, details, notes = patched(arm, options)
+        return Written(text, items, details=details, notes=notes)
+    return Written(mjcf(arm, options.state, options.readings == "script"), items)
 
 
 def holds(arm: FittedArm, k: int) -> bool:
@@ -61,5 +67,6 @@ MJCF = Format(
     holds,
     "MuJoCo has no such element",
     readings=("plain", "script"),
+    into=True,
 )
 """The whole arm, for MuJoCo 4."""

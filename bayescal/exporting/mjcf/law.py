@@ -91,6 +91,11 @@ def law_of(content: Content) -> Law:
     )
 
 
+def bare(law: Law) -> Law:
+    """The law without errors."""
+    return replace(law, exact=law.nominal, waves=(), lost=0.0 * law.lost)
+
+
 def _side(content: Content) -> str:
     asked = [s.setting for s in map(Selection.read, content.arm.effects) if s.effect == BACKLASH.name]
     return asked[0] if asked and asked[0] else side_of(content.arm.model.scene.dataset.robot)

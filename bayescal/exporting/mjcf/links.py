@@ -2,34 +2,56 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from bayescal.arm.transforms import rigid
 from bayescal.exporting.mjcf.mechanism import Body, Hinge, Load, Mechanism
-from bayescal.exporting.mjcf.text import add, number, place
+from bayescal.exporting.mjcf.text import DEFAULT, add, number, place
 
-DEFAULT = "bayescal"
 DAMPING = 0.02
 """Damping of a spring, s times its stiffness."""
 GYRATION = 0.08
 """Radius of gyration of a link, m (assumed: a calibration at standstill does not identify inertias)."""
 WEIGHTLESS = 1.0
 """Mass, kg, of a body without a stated mass; gravity does not act on it."""
+NEUTRAL = {
+    "joint": {
+        "frictionloss": "0", "springref": "0", "ref": "0", "stiffness": "0", "damping": "0", "springyield":
+        "0", "actuatorfrclimited": "false", "margin": "0", "group": "3",
+    },
+    "tendon": {
+        "frictionloss": "0", "stiffness": "0", "damping": "0", "springlength": "-1", "springyield": "0",
+        "armature": "0", "margin": "0",
+    },
+    "equality": {"active": "true", "solref": "0.02 1", "solimp": "0.9 0.95 0.001 0.5 2"},
+}  # fmt: skip
+"""Attributes of added elements that have no effect."""
 THIN = 0.02
 """Radius of the capsules that show the links, m."""
 
 
-def defaults(root: ET.Element) -> None:
-    """The default class of all inserted joints: it resets what the defaults of a file may set."""
-    top = add(add(root, "default"), "default", **{"class": DEFAULT})
-    add(
-        top, "joint", type="hinge", limited="false", range="0 0", armature=1e-3, frictionloss=0.0,
-        springref=0.0, ref=0.0, stiffness=0.0, damping=0.0, actuatorfrclimited="false", margin=0.0,
-    )  # fmt: skip
-    add(top, "geom", contype="0", conaffinity="0", group="2", type="capsule", size=THIN, rgba=".7 .7 .75 1")
-    add(top, "site", size=0.004, rgba=".9 .2 .1 1")
+def defaults(root: ET.Element, shown: bool = True) -> None:
+    """The default class of all added elements: it resets what the defaults of a file may set."""
+    top = root.find("default")
+    own = add(add(root, "default") if top is None else top, "default", **{"class": DEFAULT})
+    add(own, "joint", type="hinge", limited="false", range="0 0", armature=1e-3, **NEUTRAL["joint"])
+    add(own, "tendon", limited="false", range="0 0", **NEUTRAL["tendon"])
+    add(own, "equality", **NEUTRAL["equality"])
+    add(own, "site", type="sphere", size=0.004, rgba=".9 .2 .1 1", group="0")
+    if shown:
+        add(
+            own,
+            "geom",
+            contype="0",
+            conaffinity="0",
+            group="2",
+            type="capsule",
+            size=THIN,
+            rgba=".7 .7 .75 1",
+        )
 
 
 def bodies(parent: ET.Element, mechanism: Mechanism) -> list[ET.Element]:
@@ -66,14 +88,22 @@ def hinge(element: ET.Element, h: Hinge) -> None:
             own.set("springref", number(h.rest))
 
 
-def bands(tendons: ET.Element, mechanism: Mechanism) -> None:
-    """Append the dead bands of springs as tendons."""
+def bands(tendons: ET.Element, mechanism: Mechanism, names: Mapping[str, str] | None = None) -> None:
+    """Append the dead bands of springs as tendons; `names` of the hinges in the file, if they differ."""
     for h in (h for b in mechanism.bodies for h in b.hinges if h.spring is not None):
         assert h.spring is not None
+        name = h.name if names is None else names[h.name]
         for k, b in enumerate(h.spring.bands, start=1):
             edges = [b.lower, b.upper]
-            fixed = add(tendons, "fixed", name=f"{h.name}_{k}", springlength=edges, stiffness=b.stiffness)
-            add(fixed, "joint", joint=h.name, coef=1.0)
+            fixed = add(
+                tendons,
+                "fixed",
+                **{"class": DEFAULT},
+                name=f"{name}_{k}",
+                springlength=edges,
+                stiffness=b.stiffness,
+            )
+            add(fixed, "joint", joint=name, coef=1.0)
 
 
 def tool(flange: ET.Element, load: Load) -> None:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.mjcf.content import Content
-from bayescal.exporting.mjcf.law import Law, law_of
+from bayescal.exporting.mjcf.law import bare, law_of
 from bayescal.exporting.mjcf.links import bands, bodies, defaults, tips, tool
 from bayescal.exporting.mjcf.mechanism import mechanism
-from bayescal.exporting.mjcf.readings import Sections, parts, servos
+from bayescal.exporting.mjcf.readings import Joints, Sections, parts, servos
 from bayescal.exporting.mjcf.text import add, document
 
 TIMESTEP = 0.002
@@ -54,14 +53,9 @@ def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:
     bands(tendon, arm_)
     torques = np.zeros(1) if scene.moments is None else np.abs(scene.moments[:, 1:, 2])
     joints = scene.dataset.robot.joint_names
-    parts(Sections(world, tendon, equality), law, joints, torques)
+    parts(Sections(world, tendon, equality), law, Joints.of(joints), torques)
     servos(actuator, sensor, tendon, law, joints)
     for part in (tendon, equality):
         if not len(part):
             root.remove(part)
     return document(root)
-
-
-def bare(law: Law) -> Law:
-    """The law without errors."""
-    return replace(law, exact=law.nominal, waves=(), lost=0.0 * law.lost)

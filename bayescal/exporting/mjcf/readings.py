@@ -20,19 +20,32 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from bayescal.exporting.mjcf.law import Law, Wave
-from bayescal.exporting.mjcf.text import add
+from bayescal.exporting.mjcf.text import DEFAULT, add
 
 STIFF, DAMPED = 1e10, 1e6
 """Stiffness, N m/rad, and damping, N m s/rad, of servos and tendons: under 100 N m they yield by 1e-8 rad."""
 FRICTION = 30.0
 """Least friction, N m, that holds a link within its lost motion; twice the largest torque otherwise."""
-TIGHT = {"solref": ".004 1", "solimp": ".999 .999 .001 .5 2"}
+TIGHT = {"class": DEFAULT, "solref": ".004 1", "solimp": ".999 .999 .001 .5 2"}
 """Equalities of a yoke; they carry no load."""
 AWAY = (0.0, 0.0, -3.0)
 """Place of cranks and slides, m."""
 
 Linear = Mapping[str, float]
 """Coefficients by joint: a fixed tendon."""
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Joints of a file: names, and senses (n,) of rotation, +1 or -1, relative to the arm's model."""
+
+    names: Sequence[str]
+    signs: np.ndarray
+
+    @classmethod
+    def of(cls, names: Sequence[str]) -> Joints:
+        """Joints of a new file."""
+        return cls(names, np.ones(len(names)))
 
 
 @dataclass(frozen=True)
@@ -62,21 +75,21 @@ def erring(law: Law) -> np.ndarray:
     return out | np.any(np.linalg.inv(law.geared)[:, law.lost != 0] != 0, axis=1)
 
 
-def parts(to: Sections, law: Law, joints: Sequence[str], torques: np.ndarray) -> None:
+def parts(to: Sections, law: Law, joints: Joints, torques: np.ndarray) -> None:
     """Append tendons and yokes that hold the hinges of the errors.
 
     Parameters
     ----------
     to : Sections
     law : Law
-    joints : sequence of str
-        Names of the joints of the links, which turn by the nominal angles.
+    joints : Joints
+        Of the links; they turn by the nominal angles.
     torques : np.ndarray, shape (n,)
         Largest torque on each link, N m.
     """
     wrong = erring(law)
     for w in law.waves:
-        _yoke(to, joints[w.joint], w, float(law.offset[w.joint]))
+        _yoke(to, joints, w, float(law.offset[w.joint]))
     for k, (row, half) in enumerate(zip(law.geared, law.lost, strict=True)):
         turned: dict[str, float] = {}
         for j in np.flatnonzero(row * wrong):
@@ -85,37 +98,43 @@ def parts(to: Sections, law: Law, joints: Sequence[str], torques: np.ndarray) ->
         if not turned:
             continue
         slack = [-half, half]
-        _tendon(to, f"{joints[k]}_gear", turned, springlength=slack, stiffness=STIFF)
+        name = joints.names[k]
+        _tendon(to, f"{name}_gear", turned, springlength=slack, stiffness=STIFF)
         if half > 0:
-            gear = {n: float(g) for j, g in enumerate(row) if g for n in _behind(joints[j], bool(wrong[j]))}
+            gear: dict[str, float] = {}
+            for i in np.flatnonzero(row).tolist():  # the angle of a link: its joint, and its error
+                gear[joints.names[i]] = float(row[i] * joints.signs[i])
+                if wrong[i]:
+                    gear[error(joints.names[i])] = float(row[i])
             limit = max(FRICTION, 2.0 * float(np.max(torques)))
             _tendon(
-                to, f"{joints[k]}_friction", gear, springlength=[0.0, 0.0], stiffness=STIFF,
+                to, f"{name}_friction", gear, springlength=[0.0, 0.0], stiffness=STIFF,
                 springyield=limit / STIFF,
             )  # fmt: skip
 
 
-def held(law: Law, joints: Sequence[str], j: int) -> Linear:
+def held(law: Law, joints: Joints, j: int) -> Linear:
     """Error of a link minus its lawful value without lost motion: zero, as coefficients of the joints."""
     extra = (law.exact - law.nominal) @ np.linalg.inv(law.nominal)
-    out = {error(joints[j]): 1.0}
-    out |= {name: -float(c) for name, c in zip(joints, extra[j], strict=True) if c}
+    own = joints.names[j]
+    out = {error(own): 1.0}
+    out |= {name: -float(c) for name, c in zip(joints.names, extra[j] * joints.signs, strict=True) if c}
     for w in law.waves:
         if w.joint == j:
-            out |= {f"{yoke(joints[j], w)}_sin": -w.sine, f"{yoke(joints[j], w)}_cos": -w.cosine}
+            out |= {f"{yoke(own, w)}_sin": -w.sine, f"{yoke(own, w)}_cos": -w.cosine}
     return out
 
 
-def posture(law: Law, joints: Sequence[str], readings: np.ndarray) -> Mapping[str, float]:
+def posture(law: Law, joints: Joints, readings: np.ndarray) -> Mapping[str, float]:
     """Positions of all joints at readings (n,), rad, without load, in the middle of any lost motion."""
     angles = law.nominal @ readings
     errors = law.turned(np.vstack([readings, 0.0 * readings])) - np.vstack([angles, 0.0 * angles])
-    out = dict(zip(joints, angles.tolist(), strict=True))
-    for j in np.flatnonzero(erring(law)):
-        out[error(joints[int(j)])] = float(errors[0, j] - errors[1, j])
+    out = dict(zip(joints.names, (joints.signs * angles).tolist(), strict=True))
+    for j in np.flatnonzero(erring(law)).tolist():
+        out[error(joints.names[j])] = float(errors[0, j] - errors[1, j])
     for w in law.waves:
         before, now = w.order * law.offset[w.joint], w.order * (law.offset + angles)[w.joint]
-        name = yoke(joints[w.joint], w)
+        name = yoke(joints.names[w.joint], w)
         moved = {
             "crank": now - before,
             "cos": np.cos(now) - np.cos(before),
@@ -142,13 +161,8 @@ def servos(
         add(sensor, "tendonpos", name=name, tendon=f"{name}_reading")
 
 
-def _behind(joint: str, wrong: bool) -> tuple[str, ...]:
-    """Hinges whose sum is the angle of a link."""
-    return (joint, error(joint)) if wrong else (joint,)
-
-
 def _tendon(to: Sections, name: str, parts: Linear, **attributes: object) -> None:
-    fixed = add(to.tendon, "fixed", name=name, **attributes)  # type: ignore[arg-type]
+    fixed = add(to.tendon, "fixed", **{"class": DEFAULT}, name=name, **attributes)  # type: ignore[arg-type]
     for joint, coefficient in parts.items():
         if coefficient:
             add(fixed, "joint", joint=joint, coef=coefficient)
@@ -156,12 +170,13 @@ def _tendon(to: Sections, name: str, parts: Linear, **attributes: object) -> Non
 
 def _body(to: Sections, name: str) -> ET.Element:
     """A body beside the arm, without weight."""
-    own = add(to.world, "body", name=name, pos=AWAY, gravcomp="1", childclass="bayescal")
+    own = add(to.world, "body", name=name, pos=AWAY, gravcomp="1", childclass=DEFAULT)
     add(own, "inertial", pos=[0.0, 0.0, 0.0], mass=1.0, diaginertia=[1.0, 1.0, 1.0])
     return own
 
 
-def _yoke(to: Sections, joint: str, wave: Wave, offset: float) -> None:
+def _yoke(to: Sections, joints: Joints, wave: Wave, offset: float) -> None:
+    joint = joints.names[wave.joint]
     name, phase = yoke(joint, wave), wave.order * offset
     pin = np.array([np.cos(phase), np.sin(phase), 0.0])
     add(_body(to, f"{name}_crank"), "joint", name=f"{name}_crank", axis=[0.0, 0.0, 1.0])
@@ -169,7 +184,7 @@ def _yoke(to: Sections, joint: str, wave: Wave, offset: float) -> None:
     add(slides, "joint", name=f"{name}_cos", type="slide", axis=[1.0, 0.0, 0.0])
     add(slides, "joint", name=f"{name}_sin", type="slide", axis=[0.0, 1.0, 0.0])
     add(to.equality, "connect", name=name, body1=f"{name}_crank", body2=f"{name}_slides", anchor=pin, **TIGHT)
-    geared = [0.0, wave.order, 0.0, 0.0, 0.0]
+    geared = [0.0, wave.order * float(joints.signs[wave.joint]), 0.0, 0.0, 0.0]
     add(
         to.equality,
         "joint",

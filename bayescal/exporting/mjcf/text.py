@@ -8,6 +8,9 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+DEFAULT = "bayescal"
+"""Class of all added elements."""
+
 
 def number(value: float) -> str:
     """A number with all its digits."""

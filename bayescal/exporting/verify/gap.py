@@ -13,10 +13,9 @@ import numpy as np
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.exporting.fitted import FittedArm, Origin, of_estimate
 from bayescal.exporting.mjcf.content import STATE
-from bayescal.exporting.mjcf.new_file import mjcf
+from bayescal.exporting.verify.levels import File
 from bayescal.exporting.verify.measured import Measured, measured, validation_rows
 from bayescal.exporting.verify.replay import Machine, replayed
-from bayescal.exporting.verify.simulator import Simulator
 from bayescal.model import with_parameters
 from bayescal.model.parts import parts_of
 from bayescal.model.scene import Scene
@@ -39,18 +38,16 @@ class Gap:
     predicted: Mapping[str, tuple[float, float]]
 
 
-def simulated_gap(arm: FittedArm, text: str, state: int, where: str, record: Mapping[str, Any]) -> Gap | None:
+def simulated_gap(arm: FittedArm, file: File, state: int, record: Mapping[str, Any]) -> Gap | None:
     """Replay the validation rows; None if the session has none.
 
     Parameters
     ----------
     arm : FittedArm
-    text : str
-        The written file of the arm.
+    file : File
+        The written one.
     state : int
         Row of the session whose state the file has.
-    where : str
-        Its name, for messages.
     record : mapping
         The record of the run (fit.json or gap.json).
     """
@@ -61,8 +58,8 @@ def simulated_gap(arm: FittedArm, text: str, state: int, where: str, record: Map
     earlier = before_estimate(arm, baseline)
     noise = earlier.weights.scale
     old = of_estimate(earlier, earlier.covariance, Origin())
-    before = _in_simulator(old, mjcf(old, state), rows, state, where, noise)
-    after = _in_simulator(arm, text, rows, state, where, {})
+    before = _in_simulator(old, File.new(old, state), rows, state, noise)
+    after = _in_simulator(arm, file, rows, state, {})
     without = np.intersect1d(before.gross, after.gross)
     kinds = [k for k in KINDS if np.isfinite(after.rms(k, without))]
     count = {k: sum(len(r.rows) for r in after.residuals if r.kind == k) for k in kinds}
@@ -85,18 +82,19 @@ def before_estimate(arm: FittedArm, baseline: tuple[str, ...]) -> Estimate:
 
 
 def _in_simulator(
-    arm: FittedArm, text: str, rows: np.ndarray, state: int, where: str, noise: Mapping[str, float]
+    arm: FittedArm, file: File, rows: np.ndarray, state: int, noise: Mapping[str, float]
 ) -> Measured:
     """Errors of an arm in its file; where the arm changes during the session, in the state of each row."""
-    simulator = Simulator(text, arm.dataset.robot.joint_names, where)
-    if any(p.driver.kind in STATE[1:] for p in arm.model.parameters):
+    machine = Machine.of(arm, state, file.place)
+    simulator = machine.simulator(file.text, file.folder, file.name)
+    if not file.place.own and any(p.driver.kind in STATE[1:] for p in arm.model.parameters):
         points = np.empty((len(rows), 3))
         for k, row in enumerate(rows):
             machine = Machine.of(arm, int(row))
             simulator.take(machine.poses)
             points[k] = replayed(simulator, machine, arm, rows[k : k + 1])[1][0]
     else:
-        _, points = replayed(simulator, Machine.of(arm, state), arm, rows)
+        _, points = replayed(simulator, machine, arm, rows)
     return measured(arm, rows, points, noise)
 
 

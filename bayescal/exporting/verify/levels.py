@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from bayescal.exporting.fitted import NOMINAL, FittedArm
 from bayescal.exporting.mjcf.new_file import mjcf
 from bayescal.exporting.verify.limits import TOGETHER_RMS, limit
-from bayescal.exporting.verify.replay import Machine, modelled, replayed
-from bayescal.exporting.verify.simulator import Simulator
+from bayescal.exporting.verify.replay import Machine, Place, modelled, replayed
 
 POSES = 100
 
@@ -40,6 +40,21 @@ class Level:
         return self.maximum <= self.limit and self.rms <= TOGETHER_RMS
 
 
+@dataclass(frozen=True)
+class File:
+    """A file of an arm: its text, the folder of its meshes, its name, and where the arm is in it."""
+
+    text: str
+    folder: Path
+    name: str
+    place: Place
+
+    @classmethod
+    def new(cls, arm: FittedArm, state: int) -> File:
+        """A new file of an arm in the state of a row."""
+        return cls(mjcf(arm, state), Path(), "new file", Place.of(arm, {}))
+
+
 def chosen(arm: FittedArm) -> np.ndarray:
     """Rows of the session whose poses are compared: evenly spread, without outliers."""
     ids = np.array(arm.dataset.measurements.ids)
@@ -48,7 +63,7 @@ def chosen(arm: FittedArm) -> np.ndarray:
 
 
 def levels(
-    arm: FittedArm, text: str, state: int, where: str, notify: Callable[[float], None] = lambda share: None
+    arm: FittedArm, file: File, state: int, notify: Callable[[float], None] = lambda share: None
 ) -> tuple[Level, ...]:
     """Compare every model level of an arm with a simulator.
 
@@ -57,12 +72,10 @@ def levels(
     Parameters
     ----------
     arm : FittedArm
-    text : str
-        Of the written file.
+    file : File
+        The written one.
     state : int
         Row of the session whose state the file has.
-    where : str
-        Name of the file, for messages.
     notify : callable
         Called with the completed fraction.
     """
@@ -70,9 +83,10 @@ def levels(
     for k, name in enumerate(arm.levels):
         notify(k / len(arm.levels))
         own = arm if name == arm.levels[-1] else arm.level(name)
-        file = text if own is arm else mjcf(own, state)
-        simulator = Simulator(file, arm.dataset.robot.joint_names, where)
-        reached, points = replayed(simulator, Machine.of(own, state), own, rows)
+        used = file if own is arm else File.new(own, state)
+        machine = Machine.of(own, state, used.place)
+        simulator = machine.simulator(used.text, used.folder, used.name)
+        reached, points = replayed(simulator, machine, own, rows)
         off = np.linalg.norm(points - modelled(own, rows, reached, state), axis=1)
         out.append(Level(name, off, limit(arm.effects[:k] if name != NOMINAL else ())))
     return tuple(out)

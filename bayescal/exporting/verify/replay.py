@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +13,28 @@ from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.mjcf.content import Content
 from bayescal.exporting.mjcf.law import Law, law_of
 from bayescal.exporting.mjcf.mechanism import Load, loads, names, poses
-from bayescal.exporting.mjcf.readings import posture
+from bayescal.exporting.mjcf.readings import Joints, posture
 from bayescal.exporting.verify.simulator import APPROACH, Simulator
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the arm of a file is: its joints, and the world of the file in F0, (4, 4), m.
+
+    In a user's file (`own`) the joints have the user's actuators, and the bodies the user's names.
+    """
+
+    joints: Joints
+    world: np.ndarray
+    own: bool = False
+
+    @classmethod
+    def of(cls, arm: FittedArm, sidecar: Mapping[str, Any]) -> Place:
+        """The place in a file with a sidecar; in a new file without one."""
+        if "root_in_f0" not in sidecar:
+            return cls(Joints.of(arm.dataset.robot.joint_names), np.eye(4))
+        joints = Joints(tuple(sidecar["joints"].values()), np.array(sidecar["signs"]))
+        return cls(joints, np.array(sidecar["root_in_f0"]), True)
 
 
 @dataclass(frozen=True)
@@ -21,16 +43,20 @@ class Machine:
 
     law: Law
     loads: tuple[Load, ...]
-    joints: tuple[str, ...]
+    place: Place
     poses: Mapping[str, np.ndarray]
 
     @classmethod
-    def of(cls, arm: FittedArm, row: int) -> Machine:
+    def of(cls, arm: FittedArm, row: int, place: Place | None = None) -> Machine:
         """The machine of an arm in the state of a row."""
         content = Content(arm, row)
         law = law_of(content)
         places = dict(zip(names(len(law.lost)), poses(content, law), strict=True))
-        return cls(law, loads(content), arm.dataset.robot.joint_names, places)
+        return cls(law, loads(content), place or Place.of(arm, {}), places)
+
+    def simulator(self, text: str, folder: Path, where: str) -> Simulator:
+        """The simulator of a file of this machine."""
+        return Simulator(text, folder, self.place.joints, self.law.nominal, not self.place.own, where)
 
     def starts(self, readings: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
         """Readings (C, n), rad, from which the poses are approached, if any gear has lost motion.
@@ -62,10 +88,11 @@ def replayed(
         simulator.carry(load, float(extra))
         readings = m.readings[rows[mine]]
         starts = machine.starts(readings, None if velocity is None else velocity[rows[mine]])
-        postures = [posture(machine.law, machine.joints, start) for start in starts]
+        postures = [posture(machine.law, machine.place.joints, start) for start in starts]
         stood = simulator.stand(postures, starts, readings, load.name)
         reached[mine], points[mine] = stood.readings, stood.points
-    return reached, points
+    world = machine.place.world
+    return reached, points @ world[:3, :3].T + world[:3, 3]
 
 
 def modelled(arm: FittedArm, rows: np.ndarray, reached: np.ndarray, state: int) -> np.ndarray:

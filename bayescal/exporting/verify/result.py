@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from bayescal.errors import BayescalError
+from bayescal.exporting.engine import mujoco
 from bayescal.exporting.export import read_sidecar
 from bayescal.exporting.fitted import FittedArm, open_run, refitted
 from bayescal.exporting.verify.gap import Gap, read_record, simulated_gap
-from bayescal.exporting.verify.levels import Level, levels
-from bayescal.exporting.verify.simulator import mujoco
+from bayescal.exporting.verify.levels import File, Level, levels
+from bayescal.exporting.verify.replay import Place
 
 Notify = Callable[[str, float], None]
 
@@ -52,9 +53,10 @@ def verify(run: Path, path: Path, notify: Notify = lambda stage, share: None) ->
     sidecar = read_sidecar(path)
     arm = _arm(run, sidecar, str(path))
     state = arm.dataset.measurements.ids.index(sidecar["state"]["row"])
-    found = levels(arm, text, state, str(path), lambda share: notify("levels", share))
+    file = File(text, path.parent, str(path), Place.of(arm, sidecar))
+    found = levels(arm, file, state, lambda share: notify("levels", share))
     notify("replay", 0.0)
-    gap = simulated_gap(arm, text, state, str(path), read_record(run))
+    gap = simulated_gap(arm, file, state, read_record(run))
     return Verification(arm, path, "mjcf", state, f"MuJoCo {mj.__version__}", found, gap)
 
 

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import ModuleType
+from functools import cached_property
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from bayescal.errors import BayescalError
+from bayescal.exporting.engine import mujoco
+from bayescal.exporting.mjcf.into.scene_file import compiled
 from bayescal.exporting.mjcf.mechanism import Load
+from bayescal.exporting.mjcf.readings import STIFF, Joints
 
 APPROACH = 2e-3
 """Motion of every gear before a pose, rad: several times any lost motion."""
@@ -22,22 +27,6 @@ MOST = 600
 """Maximum number of these steps."""
 REST = 1e-10
 """Speed of all joints, rad/s and m/s, at rest."""
-
-
-def mujoco() -> ModuleType:
-    """The simulator.
-
-    Raises
-    ------
-    BayescalError
-        If it is not installed.
-    """
-    try:
-        import mujoco as module
-    except ImportError:
-        remedy = "pip install 'bayescal[mujoco]'"
-        raise BayescalError("MuJoCo is not installed", "bayescal verify", remedy) from None
-    return module
 
 
 @dataclass(frozen=True)
@@ -55,30 +44,73 @@ class Simulator:
     ----------
     text : str
         Of the file.
-    joints : sequence of str
-        Sensors and actuators of the readings.
+    folder : Path
+        Of its meshes.
+    joints : Joints
+        Of the arm in the file.
+    nominal : np.ndarray, shape (n, n)
+        Angles of the joints from readings.
+    servos : bool
+        Actuators and sensors of the file, with the names of the joints, command and show the readings. Else
+        stiff springs hold the joints in place of the file's actuators.
     where : str
         For messages.
 
     Raises
     ------
     BayescalError
-        If MuJoCo is not installed, or refuses the file.
+        If MuJoCo is not installed, or refuses the file, or the file has no such joints.
     """
 
-    def __init__(self, text: str, joints: Sequence[str], where: str) -> None:
+    def __init__(
+        self, text: str, folder: Path, joints: Joints, nominal: np.ndarray, servos: bool, where: str
+    ) -> None:
         self.mj: Any = mujoco()
         try:
-            self.model = self.mj.MjModel.from_xml_string(text)
-        except ValueError as error:
-            raise BayescalError(f"MuJoCo refuses the file: {error}", where, "export it again") from None
+            root = ElementTree.fromstring(text)
+        except ElementTree.ParseError as error:
+            raise BayescalError(f"not XML: {error}", where, "export it again") from None
+        self.model = compiled(root, folder, where)
         self.data = self.mj.MjData(self.model)
-        self.joints, self.where = tuple(joints), where
+        self.joints, self.nominal, self.servos, self.where = joints, nominal, servos, where
         self.timestep = self.model.opt.timestep
-        missing = [j for j in joints if self._id("ACTUATOR", j) < 0 or self._id("SENSOR", j) < 0]
-        if missing:
-            what = f"there is no actuator and sensor '{missing[0]}'"
-            raise BayescalError(what, where, "give a file of bayescal export")
+        kinds = ("ACTUATOR", "SENSOR") if servos else ("JOINT",)
+        for name in joints.names:
+            if any(self._id(kind, name) < 0 for kind in kinds):
+                what = f"there is no {' and '.join(kinds).lower()} '{name}'"
+                raise BayescalError(what, where, "give a file of bayescal export")
+        if not servos:
+            flags = self.mj.mjtDisableBit
+            self.model.opt.disableflags |= flags.mjDSBL_ACTUATION | flags.mjDSBL_CONTACT
+            for name in joints.names:
+                joint = self._id("JOINT", name)
+                self.model.jnt_stiffness[joint], self.model.jnt_stiffnesspoly[joint] = STIFF, 0.0
+                self.model.jnt_limited[joint] = 0
+
+    @cached_property
+    def _own(self) -> np.ndarray:
+        """Degrees of freedom of the arm; those of other parts of a scene may move."""
+        starts = (*self.joints.names, "stand_")
+        return np.array([
+            self.model.joint(j).name.startswith(starts) for j in self.model.dof_jntid
+        ], bool)  # fmt: skip
+
+    def _command(self, readings: np.ndarray) -> None:
+        """Command readings (n,), rad."""
+        if self.servos:
+            self.data.ctrl[[self._id("ACTUATOR", name) for name in self.joints.names]] = readings
+            return
+        for name, angle in zip(self.joints.names, self.joints.signs * (self.nominal @ readings), strict=True):
+            joint = self.model.joint(name)
+            self.model.qpos_spring[joint.qposadr[0]] = angle
+
+    def _reached(self) -> np.ndarray:
+        """Readings (n,), rad."""
+        if self.servos:
+            sensors = [self.model.sensor_adr[self._id("SENSOR", name)] for name in self.joints.names]
+            return self.data.sensordata[sensors].copy()
+        angles = np.array([self.data.joint(name).qpos[0] for name in self.joints.names])
+        return np.linalg.solve(self.nominal, self.joints.signs * angles)
 
     def _id(self, kind: str, name: str) -> int:
         return int(self.mj.mj_name2id(self.model, getattr(self.mj.mjtObj, f"mjOBJ_{kind}"), name))
@@ -118,21 +150,19 @@ class Simulator:
         """
         site = self._id("SITE", tip)
         reached, points = np.empty(readings.shape), np.empty((len(readings), 3))
-        order = [self._id("ACTUATOR", j) for j in self.joints]
-        sensors = [self.model.sensor_adr[self._id("SENSOR", j)] for j in self.joints]
         for k, posture in enumerate(postures):
             self._place(posture)
             if np.any(starts[k] != readings[k]):
                 self.model.opt.timestep = self.timestep
                 for share in np.linspace(0.0, 1.0, RAMP):
                     smooth = share * share * (3.0 - 2.0 * share)
-                    self.data.ctrl[order] = starts[k] + smooth * (readings[k] - starts[k])
+                    self._command(starts[k] + smooth * (readings[k] - starts[k]))
                     self.mj.mj_step(self.model, self.data)
-            self.data.ctrl[order] = readings[k]
+            self._command(readings[k])
             self._settle()
             self.mj.mj_fwdPosition(self.model, self.data)
             self.mj.mj_sensorPos(self.model, self.data)
-            reached[k], points[k] = self.data.sensordata[sensors], self.data.site_xpos[site]
+            reached[k], points[k] = self._reached(), self.data.site_xpos[site]
         return Stood(reached, points)
 
     def _place(self, posture: Mapping[str, float]) -> None:
@@ -150,10 +180,12 @@ class Simulator:
 
     def _settle(self) -> None:
         self.model.opt.timestep = SETTLING
+        speed = np.inf
         for _ in range(MOST):
             self.mj.mj_step(self.model, self.data)
-            if np.max(np.abs(self.data.qvel), initial=0.0) < REST:
+            speed = np.max(np.abs(self.data.qvel[self._own]), initial=0.0)
+            if speed < REST:
                 return
-        if not np.max(np.abs(self.data.qvel), initial=0.0) < 1e3 * REST:
+        if not speed < 1e3 * REST:
             what = f"the arm does not come to rest within {MOST * SETTLING:g} s"
             raise BayescalError(what, self.where, "check the masses and the integrator of the file")

@@ -13,7 +13,9 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from analysis.simulators import BASE, CASES, differences, drawn
 from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.new_file import mjcf
+from bayescal.exporting.verify.levels import File
 from bayescal.exporting.verify.limits import limit
+from bayescal.exporting.verify.replay import Place
 
 POSES = 8
 FALLS_SHORT = {"bending"}
@@ -48,7 +50,7 @@ def test_a_difference_is_seen():
     text = mjcf(arm, len(arm.dataset.measurements.ids) - 1)
     x = re.search(r'<body name="base" .*?pos="(\S+) ', text)
     wrong = text[: x.start(1)] + repr(float(x[1]) + 1e-5) + text[x.end(1) :]
-    off, _ = differences(arm, POSES, wrong)
+    off, _ = differences(arm, POSES, File(wrong, Path(), "wrong", Place.of(arm, {})))
     assert np.allclose(off, 1e-5, atol=1e-8)
 
 

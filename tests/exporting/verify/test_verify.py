@@ -68,7 +68,8 @@ def test_missing_simulator_is_one_line_with_the_extra(run, monkeypatch):
     ("text", "message"),
     [
         ("<mujoco><worldbody/></mujoco>", "no actuator and sensor 'J1'"),
-        ("<mujoco>", "MuJoCo refuses the file"),
+        ("<mujoco>", "not XML"),
+        ("<mujoco><worldbody><joint/></worldbody></mujoco>", "MuJoCo refuses the file"),
     ],
 )
 def test_other_files_are_refused(run, tmp_path, text, message):

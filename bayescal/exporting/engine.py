@@ -1,0 +1,23 @@
+"""The simulator, which is an extra of the package."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+from bayescal.errors import BayescalError
+
+
+def mujoco() -> ModuleType:
+    """The module of MuJoCo.
+
+    Raises
+    ------
+    BayescalError
+        If it is not installed.
+    """
+    try:
+        import mujoco as module
+    except ImportError:
+        remedy = "pip install 'bayescal[mujoco]'"
+        raise BayescalError("MuJoCo is not installed", "simulator", remedy) from None
+    return module

@@ -1,0 +1,1 @@
+"""A user's MJCF file, patched in place: names, geoms, meshes, comments and actuators stay."""
