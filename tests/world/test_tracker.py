@@ -15,13 +15,24 @@ from bayescal.dataset import read_dataset
 from bayescal.estimate import estimate, settled
 from bayescal.model import build as model_of
 from bayescal.model.scene import Scene
-from bayescal.world import arm, forms_joints, joints, scene, session, tracker, validation, visible
+from bayescal.world import (
+    arm,
+    forms_frames,
+    forms_joints,
+    frames,
+    joints,
+    scene,
+    session,
+    tracker,
+    validation,
+    visible,
+)  # fmt: skip
 from bayescal.world import build as world
 from bayescal.world.mix import FORMS, NAMED, ON_SURFACE, recipe, stage, wishes
 from bayescal.world.outside import OUTSIDE
 from bayescal.world.outside_more import MORE, RESERVED
 from bayescal.world.touch import Moved
-from bayescal.world.write import measurements_text
+from bayescal.world.write import dataset_text, measurements_text, robot_text
 
 SEED = 101
 STORED = {
@@ -112,6 +123,36 @@ def test_lambda_is_what_a_fit_without_the_effect_leaves(maker, stiff):
     found = float(np.sum(model.left(shift, SIGMA) ** 2))
     assert found > 10
     assert found == pytest.approx(float(left @ left), rel=1e-4)
+
+
+@pytest.fixture(scope="module")
+def derivatives(loaded, tmp_path_factory):
+    """Derivatives by geometry and compliances that the program finds from the files alone (rows, z)."""
+    folder, plan = tmp_path_factory.mktemp("loaded"), loaded.session
+    noise = SIGMA * np.random.default_rng(1).standard_normal(3 * len(plan.time))
+    texts = {
+        "dataset.yaml": dataset_text(loaded, "loaded", SIGMA),
+        "robot.yaml": robot_text(),
+        "measurements.csv": measurements_text(plan, plan.start, plan.velocity, loaded.points((), noise)),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    fitted = estimate(model_of(Scene(read_dataset(folder)), ("geometry", "compliance")))
+    return fitted.linear.jacobian[: 3 * np.sum(plan.phase == 0)]
+
+
+@pytest.mark.parametrize("maker", [joints.hysteresis, frames.bending, forms_frames.added_payload])
+def test_lambda_is_what_a_fit_of_an_elastic_arm_leaves(maker, loaded, derivatives):
+    """Rows of the program go by coordinate, then by pose; its derivatives are those of the fitted arm."""
+    act = maker(np.random.default_rng(2), loaded)
+    quiet = loaded.session.start
+    shift = loaded.gap(quiet, [(act, act.size)]) - loaded.gap(quiet)
+    found = float(np.sum(visible.fitted(loaded, quiet, stiffness=True).left(shift, SIGMA) ** 2))
+    right = shift.reshape(-1, 3)[loaded.session.phase == 0].T.ravel() / SIGMA
+    scaled = derivatives / np.linalg.norm(derivatives, axis=0)
+    left = right - scaled @ np.linalg.lstsq(scaled, right, rcond=1e-9)[0]
+    assert found > 5
+    assert found == pytest.approx(float(left @ left), rel=0.02)
 
 
 def test_place_and_orientation_of_the_tracker_are_not_visible(loaded):
