@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from bayescal.effects import Parameter
 from bayescal.effects.tool import TOOL
 from bayescal.exporting.fitted import FittedArm
-from bayescal.exporting.mjcf.content import STATE
+from bayescal.exporting.mjcf.content import STATE, Content
 from bayescal.exporting.mjcf.new_file import mjcf
+from bayescal.exporting.mjcf.readings import Joints
+from bayescal.exporting.mjcf.script import beside
 from bayescal.exporting.written import Format, Item, Options, Written, item
 
 PLACES = {
@@ -26,13 +30,18 @@ WEIGHED = ("torque", "bending moment", "base moment", "mass")
 
 def write(arm: FittedArm, options: Options) -> Written:
     """The MJCF file of an arm."""
-    items = tuple(_items(arm))
+    script = options.readings == "script"
     if options.into:
         from bayescal.exporting.mjcf.into.patch import patched
 
         text, details, notes = patched(arm, options)
-        return Written(text, items, details=details, notes=notes)
-    return Written(mjcf(arm, options.state, options.readings == "script"), items)
+        joints = Joints(tuple(details["joints"].values()), np.array(details["signs"]))
+    else:
+        text, details, notes = mjcf(arm, options.state, script), {}, []
+        joints = Joints.of(arm.dataset.robot.joint_names)
+    more = beside(Content(arm, options.state), joints, not options.into) if script else {}
+    details = {**details, "readings": options.readings}
+    return Written(text, tuple(_items(arm)), more, notes, details)
 
 
 def holds(arm: FittedArm, k: int) -> bool:

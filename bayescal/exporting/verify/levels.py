@@ -87,6 +87,6 @@ def levels(
         machine = Machine.of(own, state, used.place)
         simulator = machine.simulator(used.text, used.folder, used.name)
         reached, points = replayed(simulator, machine, own, rows)
-        off = np.linalg.norm(points - modelled(own, rows, reached, state), axis=1)
+        off = np.linalg.norm(points - modelled(own, machine, rows, reached, state), axis=1)
         out.append(Level(name, off, limit(arm.effects[:k] if name != NOMINAL else ())))
     return tuple(out)

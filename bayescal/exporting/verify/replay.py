@@ -11,30 +11,36 @@ import numpy as np
 
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.mjcf.content import Content
-from bayescal.exporting.mjcf.law import Law, law_of
+from bayescal.exporting.mjcf.law import Law, bare, law_of
 from bayescal.exporting.mjcf.mechanism import Load, loads, names, poses
 from bayescal.exporting.mjcf.readings import Joints, posture
 from bayescal.exporting.verify.simulator import APPROACH, Simulator
+
+STILL = 9
+"""Decimals of a velocity, rad/s: below, a gear stands still."""
 
 
 @dataclass(frozen=True)
 class Place:
     """Where the arm of a file is: its joints, and the world of the file in F0, (4, 4), m.
 
-    In a user's file (`own`) the joints have the user's actuators, and the bodies the user's names.
+    In a user's file (`own`) the joints have the user's actuators, and the bodies the user's names. With a
+    `script` the file has no errors of the readings; they are in its commands.
     """
 
     joints: Joints
     world: np.ndarray
     own: bool = False
+    script: bool = False
 
     @classmethod
     def of(cls, arm: FittedArm, sidecar: Mapping[str, Any]) -> Place:
         """The place in a file with a sidecar; in a new file without one."""
+        script = sidecar.get("readings") == "script"
         if "root_in_f0" not in sidecar:
-            return cls(Joints.of(arm.dataset.robot.joint_names), np.eye(4))
+            return cls(Joints.of(arm.dataset.robot.joint_names), np.eye(4), script=script)
         joints = Joints(tuple(sidecar["joints"].values()), np.array(sidecar["signs"]))
-        return cls(joints, np.array(sidecar["root_in_f0"]), True)
+        return cls(joints, np.array(sidecar["root_in_f0"]), True, script)
 
 
 @dataclass(frozen=True)
@@ -58,16 +64,23 @@ class Machine:
         """The simulator of a file of this machine."""
         return Simulator(text, folder, self.place.joints, self.law.nominal, not self.place.own, where)
 
-    def starts(self, readings: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
-        """Readings (C, n), rad, from which the poses are approached, if any gear has lost motion.
+    def direction(self, velocity: np.ndarray | None) -> np.ndarray | None:
+        """Motion (C, n) of readings that turns every gear by a radian, in the sense of a velocity (C, n)."""
+        if velocity is None:
+            return None
+        gears = self.law.geared @ self.law.nominal
+        return np.sign(np.round(velocity @ gears.T, STILL)) @ np.linalg.inv(gears).T
 
-        Every gear that turned before the pose turns in the same direction, far enough to pass its lost
-        motion.
-        """
+    def starts(self, readings: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
+        """Readings (C, n), rad, from which the poses are approached, if any gear has lost motion."""
         if direction is None or not self.law.lost.any():
             return readings
-        gears = self.law.geared @ self.law.nominal
-        return readings - APPROACH * np.sign(direction @ gears.T) @ np.linalg.inv(gears).T
+        return readings - APPROACH * direction
+
+    def commands(self, readings: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
+        """Commands (C, n) of a script, rad, for readings."""
+        links = self.law.turned(readings) + (0.0 if direction is None else self.law.lag(direction))
+        return np.linalg.solve(self.law.nominal, links.T).T
 
 
 def replayed(
@@ -87,15 +100,21 @@ def replayed(
         load = machine.loads[int(tool)]
         simulator.carry(load, float(extra))
         readings = m.readings[rows[mine]]
-        starts = machine.starts(readings, None if velocity is None else velocity[rows[mine]])
-        postures = [posture(machine.law, machine.place.joints, start) for start in starts]
-        stood = simulator.stand(postures, starts, readings, load.name)
-        reached[mine], points[mine] = stood.readings, stood.points
+        direction = machine.direction(None if velocity is None else velocity[rows[mine]])
+        goals, law = readings, machine.law
+        if machine.place.script:
+            goals, law = machine.commands(readings, direction), bare(law)
+        starts = goals if machine.place.script else machine.starts(readings, direction)
+        postures = [posture(law, machine.place.joints, start) for start in starts]
+        stood = simulator.stand(postures, starts, goals, load.name)
+        reached[mine], points[mine] = stood.readings - goals + readings, stood.points
     world = machine.place.world
     return reached, points @ world[:3, :3].T + world[:3, 3]
 
 
-def modelled(arm: FittedArm, rows: np.ndarray, reached: np.ndarray, state: int) -> np.ndarray:
+def modelled(
+    arm: FittedArm, machine: Machine, rows: np.ndarray, reached: np.ndarray, state: int
+) -> np.ndarray:
     """Tool points (C, 3), m, of the fitted arm at readings reached (C, n) in rows, in the state of a row."""
     m = arm.dataset.measurements
     out = np.empty((len(rows), 3))
@@ -103,10 +122,7 @@ def modelled(arm: FittedArm, rows: np.ndarray, reached: np.ndarray, state: int) 
     for tool in np.unique(m.tool[rows]):
         mine = np.flatnonzero(m.tool[rows] == tool)
         payload = 0.0 if m.payload is None else m.payload[rows[mine]]
-        direction = None if m.velocity is None else m.velocity[rows[mine]]
-        if direction is not None:  # of any motion, not its speed
-            fastest = np.max(np.abs(direction), axis=1, keepdims=True)
-            direction = np.divide(direction, fastest, where=fastest > 0, out=np.zeros(direction.shape))
+        direction = machine.direction(None if m.velocity is None else m.velocity[rows[mine]])
         poses = arm.at(
             reached[mine], tool=names[int(tool)], payload_kg=payload, direction=direction, row=state
         )
