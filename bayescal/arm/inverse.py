@@ -110,8 +110,10 @@ def to_poses(
     """The task of bringing the tool's frame to `poses` (M, 4, 4) in F0.
 
     `reached(readings (K, n), which (K,))`, (K, 4, 4), says where the tool is; of another arm than the nominal
-    one the slopes are those of the nominal arm.
+    one the slopes are those of the nominal arm. An arm with fewer than six joints cannot correct all six
+    components: with `reached`, only its point is brought there, by the smallest motion of the joints.
     """
+    rows = 6 if reached is None or arm.robot.n >= 6 else 3
 
     def task(angles: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         readings = arm.readings_of(angles)
@@ -120,7 +122,8 @@ def to_poses(
         away, turn = poses_apart(here, poses[which])
         j = arm.jacobian(pose)
         j[:, :3] /= LEVER
-        return np.concatenate([away / LEVER, turn], axis=1), j, _there(away, turn)
+        solved = _there(away, turn if rows == 6 else np.zeros_like(turn))
+        return np.concatenate([away / LEVER, turn], axis=1)[:, :rows], j[:, :rows], solved
 
     return task
 

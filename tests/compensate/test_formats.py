@@ -112,6 +112,9 @@ def test_kuka_turn_selects_and_is_written():
     slots = PROGRAMS["kuka"].read(TEXTS["kuka"], 6).slots
     assert [slot.name for slot in slots] == ["", "XHOME", "", "", ""]
     assert [slot.target.straight for slot in slots] == [False, False, True, True, True]
+    assert not any(slot.target.strict for slot in slots[1:])
+    ptp = PROGRAMS["kuka"].read(TEXTS["kuka"].replace("PTP {Z 100}", "PTP XHOME"), 6).slots
+    assert ptp[1].target.strict
     admits = slots[1].target.admits  # T 35: A1, A2 and A6 negative
     assert admits(np.radians([-10, -20, 30, 40, 50, -60.0]))
     assert not admits(np.radians([-10, -20, 30, -40, 50, -60.0]))

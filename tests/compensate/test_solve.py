@@ -157,11 +157,12 @@ def test_reasons(arm, session):
     found = compensated(arm, [
         Target("", far), Target("", readings=q + 4.0 * np.eye(6)[0]),
         Target("", goal, admits=lambda _: False), Target("", goal),
+        Target("", goal, admits=lambda _: False, strict=False),
     ])  # fmt: skip
     assert found[0].reason.startswith("out of reach by 2")
     assert found[1].reason.startswith("beyond the joint limits (J1 at ")
     assert found[2].reason == "no solution has the configuration that is stated there"
-    assert found[3].reason == ""
+    assert found[3].reason == found[4].reason == ""
     assert all(own.readings is None and np.isnan(own.u) for own in found[:3])
 
 

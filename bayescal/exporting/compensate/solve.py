@@ -134,6 +134,8 @@ def _nominal(
             own, last = found[k], before[None] if in_sequence and before is not None else session
             references = last if target.readings is None else target.readings[None]
             readings = nearest(nominal, own, references, target.admits)
+            if readings is None and not target.strict:
+                readings = nearest(nominal, own, references)
         if readings is None and target.admits is not None and nearest(nominal, own, session) is not None:
             out.append(Corrected("no solution has the configuration that is stated there"))
         elif readings is None:

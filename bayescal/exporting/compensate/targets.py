@@ -31,6 +31,8 @@ class Target:
         Its name; default: that of the compensation.
     admits : callable, optional
         Whether readings (n,), rad, have the configuration that the program states.
+    strict : bool
+        A target without a solution that `admits` has none; otherwise the nearest is taken.
     """
 
     where: str
@@ -41,6 +43,7 @@ class Target:
     payload: float = 0.0
     tool: str | None = None
     admits: Callable[[np.ndarray], bool] | None = None
+    strict: bool = True
 
 
 @dataclass(frozen=True)

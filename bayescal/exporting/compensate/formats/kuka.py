@@ -1,7 +1,8 @@
 """KUKA: positions in KRL (.src, .dat): E6POS, POS, E6AXIS and AXIS in declarations, assignments, motions.
 
 X, Y, Z in mm; A, B, C in degrees: R = Rz(A) Ry(B) Rx(C). A1 ... in degrees. A bit of the turn T is set where
-an axis is negative: it selects the solution, and is written for the corrected readings. The status S is kept.
+an axis is negative: it selects the solution (of a PTP strictly: other motions ignore it), and is written for
+the corrected readings. The status S is kept.
 Relative motions (PTP_REL, LIN_REL) and frames ($BASE, $TOOL) are no positions.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,7 +43,9 @@ NEAR_ZERO = np.radians(0.1)  # rad: there either bit of the turn is accepted
 def _read(text: str, n: int) -> Program:
     code = masked(text, ";")
     declared = {name for match in DECLARED.finditer(code) for name in re.findall(r"\w+", match.group(1))}
-    lines = set(re.findall(r"\bS?(?:LIN|CIRC)\s+(\w+)", code, re.IGNORECASE))
+    lines, points = (
+        set(re.findall(rf"\bS?(?:{kinds})\s+(\w+)", code, re.IGNORECASE)) for kinds in ("LIN|CIRC", "PTP")
+    )
     slots, notes = [], []
     for match in AGGREGATE.finditer(code):
         before = code[max(code.rfind("\n", 0, match.start()), 0) : match.start()]
@@ -53,8 +57,13 @@ def _read(text: str, n: int) -> Program:
         parts = {
             m.group(1).upper(): m.span(2) for m in COMPONENT.finditer(code, match.start(1), match.end(1))
         }
-        straight = name in lines if motion is None else not motion.group(1).upper().endswith("PTP")
+        by_axes = name in points if motion is None else motion.group(1).upper().endswith("PTP")
+        straight = name in lines if motion is None else not by_axes
         slot = _slot(code, parts, n, where, name, straight)
+        if (
+            slot is not None and not by_axes
+        ):  # along a line, and where the motion is not known, T need not hold
+            slot = replace(slot, target=replace(slot.target, strict=False))
         if slot is None:
             notes.append(f"{where}: not all components are given; kept")
         else:
