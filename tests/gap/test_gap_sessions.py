@@ -10,6 +10,7 @@ import pytest
 from bayescal.dataset import Measurements, read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate, settled
+from bayescal.exporting import open_run
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import VERDICTS
 from bayescal.model import build
@@ -131,6 +132,12 @@ def test_play_is_named_and_removed(loud, tmp_path, command):
         "gap.json", "arm.json", "dataset", "gap-where.png", "gap-which.png", "gap-levels.png",
         "gap-residuals.png",
     }  # fmt: skip
+    arm = open_run(out)  # with the named effect, which the validation rows confirm
+    assert [e[:8] for e in arm.effects] == ["geometry", "complian", "backlash"]
+    assert arm.doubts == arm.notes == ()
+    refit = {p.name: v for p, v in zip(arm.model.parameters, arm.values, strict=True)}
+    for a in record["amplitudes"]:
+        assert abs(np.degrees(refit[a["parameters"][0]])) == pytest.approx(a["value"], rel=1e-9)
 
 
 def test_one_seed_one_result(few):
