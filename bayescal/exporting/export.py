@@ -210,7 +210,7 @@ def read_sidecar(path: Path) -> Mapping[str, Any]:
     Raises
     ------
     BayescalError
-        If there is none, or the file was changed since.
+        If there is none, or it is of another version.
     """
     beside = sidecar_of(path)
     try:

@@ -107,7 +107,8 @@ def _elastic(arm: FittedArm) -> Iterator[Item]:
     names = arm.dataset.robot.joint_names
     for k, p in enumerate(arm.model.parameters):
         if _holds(arm, k) and p.effect in ELASTIC:
-            where = f"{names[p.site.number - 1]}_..." if p.site.number else "stand_..."
+            named = f"{names[p.site.number - 1]}_..." if p.site.number else "..._flex"
+            where = "stand_..." if p.effect == BASE_COMPLIANCE.name else named
             yield item(arm, k, f"joint[@name='{where}']/axis/dynamics", "spring_stiffness")
         elif _holds(arm, k) and p.driver.kind == "mass":
             yield item(arm, k, "link[@name='flange']/inertial", "mass")

@@ -11,9 +11,7 @@ the fixed joints before joint k, its origin becomes
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
-from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -33,7 +31,7 @@ from bayescal.exporting.geometry import (
     steps,
 )
 from bayescal.exporting.same_arm import FileArm, match
-from bayescal.exporting.tag import with_attributes
+from bayescal.exporting.tag import with_origins
 from bayescal.exporting.written import Format, Options, Written, path_of
 from bayescal.robots.markup import parse_markup, read_markup
 from bayescal.robots.tree import TURNING, Tree, read_tree, tip_of
@@ -151,49 +149,6 @@ def _spins(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
     out = np.tile(np.eye(4), (len(angle), 1, 1))
     out[:, :3, :3] += np.sin(angle)[:, None, None] * skew + (1 - np.cos(angle))[:, None, None] * (skew @ skew)
     return out
-
-
-def with_origins(text: str, origins: Mapping[str, Mapping[str, str]]) -> str:
-    """The text of a URDF with other attributes of the origins of some joints; all else stays, to the byte."""
-    data = text.encode("utf-8")
-    spots: dict[str, tuple[int, bool]] = {}  # position of the tag to change, and whether it is an origin
-    stack: list[tuple[str, str]] = []
-    parser = expat.ParserCreate("utf-8")
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        inside = stack[-1] if stack else ("", "")
-        if tag == "joint" and len(stack) == 1 and attributes.get("name") in origins:
-            spots[attributes["name"]] = (parser.CurrentByteIndex, False)
-        if tag == "origin" and len(stack) == 2 and inside[0] == "joint" and inside[1] in origins:
-            spots[inside[1]] = (parser.CurrentByteIndex, True)
-        stack.append((tag, attributes.get("name", "")))
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda tag: stack.pop()
-    parser.Parse(data, True)
-    for name, (at, is_origin) in sorted(spots.items(), key=lambda spot: -spot[1][0]):
-        end = tag_end(data, at)
-        if is_origin:
-            new = with_attributes(data[at:end].decode(), origins[name]).encode()
-        else:
-            attributes = " ".join(f"{key}={quoteattr(value)}" for key, value in origins[name].items())
-            new = data[at:end] + f"<origin {attributes}/>".encode()
-        data = data[:at] + new + data[end:]
-    return data.decode("utf-8")
-
-
-def tag_end(data: bytes, at: int) -> int:
-    """Position behind a tag that starts at `at`; a > in a quoted value does not end it."""
-    quote = 0
-    for k in range(at, len(data)):
-        byte = data[k]
-        if quote:
-            quote = 0 if byte == quote else quote
-        elif byte in b"\"'":
-            quote = byte
-        elif byte == ord(">"):
-            return k + 1
-    raise AssertionError("a parsed tag ends")
 
 
 def _new(arm: FittedArm, calibrated: np.ndarray, name: str) -> tuple[str, tuple[str, ...], dict[str, Any]]:
