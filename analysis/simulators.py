@@ -86,8 +86,8 @@ def differences(arm: FittedArm, poses: int, file: File | None = None) -> tuple[n
     machine = Machine.of(arm, state, file.place)
     simulator = machine.simulator(file.text, file.folder, file.name)
     reached, points = replayed(simulator, machine, arm, rows)
-    model = modelled(arm, machine, rows, reached, state)
-    without = modelled(arm.level(arm.levels[-2]), machine, rows, reached, state)
+    model = modelled(arm, rows, reached, state)
+    without = modelled(arm.level(arm.levels[-2]), rows, reached, state)
     size = float(np.sqrt(np.mean(np.sum((model - without) ** 2, axis=1))))
     return np.linalg.norm(points - model, axis=1), size
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.effects import named
-from bayescal.effects.backlash import BACKLASH
+from bayescal.effects.backlash import BACKLASH, STANDSTILL
 from bayescal.effects.joints import READING, side_of
 from bayescal.effects.selection import Selection
 from bayescal.effects.vocabulary import Parameter
-from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.content import Content
 
 
@@ -39,7 +38,7 @@ class Law:
         rad, nominal.
     waves : tuple of Wave
     lost : np.ndarray, shape (n,)
-        Half-widths of the lost motion, rad.
+        Half-widths of the lost motion, rad; a negative one is a lead.
     geared : np.ndarray, shape (n, n)
         Angles at the gears, where motion is lost, from those of the links.
     """
@@ -60,26 +59,24 @@ class Law:
             out[:, w.joint] += w.sine * np.sin(phase) + w.cosine * np.cos(phase)
         return out
 
-    def lag(self, direction: np.ndarray) -> np.ndarray:
-        """Angles (N, n) of links by the lost motion, after motion of readings in a direction (N, n), rad."""
-        sense = np.sign(direction @ self.nominal.T @ self.geared.T)
+    def sense(self, velocity: np.ndarray) -> np.ndarray:
+        """Places (C, n) of gears in their lost motion, -1 to 1, after a velocity (C, n) of readings, rad/s.
+
+        Below `STANDSTILL` a gear rests within its lost motion, as in the model.
+        """
+        speed = velocity @ self.nominal.T @ self.geared.T
+        return speed / np.hypot(speed, STANDSTILL)
+
+    def lag(self, sense: np.ndarray) -> np.ndarray:
+        """Angles (C, n) of links by the lost motion, rad, for the places (C, n) of gears in it."""
         return -(self.lost * sense) @ np.linalg.inv(self.geared).T
 
 
 def law_of(content: Content) -> Law:
-    """The law of an arm.
-
-    Raises
-    ------
-    BayescalError
-        If a fitted lost motion leads.
-    """
+    """The law of an arm."""
     robot = content.arm.model.scene.dataset.robot
     lost = np.zeros(robot.n)
     for p, value in content.driven("direction"):
-        if value > 0:
-            what = f"the fitted {p.name} leads by {1e3 * value:.2g} mrad: no gear has such a lost motion"
-            raise BayescalError(what, "export", "leave the effect out with --without")
         lost[p.site.number - 1] -= value
     return Law(
         robot.link_from_reading,

@@ -31,7 +31,7 @@ def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:
     Raises
     ------
     BayescalError
-        If no spring holds a fitted deflection, or a fitted lost motion leads.
+        If no spring holds a fitted deflection, or a fitted lost motion leads without a script.
     """
     content = Content(arm, row)
     law = law_of(content)

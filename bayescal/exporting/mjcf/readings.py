@@ -19,6 +19,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.law import Law, Wave
 from bayescal.exporting.mjcf.text import DEFAULT, add
 
@@ -86,7 +87,16 @@ def parts(to: Sections, law: Law, joints: Joints, torques: np.ndarray) -> None:
         Of the links; they turn by the nominal angles.
     torques : np.ndarray, shape (n,)
         Largest torque on each link, N m.
+
+    Raises
+    ------
+    BayescalError
+        If a fitted lost motion leads.
     """
+    for k in np.flatnonzero(law.lost < 0).tolist():
+        what = f"the fitted backlash of {joints.names[k]} leads by {-1e3 * law.lost[k]:.2g} mrad"
+        remedy = "no gear does; say --readings script, which holds it, or leave it out"
+        raise BayescalError(what, "--readings plain", remedy)
     wrong = erring(law)
     for w in law.waves:
         _yoke(to, joints, w, float(law.offset[w.joint]))

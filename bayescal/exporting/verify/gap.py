@@ -58,7 +58,7 @@ def simulated_gap(arm: FittedArm, file: File, state: int, record: Mapping[str, A
     earlier = before_estimate(arm, baseline)
     noise = earlier.weights.scale
     old = of_estimate(earlier, earlier.covariance, Origin())
-    before = _in_simulator(old, File.new(old, state), rows, state, noise)
+    before = _in_simulator(old, File.new(old, state, file.place.script), rows, state, noise)
     after = _in_simulator(arm, file, rows, state, {})
     without = np.intersect1d(before.gross, after.gross)
     kinds = [k for k in KINDS if np.isfinite(after.rms(k, without))]
@@ -78,7 +78,11 @@ def before_estimate(arm: FittedArm, baseline: tuple[str, ...]) -> Estimate:
     scene, o = Scene(arm.dataset, oriented=True), arm.origin
     if not baseline:
         return estimate(with_parameters(scene, (), ()), robust=o.robust)
-    return calibrated(scene, baseline, o.prior_width, o.robust, parts_of(o.without, baseline))
+    found = calibrated(scene, baseline, o.prior_width, o.robust, parts_of(o.without, baseline))
+    left_out = np.flatnonzero(np.isin(arm.dataset.measurements.ids, arm.rejected))
+    if np.array_equal(np.sort(found.rejected), left_out):
+        return found
+    return estimate(found.model, o.robust, found.z, left_out)  # both arms with the same rows
 
 
 def _in_simulator(
@@ -112,6 +116,10 @@ def _predicted(record: Mapping[str, Any], kind: str) -> tuple[float, float]:
     found = record.get("shrinkage", {}).get(kind)
     if found:
         return 1e-6 * found["before_rms_um"], 1e-6 * found["after_rms_um"]
+    for level in record.get("ladder", ()):
+        if level["model"] == record.get("baseline") and kind in LEVEL:
+            rms = 1e-6 * (level.get(LEVEL[kind]) or nan)
+            return rms, rms if record.get("effects") == [] else nan
     validation = record.get("validation", {})
     if kind == "planes" and validation.get("planes"):
         every = [p for p in validation["planes"] if p["role"] == "validate"]
@@ -125,5 +133,6 @@ def _predicted(record: Mapping[str, Any], kind: str) -> tuple[float, float]:
     return nan, nan
 
 
+LEVEL = {"planes": "heldout_rms_um", "distances": "distance_rms_um"}
 FIT_PLANES = ("nominal_rms_um", "calibrated_rms_um")
 FIT_DISTANCES = ("nominal_error_um", "calibrated_error_um")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -50,9 +50,10 @@ class File:
     place: Place
 
     @classmethod
-    def new(cls, arm: FittedArm, state: int) -> File:
+    def new(cls, arm: FittedArm, state: int, script: bool = False) -> File:
         """A new file of an arm in the state of a row."""
-        return cls(mjcf(arm, state), Path(), "new file", Place.of(arm, {}))
+        place = replace(Place.of(arm, {}), script=script)
+        return cls(mjcf(arm, state, script), Path(), "new file", place)
 
 
 def chosen(arm: FittedArm) -> np.ndarray:
@@ -83,10 +84,10 @@ def levels(
     for k, name in enumerate(arm.levels):
         notify(k / len(arm.levels))
         own = arm if name == arm.levels[-1] else arm.level(name)
-        used = file if own is arm else File.new(own, state)
+        used = file if own is arm else File.new(own, state, file.place.script)
         machine = Machine.of(own, state, used.place)
         simulator = machine.simulator(used.text, used.folder, used.name)
         reached, points = replayed(simulator, machine, own, rows)
-        off = np.linalg.norm(points - modelled(own, machine, rows, reached, state), axis=1)
+        off = np.linalg.norm(points - modelled(own, rows, reached, state), axis=1)
         out.append(Level(name, off, limit(arm.effects[:k] if name != NOMINAL else ())))
     return tuple(out)

@@ -13,11 +13,11 @@ from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.mjcf.content import Content
 from bayescal.exporting.mjcf.law import Law, bare, law_of
 from bayescal.exporting.mjcf.mechanism import Load, loads, names, poses
-from bayescal.exporting.mjcf.readings import Joints, posture
+from bayescal.exporting.mjcf.readings import Joints, error, posture
 from bayescal.exporting.verify.simulator import APPROACH, Simulator
 
-STILL = 9
-"""Decimals of a velocity, rad/s: below, a gear stands still."""
+MOVED = 0.999
+"""Place in the lost motion beyond which a gear has moved through it."""
 
 
 @dataclass(frozen=True)
@@ -64,22 +64,30 @@ class Machine:
         """The simulator of a file of this machine."""
         return Simulator(text, folder, self.place.joints, self.law.nominal, not self.place.own, where)
 
-    def direction(self, velocity: np.ndarray | None) -> np.ndarray | None:
-        """Motion (C, n) of readings that turns every gear by a radian, in the sense of a velocity (C, n)."""
-        if velocity is None:
-            return None
-        gears = self.law.geared @ self.law.nominal
-        return np.sign(np.round(velocity @ gears.T, STILL)) @ np.linalg.inv(gears).T
+    def sense(self, velocity: np.ndarray | None, count: int) -> np.ndarray:
+        """Places (C, n) of gears in their lost motion after a velocity (C, n); the middle without one."""
+        return np.zeros((count, len(self.law.lost))) if velocity is None else self.law.sense(velocity)
 
-    def starts(self, readings: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
-        """Readings (C, n), rad, from which the poses are approached, if any gear has lost motion."""
-        if direction is None or not self.law.lost.any():
+    def starts(self, readings: np.ndarray, sense: np.ndarray) -> np.ndarray:
+        """Readings (C, n), rad, from which the poses are approached: gears that moved, move."""
+        if not self.law.lost.any():
             return readings
-        return readings - APPROACH * direction
+        moved = APPROACH * np.where(np.abs(sense) > MOVED, np.sign(sense), 0.0)
+        return readings - np.linalg.solve(self.law.geared @ self.law.nominal, moved.T).T
 
-    def commands(self, readings: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
+    def postures(self, starts: np.ndarray, sense: np.ndarray) -> list[dict[str, float]]:
+        """Positions of all joints at the starts (C, n); gears that rest are at their places."""
+        names = self.place.joints.names
+        lags = self.law.lag(np.where(np.abs(sense) > MOVED, 0.0, sense))
+        out = [dict(posture(self.law, self.place.joints, start)) for start in starts]
+        for own, lag in zip(out, lags, strict=True):
+            for j in np.flatnonzero(lag).tolist():
+                own[error(names[j])] += float(lag[j])
+        return out
+
+    def commands(self, readings: np.ndarray, sense: np.ndarray) -> np.ndarray:
         """Commands (C, n) of a script, rad, for readings."""
-        links = self.law.turned(readings) + (0.0 if direction is None else self.law.lag(direction))
+        links = self.law.turned(readings) + self.law.lag(sense)
         return np.linalg.solve(self.law.nominal, links.T).T
 
 
@@ -100,21 +108,21 @@ def replayed(
         load = machine.loads[int(tool)]
         simulator.carry(load, float(extra))
         readings = m.readings[rows[mine]]
-        direction = machine.direction(None if velocity is None else velocity[rows[mine]])
-        goals, law = readings, machine.law
+        sense = machine.sense(None if velocity is None else velocity[rows[mine]], len(mine))
         if machine.place.script:
-            goals, law = machine.commands(readings, direction), bare(law)
-        starts = goals if machine.place.script else machine.starts(readings, direction)
-        postures = [posture(law, machine.place.joints, start) for start in starts]
+            goals = machine.commands(readings, sense)
+            starts, light = goals, bare(machine.law)
+            postures = [dict(posture(light, machine.place.joints, goal)) for goal in goals]
+        else:
+            goals, starts = readings, machine.starts(readings, sense)
+            postures = machine.postures(starts, sense)
         stood = simulator.stand(postures, starts, goals, load.name)
         reached[mine], points[mine] = stood.readings - goals + readings, stood.points
     world = machine.place.world
     return reached, points @ world[:3, :3].T + world[:3, 3]
 
 
-def modelled(
-    arm: FittedArm, machine: Machine, rows: np.ndarray, reached: np.ndarray, state: int
-) -> np.ndarray:
+def modelled(arm: FittedArm, rows: np.ndarray, reached: np.ndarray, state: int) -> np.ndarray:
     """Tool points (C, 3), m, of the fitted arm at readings reached (C, n) in rows, in the state of a row."""
     m = arm.dataset.measurements
     out = np.empty((len(rows), 3))
@@ -122,7 +130,7 @@ def modelled(
     for tool in np.unique(m.tool[rows]):
         mine = np.flatnonzero(m.tool[rows] == tool)
         payload = 0.0 if m.payload is None else m.payload[rows[mine]]
-        direction = machine.direction(None if m.velocity is None else m.velocity[rows[mine]])
+        direction = None if m.velocity is None else m.velocity[rows[mine]]
         poses = arm.at(
             reached[mine], tool=names[int(tool)], payload_kg=payload, direction=direction, row=state
         )
