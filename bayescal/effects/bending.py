@@ -1,21 +1,28 @@
 """Bending: transverse compliance of the joint bearings, and bending of the links.
 
-Each link has two compliances. Its bearing tilts at the joint under the gravity moment transverse to the axis
-(components x and y in the joint's frame, each about its own axis). The link bends and twists under the moment
-at its root, so that its far end, the next joint's frame, turns about that moment. Prior: mean 0.3 of the
-joint's typical compliance, with a standard deviation of 1.5 times the mean (assumed; the order of magnitude
-agrees with an ABB IRB 120, where bending and base tilt reduced the mean error from 0.099 to 0.081 mm, which
-is 0.06 mm at half a metre and 30 N m). The first joint's bearing is omitted if its axis is vertical or
-horizontal: there its effect equals that of `base-compliance`.
+The bearing of each link tilts at its joint under the gravity moment transverse to the axis (components x
+and y in the joint's frame, each about its own axis). The link bends as if it had two spring hinges at its
+middle, across its length, each with its own compliance: sections are rarely round. A uniform cantilever of
+length L and stiffness EI under a moment M and a force F at its far end turns there by M L / EI + F L^2 / (2
+EI). That is L / EI times the moment at its middle, and the end sinks as if it turned about the middle, but
+for F L^3 / (12 EI). A link extends from before its joint's d to the next row of the table. Its own mass is
+beyond the middle. A link without length does not bend. Its torsion is left to the joints.
+
+Prior of a bearing: mean 0.3 of the joint's typical compliance, with a standard deviation of 1.5 times the
+mean (assumed; the order of magnitude agrees with an ABB IRB 120, where bending and base tilt reduced the
+mean error from 0.099 to 0.081 mm, which is 0.06 mm at half a metre and 30 N m). That of a link is the same,
+but not above that of the elbow: a wrist yields in its gears. The first joint's bearing is omitted if its
+axis is vertical or horizontal: there its effect equals that of `base-compliance`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from bayescal.arm.chain import frames
+from bayescal.arm.chain import Chain
 from bayescal.arm.motion import Term
-from bayescal.effects.compliance import SPREAD, typical
+from bayescal.arm.transforms import cross
+from bayescal.effects.compliance import ELBOW, SPREAD, typical
 from bayescal.effects.joints import carries, without_masses
 from bayescal.effects.location import Driver, link
 from bayescal.effects.sizes import COMPLIANT, FACTOR
@@ -23,30 +30,57 @@ from bayescal.effects.stand import LEANING, first_axis, vertical
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
 
 SHARE = 0.3  # of the joint's compliance about its axis
+SHORT = 1e-3  # m: a link of this length counts as without length
+
+
+def ends(chain: Chain, j: int) -> np.ndarray:
+    """Ends of link j (from 1) in its frame, (2, 3), m: before its joint's d, and at the next row's axis."""
+    return np.array([[0.0, 0.0, -chain.d[j - 1]], chain.link[j, :3, 3]])
+
+
+def across(ends: np.ndarray) -> dict[str, np.ndarray]:
+    """Unit axes (3,) across a link between two ends (2, 3), m, named by the nearest axis of its frame.
+
+    Ends differ along x and z of the frame alone: one axis is y, the other is in that plane.
+    """
+    along = ends[1] - ends[0]
+    length = float(np.linalg.norm(along))
+    if length < SHORT:
+        return {}
+    other = np.array([-along[2], 0.0, along[0]]) / length
+    return {"y": np.array([0.0, 1.0, 0.0]), "xyz"[int(np.argmax(np.abs(other)))]: other}
+
+
+def _bearing(c: Circumstances, j: int) -> list[Term]:
+    assert c.loads is not None
+    moment = c.loads.moments[:, j]
+    return [Term(j, "rx", moment[:, 0]), Term(j, "ry", moment[:, 1])]
+
+
+def _hinge(c: Circumstances, j: int, axis: np.ndarray, at: np.ndarray) -> list[Term]:
+    """Turns of frame j about an axis (3,) through a point (3,), m, by the moment there; it does not slide."""
+    assert c.loads is not None
+    moment = (c.loads.moments[:, j] - cross(at, c.loads.weights[:, j])) @ axis
+    parts = zip(("rx", "ry", "rz", "tx", "ty", "tz"), (*axis, *np.cross(at, axis)), strict=True)
+    return [Term(j, name, part * moment) for name, part in parts if abs(part) > 1e-12]
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    assert c.moments is not None
-    turned = frames(c.chain, c.q)[:, :, :3, :3]
     upright = float(first_axis(c) @ vertical(c))
     first_leans = min(abs(upright), np.sqrt(max(1.0 - upright**2, 0.0))) > LEANING
+    usual = SHARE * typical(c.robot.n)
     out = []
-    for j, (name, about) in enumerate(zip(c.robot.joint_names, typical(c.robot.n), strict=True), start=1):
-        moment = c.moments[:, j]
-        mean = SHARE * float(about)
-        where: Where = {"site": link(j), "driver": Driver("bending moment")}
-        terms: dict[str, list[Term]] = {"bearing": [], "link": []}
-        if j > 1 or first_leans:
-            terms["bearing"] = [Term(j, "rx", moment[:, 0]), Term(j, "ry", moment[:, 1])]
+    for j, (name, of_joint) in enumerate(zip(c.robot.joint_names, usual.tolist(), strict=True), start=1):
+        parts = {"bearing": (_bearing(c, j), of_joint)} if j > 1 or first_leans else {}
         if j < c.robot.n:
-            # the moment at the root, in the frame at the far end
-            far = np.einsum("cji,cjk,ck->ci", turned[:, j + 1], turned[:, j], moment)
-            terms["link"] = [Term(j + 1, f"r{axis}", far[:, k]) for k, axis in enumerate("xyz")]
-        for part, own in terms.items():
-            if any(carries(np.asarray(term.driver)) for term in own):
-                label = f"bending {name} {part}"
-                sd = SPREAD * mean
-                out.append(Parameter(label, "rad/(N m)", tuple(own), sd, 0.0, mean, positive=True, **where))
+            of_link, two = min(of_joint, SHARE * ELBOW), ends(c.chain, j)
+            for axis, way in across(two).items():
+                parts[f"link {axis}"] = _hinge(c, j, way, two.mean(axis=0)), of_link
+        where: Where = {"site": link(j), "driver": Driver("bending moment")}
+        for part, (terms, mean) in parts.items():
+            if any(carries(np.asarray(term.driver)) for term in terms):
+                label, sd = f"bending {name} {part}", SPREAD * mean
+                out.append(Parameter(label, "rad/(N m)", tuple(terms), sd, 0.0, mean, positive=True, **where))
     return out
 
 

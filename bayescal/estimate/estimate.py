@@ -93,7 +93,7 @@ def calibrated(
         found = estimate(model, robust=robust, start=start, left_out=rejected)
     if step < MOVES * noise:
         return found
-    what = f"gravity moves the arm by {1e6 * step:.3g} um from fit to fit, after {FITS} fits at its pose"
+    what = f"gravity moves the arm by {1e6 * step:.3g} µm from fit to fit, after {FITS} fits at its pose"
     raise BayescalError(what, "compliance", "check masses (kg), payload (kg) and gravity (m/s2)")
 
 

@@ -51,13 +51,8 @@ def _holds(arm: FittedArm, k: int) -> bool:
     p = arm.model.parameters[k]
     if p.effect not in ELASTIC:
         return constant(p) or p.driver.kind == "mass"
-    if arm.model.scene.moments is None or (p.positive and p.nominal + arm.values[k] <= 0.0):
-        return False
-    if p.effect != BENDING.name or p.name.endswith("bearing"):
-        return True
-    # the mechanism says whether the bending of a link is a hinge
-    found = mechanism_of(arm, -1, [own is p for own in arm.model.parameters])
-    return any("_bend" in h.name for body in found.bodies for h in body.hinges)
+    springs = not p.positive or p.nominal + arm.values[k] > 0.0
+    return springs and arm.model.scene.moments is not None
 
 
 def _write(arm: FittedArm, options: Options) -> Written:

@@ -263,20 +263,47 @@ def test_a_bearing_yields_across_its_axis(dataset, moments):
         np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), moved, atol=1e-9)
 
 
-def test_a_link_yields_to_the_moment_at_its_root(dataset, moments):
-    """All behind the next frame turns about it, by the whole moment and about the moment's own direction."""
-    scene, found = Scene(dataset), drivers(dataset, "bending")
-    pose = frames(scene.chain, scene.q)
-    for j in range(1, 6):
-        assert {(frame, axis) for name, frame, axis in found if name == f"bending J{j} link"} == {
-            (j + 1, axis) for axis in ("rx", "ry", "rz")
-        }
-        turn = 1e-6 * (pose[:, j, :3, :3] @ moments[:, j, :, None])[..., 0]
-        moved = turned_about(pose[:, j + 1, :3, 3], turn, scene.points)
-        delta = displacements(dataset, "bending", **{f"bending_J{j}_link": 1e-6})
-        np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), moved, atol=1e-9)
-        assert np.max(np.abs(moved - scene.points)) > 1e-8
-    assert not [name for name, *_ in found if name == "bending J6 link"]
+@pytest.mark.parametrize("convention", ["mdh", "dh"])
+@pytest.mark.parametrize(("j", "near", "far"), [(2, [0, 0, 0], [0.3, 0, 0]), (4, [0, 0, -0.32], [0, 0, 0])])
+def test_a_link_bends_as_a_uniform_beam(dataset, j, near, far, convention):
+    """Against 2000 pieces of a cantilever that carries what is beyond it: turn and shift of the tool."""
+    robot, count, give = dataset.robot, 2000, 1e-6
+    if convention == "dh":
+        robot = replace(robot, convention="dh", a=np.roll(robot.a, -1), alpha=np.roll(robot.alpha, -1))
+    masses = robot.masses * (np.arange(1, 7) != j)  # a beam without a mass of its own
+    dataset = replace(dataset, robot=replace(robot, masses=masses))
+    scene = Scene(dataset)
+    pose = frames(scene.chain, scene.q)[:, j]
+    root, weight = scene.loads.moments[:, j], scene.loads.weights[:, j]
+    ball = np.einsum("cji,cj->ci", pose[:, :3, :3], scene.points - pose[:, :3, 3])  # in the link's frame
+    near, far = np.array(near), np.array(far)
+    along = (far - near) / np.linalg.norm(far - near)
+    moved = np.zeros_like(ball)
+    for share in (np.arange(count) + 0.5) / count:
+        at = near + share * (far - near)
+        moment = root - np.cross(at, weight)
+        across = moment - np.outer(moment @ along, along)
+        moved += np.cross(give / count * across, ball - at)
+    other = "z" if j == 2 else "x"
+    assert {name for name, *_ in drivers(dataset, "bending") if f"J{j} link" in name} == {
+        f"bending J{j} link {axis}" for axis in ("y", other)
+    }
+    values = {f"bending_J{j}_link_{axis}": give for axis in ("y", other)}
+    delta = displacements(dataset, "bending", **values)
+    found = points(scene.chain, scene.q, scene.tools, delta) - scene.points
+    found = np.einsum("cji,cj->ci", pose[:, :3, :3], found)
+    # a beam sinks by F L^3 / (12 EI) more than two hinges at its middle
+    sunk = give * np.sum((far - near) ** 2) / 12 * (weight - np.outer(weight @ along, along))
+    np.testing.assert_allclose(found + sunk, moved, atol=2e-9)
+    assert np.max(np.abs(moved)) > 1e-6
+    assert np.max(np.abs(sunk)) > 1e-8
+
+
+def test_a_link_without_length_does_not_bend(dataset):
+    """The wrist of this arm has two axes that meet; behind its last joint there is no link."""
+    links = {name[8:] for name, *_ in drivers(dataset, "bending") if "link" in name}
+    others = {f"J{j} link {axis}" for j, axis in ((2, "z"), (3, "z"), (4, "x"))}  # about J1 is no moment
+    assert links == others | {f"J{j} link y" for j in range(1, 5)}
 
 
 def test_base_compliance_lets_the_arm_sag(dataset, moments):

@@ -125,7 +125,7 @@ def linear(s: Session, columns) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "name", ["bending J2 link", "backlash J2", "eccentricity J1 sin", "ball-radius ball", "lobing cos"]
+    "name", ["bending J2 link z", "backlash J2", "eccentricity J1 sin", "ball-radius ball", "lobing cos"]
 )
 def test_distances_of_spheres_err_as_after_a_refit(name):
     s = spheres()

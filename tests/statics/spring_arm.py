@@ -21,11 +21,12 @@ X, Y, Z = np.eye(3)
 
 @dataclass
 class Springs:
-    """Compliances, rad/(N m), (n,) each; 0 is rigid. Bearings yield about x and y, links about all axes."""
+    """Compliances, rad/(N m), (n,) each; 0 is rigid. Bearings yield about x and y."""
 
     joint: np.ndarray
     bearing: np.ndarray
-    link: np.ndarray
+    y: np.ndarray  # of a link at its middle, about y and the other axis across it
+    other: np.ndarray
     base: list[tuple[np.ndarray, np.ndarray, float]] = field(default_factory=list)  # axis, point in F0, give
 
 
@@ -95,18 +96,23 @@ def parts(
         yield (here @ row if mdh else here), Hinge(Z, springs.joint[i], i)
         here = turn(Z, errors.theta[i]) @ move((robot.d[i] + errors.d[i]) * Z)
         twist = turn(X, errors.alpha[i]) @ move(errors.a[i] * X)
-        if springs.bearing[i]:
-            yield here, Hinge(X, springs.bearing[i])
-            yield twist, Hinge(Y, springs.bearing[i])
-            here = np.eye(4)
-        else:
-            here = here @ twist
-        if springs.link[i]:  # halfway from before its joint's d to the next row
-            ahead = robot.a[i + 1] if mdh and i + 1 < robot.n else 0.0 if mdh else robot.a[i]
-            middle = 0.5 * (ahead * X - robot.d[i] * Z)
-            for k, axis in enumerate((Z, X, Y)):
-                yield (here @ move(middle) if k == 0 else np.eye(4)), Hinge(axis, springs.link[i])
-            here = move(-middle)
+        ahead = (robot.a[i + 1] if i + 1 < robot.n else 0.0) if mdh else robot.a[i]
+        middle, length = move(0.5 * (ahead * X - robot.d[i] * Z)), np.hypot(ahead, robot.d[i])
+        other = (ahead * Z - robot.d[i] * X) / max(length, 1e-9)
+        steep = abs(robot.d[i]) > abs(ahead)
+        # a frame yields about z, x and y, and a row's errors stand between its x and y axes
+        slots: list[list[tuple[np.ndarray, float, bool]]] = [
+            [(other, 0.0 if steep else springs.other[i], True)],
+            [(X, springs.bearing[i], False), (other, springs.other[i] if steep else 0.0, True)],
+            [(Y, springs.bearing[i], False), (Y, springs.y[i], True)],
+        ]
+        for slot, before in zip(slots, (np.eye(4), np.eye(4), twist), strict=True):
+            here = here @ before
+            for axis, give, halfway in slot:
+                if give:
+                    at = middle if halfway else np.eye(4)
+                    yield here @ at, Hinge(axis, give)
+                    here = np.linalg.inv(at)
         slant = turn(Y, errors.beta[i])
         # a modified row's errors of alpha, a and beta place the next joint on the link, not the link
         own = np.linalg.inv(twist) if mdh else slant @ row

@@ -10,6 +10,7 @@ import numpy as np
 from bayescal.arm.statics import Loads
 from bayescal.effects import named
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
+from bayescal.effects.bending import BENDING, across, ends
 from bayescal.effects.stand import tilts, vertical
 from bayescal.effects.vocabulary import Circumstances, Parameter
 from bayescal.errors import BayescalError
@@ -89,6 +90,33 @@ def bearings(content: Content) -> Mapping[int, Spring]:
         if p.name.endswith("bearing") and value:
             out[p.site.number - 1] = _positive(value, p.name)
     return {j: out[j] for j in range(robot.n) if j in out}
+
+
+@dataclass(frozen=True)
+class LinkHinge:
+    """A hinge at the middle of a link: unit axis and a point (3,), m, in the link's frame."""
+
+    name: str  # of the nearest axis
+    axis: np.ndarray
+    pos: np.ndarray
+    spring: Spring
+
+
+def link_hinges(content: Content) -> Mapping[int, tuple[LinkHinge, ...]]:
+    """Hinges at which the links bend, by the index of the joint before the link."""
+    chain = content.arm.model.scene.chain
+    out: dict[int, tuple[LinkHinge, ...]] = {}
+    known = {p.name: value for p, value in content.driven("bending moment") if value}
+    for j, name in enumerate(content.arm.dataset.robot.joint_names):
+        two = ends(chain, j + 1)
+        found = [
+            LinkHinge(axis, way, two.mean(axis=0), _positive(known[label], label))
+            for axis, way in across(two).items()
+            if (label := f"{BENDING.name} {name} link {axis}") in known
+        ]
+        if found:
+            out[j] = tuple(found)
+    return out
 
 
 @dataclass(frozen=True)

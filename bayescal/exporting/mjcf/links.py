@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -29,6 +30,8 @@ NEUTRAL = {
     "equality": {"active": "true", "solref": "0.02 1", "solimp": "0.9 0.95 0.001 0.5 2"},
 }  # fmt: skip
 """Attributes of added elements that have no effect."""
+MOST = 6
+"""Largest number of hinges of a body in MuJoCo."""
 THIN = 0.02
 """Radius of the capsules that show the links, m."""
 
@@ -59,15 +62,24 @@ def bodies(parent: ET.Element, mechanism: Mechanism) -> list[ET.Element]:
     out = []
     ends = [b.pose[:3, 3] for b in mechanism.bodies[1:]] + [mechanism.flange[:3, 3]]
     for body, end in zip(mechanism.bodies, ends, strict=True):
-        parent = add(parent, "body", name=body.name, childclass=DEFAULT, **place(body.pose))
-        inertial(parent, body)
-        for h in body.hinges:
-            hinge(parent, h)
+        for part in _parts(body):
+            parent = add(parent, "body", name=part.name, childclass=DEFAULT, **place(part.pose))
+            inertial(parent, part)
+            for h in part.hinges:
+                hinge(parent, h)
         if np.linalg.norm(end) > THIN:
             add(parent, "geom", fromto=[0.0, 0.0, 0.0, *end])
         out.append(parent)
     out.append(add(parent, "body", name="flange", childclass=DEFAULT, **place(mechanism.flange)))
     return out
+
+
+def _parts(body: Body) -> list[Body]:
+    """The body; of one with too many hinges, a body without a mass for its first ones and itself."""
+    if len(body.hinges) <= MOST:
+        return [body]
+    first = replace(body, hinges=body.hinges[:-MOST], mass=0.0, centre=np.zeros(3))
+    return [first, replace(body, name=f"{body.name}_yielding", pose=np.eye(4), hinges=body.hinges[-MOST:])]
 
 
 def inertial(element: ET.Element, body: Body) -> None:

@@ -11,7 +11,14 @@ from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.dataset import Tool
 from bayescal.exporting.mjcf.content import Content
-from bayescal.exporting.mjcf.elastic import StandHinge, bearings, joint_springs, stand_hinges
+from bayescal.exporting.mjcf.elastic import (
+    LinkHinge,
+    StandHinge,
+    bearings,
+    joint_springs,
+    link_hinges,
+    stand_hinges,
+)
 from bayescal.exporting.mjcf.law import Law
 from bayescal.exporting.mjcf.readings import erring, error
 from bayescal.exporting.mjcf.spring import Spring
@@ -77,7 +84,12 @@ def mechanism(content: Content, law: Law) -> Mechanism:
     """
     scene = content.arm.model.scene
     robot, chain, delta = scene.dataset.robot, scene.chain, content.constants()
-    springs, tilts, wrong = joint_springs(content), bearings(content), erring(law)
+    springs, tilts, bends, wrong = (
+        joint_springs(content),
+        bearings(content),
+        link_hinges(content),
+        erring(law),
+    )
     foot, *places, flange = poses(content, law)
     bodies = [Body("base", foot, _stand(stand_hinges(content), foot, chain))]
     for j, (name, place) in enumerate(zip(robot.joint_names, places, strict=True)):
@@ -86,13 +98,28 @@ def mechanism(content: Content, law: Law) -> Mechanism:
             hinges.append(Hinge(error(name), Z, 0.0 * Z))
         if j in springs:
             hinges.append(Hinge(f"{name}_flex", Z, 0.0 * Z, springs[j]))
-        if j in tilts:
-            across = _moved(delta[j + 1], (1,))  # the tilt about y follows the constant displacement about x
-            hinges.append(Hinge(f"{name}_tilt_x", X, 0.0 * Z, tilts[j]))
-            hinges.append(Hinge(f"{name}_tilt_y", across[:3, 1], across[:3, 3], tilts[j]))
+        hinges += _yielding(name, tilts.get(j), bends.get(j, ()), _moved(delta[j + 1], (1,)))
         mass = 0.0 if robot.masses is None else float(robot.masses[j])
         bodies.append(Body(f"link{j + 1}", place, tuple(hinges), mass, _centre(robot, chain, delta, j + 1)))
     return Mechanism(tuple(bodies), flange, loads(content), scene.dataset.gravity)
+
+
+def _yielding(
+    name: str, tilt: Spring | None, bends: tuple[LinkHinge, ...], behind: np.ndarray
+) -> list[Hinge]:
+    """Hinges of the bearing of a joint and of its link, in the order in which a frame yields: z, x, y.
+
+    Those about y are behind the constant displacement about x, `behind` (4, 4).
+    """
+    out = []
+    for k in "zxy":
+        at = behind if k == "y" else np.eye(4)
+        if tilt is not None and k != "z":
+            out.append(Hinge(f"{name}_tilt_{k}", at[:3, "xyz".index(k)], at[:3, 3], tilt))
+        for b in (b for b in bends if b.name == k):
+            axis, pos = at[:3, :3] @ b.axis, at[:3, :3] @ b.pos + at[:3, 3]
+            out.append(Hinge(f"{name}_bend_{k}", axis, pos, b.spring))
+    return out
 
 
 def loads(content: Content) -> tuple[Load, ...]:

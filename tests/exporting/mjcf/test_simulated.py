@@ -18,12 +18,9 @@ from bayescal.exporting.verify.limits import limit
 from bayescal.exporting.verify.replay import Place
 
 POSES = 8
-FALLS_SHORT = {"bending"}
-HELD = [case for case in CASES if not FALLS_SHORT.intersection(case)]
-TOGETHER = tuple(name for name in CASES[-1] if name not in FALLS_SHORT)
 
 
-@pytest.mark.parametrize("effects", [*HELD, TOGETHER], ids=lambda case: f"{case[-1]} of {len(case)}")
+@pytest.mark.parametrize("effects", CASES, ids=lambda case: f"{case[-1]} of {len(case)}")
 def test_every_effect_of_a_coupled_arm(effects):
     off, size = differences(drawn("fanuc-lrmate200ic", effects), POSES)
     assert np.max(off) < limit(effects)
