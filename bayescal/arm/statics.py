@@ -39,6 +39,10 @@ class Loads:
     moments: np.ndarray
     weights: np.ndarray
 
+    def minus(self, other: Loads) -> Loads:
+        """What remains without other loads."""
+        return Loads(self.moments - other.moments, self.weights - other.weights)
+
 
 @dataclass(frozen=True)
 class Hinges:

@@ -6,10 +6,11 @@ holds for any mounting (upright, inverted, wall). If the first joint's axis is h
 it equals the effect of the first joint's compliance, and only the sum of the two is identifiable. The hinge
 is an unknown distance below or above the base's origin, so that a tilt also displaces the origin sideways
 (`slide`). If the first axis is not vertical, the hinge may also be behind the mounting plate, and a tilt then
-raises the origin (`rise`). Prior: mean 1e-5 rad/(N m), a third of a shoulder's compliance, with a standard
-deviation of 1.5 times the mean, and a hinge within 0.3 m (assumed: 30 N m tilt the base by 0.3 mrad, most of
-which the fit attributes to geometry; bending and base tilt reduced the mean error of an ABB IRB 120 from
-0.099 to 0.081 mm).
+raises the origin (`rise`). In ``base-compliance@turned`` the two axes have any direction: a moment about one
+of F0's axes also tilts the base about the other. Prior: mean 1e-5 rad/(N m), a third of a shoulder's
+compliance, with a standard deviation of 1.5 times the mean, and a hinge within 0.3 m (assumed: 30 N m tilt
+the base by 0.3 mrad, most of which the fit attributes to geometry; bending and base tilt reduced the mean
+error of an ABB IRB 120 from 0.099 to 0.081 mm).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from bayescal.effects.location import Driver
 from bayescal.effects.sessions import by_session
 from bayescal.effects.sizes import COMPLIANT, FACTOR
 from bayescal.effects.stand import LEANING, base_terms, first_axis, tilts, vertical
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
+from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Where
 
 MEAN = 1e-5  # rad/(N m)
 LEVER = 0.3  # m, from the hinge to the frame's origin
@@ -46,6 +47,21 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     return out
 
 
+def _turned(c: Circumstances) -> list[Parameter]:
+    """The same about two horizontal axes of any direction: a symmetric matrix, and its lever arm."""
+    usual, pair = _parameters(c), tilts(c)
+    if len(pair) < 2:
+        return usual
+    one, other = pair
+    turn = (*base_terms(c, "r", one.axis, other.moment), *base_terms(c, "r", other.axis, one.moment))
+    slide = (*base_terms(c, "t", one.axis, one.moment), *base_terms(c, "t", other.axis, -other.moment))
+    return [
+        *usual,
+        Parameter("base-compliance cross", "rad/(N m)", turn, SPREAD * MEAN, **BASE),
+        Parameter("base-compliance slide cross", "m/(N m)", slide, SPREAD * MEAN * LEVER, **BASE),
+    ]
+
+
 BASE_COMPLIANCE = Effect(
     "base-compliance",
     "the base deflects under the gravity moment of the arm",
@@ -54,5 +70,8 @@ BASE_COMPLIANCE = Effect(
     sizes={"rad/(N m)": COMPLIANT, "m/(N m)": COMPLIANT, "1": FACTOR},
     phrase=("the base", "deflects under the gravity moment of the arm"),
     requires=("compliance",),
-    forms=(by_session(_parameters),),
+    forms=(
+        by_session(_parameters),
+        Form("turned", "about horizontal axes that are turned against those of F0", _turned),
+    ),
 )

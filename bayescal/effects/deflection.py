@@ -46,7 +46,7 @@ def deflections(c: Circumstances, loads: Loads) -> tuple[Term, ...]:
         if effect is not COMPLIANCE and not any(f"{effect.name} " in name for name in c.compliances):
             continue
         makers = (effect.parameters, *(form.parameters for form in effect.forms))
-        for p in (p for make in makers for p in make(added)):
+        for p in {p.name: p for make in makers for p in make(added)}.values():
             value = c.compliances.get(p.name, p.centre if effect is COMPLIANCE else 0.0)
             if value:
                 out += [replace(term, driver=value * np.asarray(term.driver)) for term in p.terms]

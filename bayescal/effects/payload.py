@@ -3,6 +3,12 @@
 Driver: the gravity moments of one kilogram at the tool's centre of mass times the compliances of all sites
 (`deflection`). The value in kilograms is only as accurate as these compliances. Prior: 0.3 kg (assumed: the
 mass of a probe, its cable and its bracket is an estimate).
+
+Two further forms have more unknowns, and pay for them in the evidence. In ``payload@elsewhere`` the mass
+hangs elsewhere than the tool's centre of mass: its first moment about that centre is free, with a prior of
+0.03 kg m (0.3 kg at 0.1 m). In ``payload@added`` the load that some rows carry beyond the others differs from
+the stated one: its mass by a share (prior 0.3) and its centre by a shift (prior 0.06 m; assumed: a load that
+is clamped by hand hangs some centimetres off).
 """
 
 from __future__ import annotations
@@ -12,25 +18,60 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.arm.chain import link_angles
-from bayescal.arm.statics import gravity_loads
+from bayescal.arm.statics import Loads, gravity_loads
 from bayescal.effects.deflection import deflections
 from bayescal.effects.joints import without_masses
 from bayescal.effects.location import TOOL, Driver
 from bayescal.effects.sessions import by_session
-from bayescal.effects.sizes import Size
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.sizes import Size, length
+from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter
 
-SD = 0.3  # kg
+SD, MOMENT_SD = 0.3, 0.03  # kg, kg m
+SHARE_SD, SHIFT_SD = 0.3, 0.06  # of the mass, m
+ADDED = 0.05  # kg, from which on a row carries an added load
+
+
+def _loads(c: Circumstances, mass: np.ndarray, centre: np.ndarray) -> Loads:
+    """Loads of a mass (N,), kg, with its centre (N, 3), m, in the flange frame of a weightless arm."""
+    n = c.robot.n
+    weightless = replace(c.robot, masses=np.zeros(n), centres_of_mass=np.zeros((n, 3)))
+    q = link_angles(c.robot, c.readings)
+    return gravity_loads(weightless, c.chain, q, c.gravity, mass, centre, c.stance)
+
+
+def _parameter(c: Circumstances, name: str, unit: str, sd: float, loads: Loads) -> list[Parameter]:
+    terms = deflections(c, loads)
+    return [Parameter(f"payload {name}", unit, terms, sd, site=TOOL, driver=Driver("mass"))] if terms else []
+
+
+def _shifted(c: Circumstances, name: str, unit: str, sd: float, mass: np.ndarray) -> list[Parameter]:
+    """Parameters of the centre of a mass (N,), kg, along the axes of the flange."""
+    at_centre = _loads(c, mass, c.load_centre)
+    return [
+        p
+        for axis, metre in zip("xyz", np.eye(3), strict=True)
+        for p in _parameter(
+            c, f"{name} {axis}", unit, sd, _loads(c, mass, c.load_centre + metre).minus(at_centre)
+        )
+    ]
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    count, n = c.q.shape
-    weightless = replace(c.robot, masses=np.zeros(n), centres_of_mass=np.zeros((n, 3)))
-    q, kilogram = link_angles(c.robot, c.readings), np.ones(count)
-    terms = deflections(
-        c, gravity_loads(weightless, c.chain, q, c.gravity, kilogram, c.load_centre, c.stance)
-    )
-    return [Parameter("payload mass", "kg", terms, SD, site=TOOL, driver=Driver("mass"))] if terms else []
+    return _parameter(c, "mass", "kg", SD, _loads(c, np.ones(len(c.q)), c.load_centre))
+
+
+def _elsewhere(c: Circumstances) -> list[Parameter]:
+    return [*_parameters(c), *_shifted(c, "moment", "kg m", MOMENT_SD, np.ones(len(c.q)))]
+
+
+def _added(c: Circumstances) -> list[Parameter]:
+    """The load beyond the least with the same tool; nothing where the rows to fit carry the same load."""
+    least = {t: np.min(c.load_mass[c.tool == t]) for t in np.unique(c.tool).tolist()}
+    mass = c.load_mass - np.array([least[t] for t in c.tool.tolist()])
+    if not np.any(mass[c.fitted] > ADDED):
+        return []
+    share = _parameter(c, "added share", "1", SHARE_SD, _loads(c, mass, c.load_centre))
+    return [*share, *_shifted(c, "added centre", "m", SHIFT_SD, mass)]
 
 
 def _missing(c: Circumstances) -> str:
@@ -43,8 +84,17 @@ PAYLOAD = Effect(
     "payload mass or centre of mass differs from what was stated",
     _parameters,
     _missing,
-    sizes={"kg": Size("additional mass")},
+    sizes={
+        "kg": Size("additional mass"),
+        "kg m": Size("first moment", length),
+        "1": Size("additional share of the added load"),
+        "m": Size("shift of the centre of the added load", length),
+    },
     phrase=("the tool", "carries a payload that differs from what was stated"),
     requires=("compliance",),
-    forms=(by_session(_parameters),),
+    forms=(
+        by_session(_parameters),
+        Form("elsewhere", "a mass that hangs elsewhere than the tool's centre of mass", _elsewhere),
+        Form("added", "an added load that hangs elsewhere, or differs in mass", _added),
+    ),
 )

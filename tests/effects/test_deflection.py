@@ -7,6 +7,8 @@ import pytest
 
 from bayescal.arm.chain import link_angles
 from bayescal.arm.statics import Stance, gravity_loads
+from bayescal.effects import parameters_of
+from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.gap.linear.masses import masses
 from bayescal.gap.settings import LINEAR
@@ -33,6 +35,11 @@ def ball(dataset, effects, mass=0.0):
     return model.motion(np.arange(len(dataset.measurements.readings))).points(values(model, mass))
 
 
+def unloaded(dataset):
+    """The session without payload."""
+    return replace(dataset, measurements=replace(dataset.measurements, payload=None))
+
+
 @pytest.mark.parametrize("stated", [False, True])
 @pytest.mark.parametrize("convention", ["mdh", "dh"])
 def test_a_payload_error_is_a_heavier_tool(cube, convention, stated):
@@ -46,6 +53,46 @@ def test_a_payload_error_is_a_heavier_tool(cube, convention, stated):
     expected = ball(heavier, EFFECTS)
     assert np.max(np.linalg.norm(expected - before, axis=0)) > 1e-4
     np.testing.assert_allclose(moved, expected, atol=2e-7 if stated else 1e-9)
+
+
+def test_a_payload_that_hangs_elsewhere_is_a_tool_with_another_centre_of_mass(cube):
+    """The heavier tool has the first moment of both masses."""
+    dataset, off = unloaded(cube(seed=3, count=24).dataset), np.array([0.03, -0.05, 0.08])
+    (tool,) = dataset.tools
+    total = tool.mass + MORE
+    other = replace(tool, mass=total, centre_of_mass=tool.centre_of_mass + MORE / total * off)
+    given = {"payload mass": MORE} | {
+        f"payload moment {a}": MORE * v for a, v in zip("xyz", off, strict=True)
+    }
+
+    def found(model):
+        out = values(model, 0.0)
+        return np.array([given.get(p.name, v) for p, v in zip(model.parameters, out, strict=True)])
+
+    world = World((*EFFECTS, "payload@elsewhere"), found, dataset.targets)
+    model = world.model(dataset)
+    moved = model.motion(np.arange(24)).points(found(model))
+    assert set(given) <= set(model.names)
+    assert np.max(np.linalg.norm(moved - ball(dataset, (*EFFECTS, "payload"), MORE), axis=0)) > 2e-5
+    np.testing.assert_allclose(moved, ball(replace(dataset, tools=(other,)), EFFECTS), atol=1e-9)
+
+
+def test_the_centre_of_an_added_load_acts_in_the_rows_that_carry_it(cube):
+    dataset = cube(seed=3, count=24).dataset
+    payload = np.where(np.arange(24) % 3 == 0, 2.0, 0.0)
+    scene = Scene(replace(dataset, measurements=replace(dataset.measurements, payload=payload)))
+    c = scene.circumstances(scene.rows("calibrate"))
+    by = {p.name: p for s in ("payload@elsewhere", "payload@added") for p in parameters_of((s,), c)}
+    for axis in "xyz":
+        whole, own = by[f"payload moment {axis}"].terms, by[f"payload added centre {axis}"].terms
+        assert len(whole) == len(own) > 0
+        for a, b in zip(whole, own, strict=True):
+            np.testing.assert_allclose(payload * a.driver, b.driver, rtol=1e-9, atol=1e-15)
+    for a, b in zip(by["payload mass"].terms, by["payload added share"].terms, strict=True):
+        np.testing.assert_allclose(payload * a.driver, b.driver, rtol=1e-9, atol=1e-15)
+    even = Scene(unloaded(dataset))
+    with pytest.raises(BayescalError, match="has no parameters here"):
+        parameters_of(("payload@added",), even.circumstances(even.rows("calibrate")))
 
 
 def test_an_error_of_a_mass_moves_every_compliant_site(cube):

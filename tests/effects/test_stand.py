@@ -59,11 +59,11 @@ def turned_about(point, turn, x):
     return Rotation.from_rotvec(turn).apply(x - point) + point
 
 
-def yielding(dataset, yields):
-    """Displaced ball centres by the parameters of the effect at some values."""
+def yielding(dataset, yields, form=None):
+    """Displaced ball centres by the parameters of the effect, or of a form of it, at some values."""
     scene = Scene(dataset)
     c = scene.circumstances(scene.rows("calibrate"))
-    parameters = EFFECTS["base-compliance"].parameters(c)
+    parameters = EFFECTS["base-compliance"].at(c, form)
     assert set(yields) <= {p.name for p in parameters}
     delta = np.zeros((len(scene.q), scene.chain.n + 2, 6))
     for p in parameters:
@@ -100,6 +100,33 @@ def test_a_stand_turns_about_a_hinge_below_it(session, mount):
         values[f"base-compliance slide {k}"] = slide * compliance[k]
     np.testing.assert_allclose(yielding(dataset, values), expected, atol=2e-8)
     assert np.max(np.abs(expected - scene.points)) > 5e-6
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_a_stand_with_axes_of_its_own(session, mount):
+    """Its stiffest axis is at 30 degrees to the axes of F0."""
+    dataset = mounted(session, mount)
+    scene, depth, angle = Scene(dataset), 0.35, np.radians(30)
+    down = dataset.gravity / 9.81
+    (a, first), (b, second) = horizontal(dataset.gravity)
+    own = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    give = own.T @ np.diag([2e-6, 5e-7]) @ own
+    plane = np.stack([first, second])
+    turn = moment_about(scene, PLACE) @ plane.T @ give @ plane
+    expected = turned_about(PLACE + depth * down, turn, scene.points)
+    values = {
+        f"base-compliance {a}": give[0, 0],
+        f"base-compliance {b}": give[1, 1],
+        "base-compliance cross": give[0, 1],
+    }
+    for k, (axis, across) in enumerate(((first, second), (second, first))):
+        values[f"base-compliance slide {(a, b)[k]}"] = np.cross(axis, -depth * down) @ across * give[k, k]
+    lever = np.cross(second, -depth * down) @ first  # of the first axis' moment, by the turn about the second
+    values["base-compliance slide cross"] = lever * give[0, 1]
+    np.testing.assert_allclose(yielding(dataset, values, "turned"), expected, atol=2e-8)
+    assert (
+        np.max(np.abs(expected - yielding(dataset, values | {"base-compliance cross": 0.0}, "turned"))) > 1e-6
+    )
 
 
 @pytest.mark.parametrize("mount", ["wall", "wall by gravity", "slope"])

@@ -57,7 +57,7 @@ def test_a_single_session_has_no_such_form(two):
     alone = scene.circumstances(scene.rows("calibrate"))
     with pytest.raises(BayescalError, match="base-compliance@session has no parameters here"):
         parameters_of(("base-compliance@session",), alone)
-    assert {v.setting for v in candidates(alone, USUAL).variants["base-compliance"]} == {None}
+    assert {v.setting for v in candidates(alone, USUAL).variants["base-compliance"]} == {None, "turned"}
 
 
 def test_variants_pay_for_their_freedom(c):
