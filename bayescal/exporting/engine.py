@@ -8,7 +8,7 @@ from bayescal.errors import BayescalError
 
 
 def mujoco() -> ModuleType:
-    """The module of MuJoCo.
+    """The module of MuJoCo. Its warnings are not written to a file of the working folder.
 
     Raises
     ------
@@ -20,4 +20,5 @@ def mujoco() -> ModuleType:
     except ImportError:
         remedy = "pip install 'bayescal[mujoco]'"
         raise BayescalError("MuJoCo is not installed", "simulator", remedy) from None
+    module.set_mju_user_warning(lambda _: None)
     return module

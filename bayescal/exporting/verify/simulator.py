@@ -159,11 +159,23 @@ class Simulator:
                     self._command(starts[k] + smooth * (readings[k] - starts[k]))
                     self.mj.mj_step(self.model, self.data)
             self._command(readings[k])
-            self._settle()
+            speed = self._settle()
+            self._check_still(k, speed)
             self.mj.mj_fwdPosition(self.model, self.data)
             self.mj.mj_sensorPos(self.model, self.data)
             reached[k], points[k] = self._reached(), self.data.site_xpos[site]
         return Stood(reached, points)
+
+    def _check_still(self, pose: int, speed: float) -> None:
+        """Refuse a simulation that diverged, which MuJoCo starts again elsewhere, or still moves."""
+        kinds = self.mj.mjtWarning
+        bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
+        if any(self.data.warning[int(kind)].number for kind in bad):
+            what = f"the simulation is unstable at pose {pose + 1}"
+            raise BayescalError(what, self.where, "check stiffness, damping and time step of the file")
+        if not speed < 1e3 * REST:
+            what = f"the arm does not come to rest within {MOST * SETTLING:g} s"
+            raise BayescalError(what, self.where, "check the masses and the integrator of the file")
 
     def _place(self, posture: Mapping[str, float]) -> None:
         model, data = self.model, self.data
@@ -178,14 +190,13 @@ class Simulator:
             # a spring without dead band has no stiffness at exactly zero
             data.plastic[at : at + 2] = data.ten_length[t] + 1e-12
 
-    def _settle(self) -> None:
+    def _settle(self) -> float:
+        """Step until all joints of the arm rest; their largest speed."""
         self.model.opt.timestep = SETTLING
         speed = np.inf
         for _ in range(MOST):
             self.mj.mj_step(self.model, self.data)
-            speed = np.max(np.abs(self.data.qvel[self._own]), initial=0.0)
+            speed = float(np.max(np.abs(self.data.qvel[self._own]), initial=0.0))
             if speed < REST:
-                return
-        if not speed < 1e3 * REST:
-            what = f"the arm does not come to rest within {MOST * SETTLING:g} s"
-            raise BayescalError(what, self.where, "check the masses and the integrator of the file")
+                break
+        return speed

@@ -77,3 +77,14 @@ def test_other_files_are_refused(run, tmp_path, text, message):
     beside(run, tmp_path / "other.xml")
     with pytest.raises(BayescalError, match=message):
         bc.verify(run / "fit", tmp_path / "other.xml")
+
+
+def test_a_simulation_that_diverges_is_refused_and_writes_no_log(run, tmp_path, monkeypatch):
+    """MuJoCo would start it again, and write a log into the working folder."""
+    monkeypatch.chdir(tmp_path)
+    text = (run / "arm.xml").read_text()
+    (tmp_path / "wild.xml").write_text(re.sub(r' damping="[^"]+"', ' damping="-1e7"', text))
+    beside(run, tmp_path / "wild.xml")
+    with pytest.raises(BayescalError, match="unstable at pose 1"):
+        bc.verify(run / "fit", tmp_path / "wild.xml")
+    assert {p.name for p in tmp_path.iterdir()} == {"wild.xml", "wild.xml.bayescal.json"}
