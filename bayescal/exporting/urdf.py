@@ -117,6 +117,7 @@ def _patched(
         "into": path.name,
         "tip": tip,
         "joints": dict(zip(robot.joint_names, file.names, strict=True)),
+        "signs": found.signs.tolist(),
         "joint_from_reading": by_reading.tolist(),
         "root_in_f0": found.root.tolist(),
         "flange_in_tip": flange_in_tip.tolist(),
@@ -185,6 +186,7 @@ def _new(arm: FittedArm, calibrated: np.ndarray, name: str) -> tuple[str, tuple[
     details = {
         "tip": "flange",
         "joints": {joint: joint for joint in robot.joint_names},
+        "signs": sense.tolist(),
         "joint_from_reading": (sense[:, None] * robot.link_from_reading).tolist(),
         "root_in_f0": np.eye(4).tolist(),
         "flange_in_tip": np.eye(4).tolist(),
