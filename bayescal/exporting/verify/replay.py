@@ -14,8 +14,10 @@ from bayescal.exporting.mjcf.content import Content
 from bayescal.exporting.mjcf.law import Law, bare, law_of
 from bayescal.exporting.mjcf.mechanism import Load, loads, names, poses
 from bayescal.exporting.mjcf.readings import Joints, error, posture
-from bayescal.exporting.verify.simulator import APPROACH, Simulator
+from bayescal.exporting.verify.simulator import Simulator
 
+APPROACH = 3.0
+"""Motion of every gear before a pose, in half-widths of the largest lost motion: it passes twice that."""
 MOVED = 0.999
 """Place in the lost motion beyond which a gear has moved through it."""
 
@@ -72,7 +74,7 @@ class Machine:
         """Readings (C, n), rad, from which the poses are approached: gears that moved, move."""
         if not self.law.lost.any():
             return readings
-        moved = APPROACH * np.where(np.abs(sense) > MOVED, np.sign(sense), 0.0)
+        moved = APPROACH * np.max(self.law.lost) * np.where(np.abs(sense) > MOVED, np.sign(sense), 0.0)
         return readings - np.linalg.solve(self.law.geared @ self.law.nominal, moved.T).T
 
     def postures(self, starts: np.ndarray, sense: np.ndarray) -> list[dict[str, float]]:

@@ -17,10 +17,8 @@ from bayescal.exporting.mjcf.into.scene_file import compiled
 from bayescal.exporting.mjcf.mechanism import Load
 from bayescal.exporting.mjcf.readings import STIFF, Joints
 
-APPROACH = 2e-3
-"""Motion of every gear before a pose, rad: several times any lost motion."""
-RAMP, STEP = 80, 2e-3
-"""Steps of this motion, and their length, s."""
+RAMP = 120
+"""Steps, with the time step of the file, of the motion before a pose."""
 SETTLING = 0.05
 """Step, s, at which the arm comes to rest: the integrator damps all oscillations."""
 MOST = 600
@@ -151,7 +149,12 @@ class Simulator:
         site = self._id("SITE", tip)
         reached, points = np.empty(readings.shape), np.empty((len(readings), 3))
         for k, posture in enumerate(postures):
+            self.mj.mj_resetData(self.model, self.data)
             self._place(posture)
+            if len(self.data.plastic):  # the arm sinks into its springs, which may push a gear off its place
+                self._command(starts[k])
+                self._settle()
+                self._place(posture)
             if np.any(starts[k] != readings[k]):
                 self.model.opt.timestep = self.timestep
                 for share in np.linspace(0.0, 1.0, RAMP):
@@ -178,8 +181,9 @@ class Simulator:
             raise BayescalError(what, self.where, "check the masses and the integrator of the file")
 
     def _place(self, posture: Mapping[str, float]) -> None:
+        """Put joints at positions, at rest; others stay where they are."""
         model, data = self.model, self.data
-        self.mj.mj_resetData(model, data)
+        data.qvel[:] = 0.0
         for name, value in posture.items():
             joint = self._id("JOINT", name)
             if joint >= 0:

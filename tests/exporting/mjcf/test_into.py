@@ -27,7 +27,9 @@ def written(effects, into: Path = SCENE):
     return arm, export(arm, "mjcf", into=str(into), force=True)
 
 
-@pytest.mark.parametrize("effects", [("geometry",), BASE, (*BASE, "base-compliance"), EVERY], ids=len)
+@pytest.mark.parametrize(
+    "effects", [("geometry",), BASE, (*BASE, "base-compliance"), (*BASE, "bending"), (*EVERY, "bending")]
+)
 def test_simulator_has_the_fitted_arm(effects):
     arm, found = written(effects)
     file = File(found.written.content, SCENE.parent, "patched", Place.of(arm, found.record("patched")))

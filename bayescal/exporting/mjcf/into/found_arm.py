@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -26,6 +27,7 @@ class FoundArm:
     `file` is the arm at zero: frames with their origins on the axes of the joints. `anchors` (n, 3) are these
     origins in the frames of the bodies, `references` (n,) the joints' values as the file is written, rad.
     `steps` (n, 4, 4) stand in the file between the body of the joint before and the parent of each body.
+    `parents` are those of all elements.
     """
 
     file: FileArm
@@ -35,6 +37,7 @@ class FoundArm:
     anchors: np.ndarray
     references: np.ndarray
     steps: np.ndarray
+    parents: Mapping[ET.Element, ET.Element]
 
 
 def find_arm(scene: SceneFile, model: Any, robot: Robot, tip: str) -> FoundArm:
@@ -70,7 +73,8 @@ def find_arm(scene: SceneFile, model: Any, robot: Robot, tip: str) -> FoundArm:
     if missing:
         raise BayescalError("a body of the arm has no name", where, "name the bodies of the arm")
     elements = tuple(named[model.body(b).name] for b in ids)
-    _check_parents(scene.root, elements, where)
+    parents = {child: e for e in scene.root.iter() for child in e}
+    _check_parents(parents, elements, where)
     data = mj.MjData(model)
     addresses = [int(model.body_jntadr[b]) for b in ids]
     data.qpos[[model.jnt_qposadr[j] for j in addresses]] = 0.0
@@ -86,7 +90,7 @@ def find_arm(scene: SceneFile, model: Any, robot: Robot, tip: str) -> FoundArm:
     file = FileArm(names, frames, axes, np.array(steps), np.linalg.inv(frames[-1]) @ pose[end])
     joints = tuple(next(e for e in body if e.tag == "joint") for body in elements)
     references = np.array([model.qpos0[model.jnt_qposadr[j]] for j in addresses])
-    return FoundArm(file, elements, joints, ids, anchors, references, np.array(steps))
+    return FoundArm(file, elements, joints, ids, anchors, references, np.array(steps), parents)
 
 
 def _above(model: Any, body: int) -> list[int]:
@@ -115,9 +119,10 @@ def _end(model: Any, robot: Robot, tip: str, where: str) -> int:
     return ends[0]
 
 
-def _check_parents(root: ET.Element, elements: tuple[ET.Element, ...], where: str) -> None:
+def _check_parents(
+    parent: Mapping[ET.Element, ET.Element], elements: tuple[ET.Element, ...], where: str
+) -> None:
     """Refuse a frame element or a composite among the bodies of the arm."""
-    parent = {child: e for e in root.iter() for child in e}
     for element in elements:
         if any(child.tag in FORBIDDEN for child in element) or parent[element].tag == "frame":
             what = f"body {element.get('name')} is in or has a <frame>, or a part made by MuJoCo"

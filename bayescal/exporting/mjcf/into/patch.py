@@ -15,7 +15,7 @@ from bayescal.exporting.mjcf.content import Content
 from bayescal.exporting.mjcf.into.found_arm import FoundArm, find_arm
 from bayescal.exporting.mjcf.into.keyframes import with_keyframes
 from bayescal.exporting.mjcf.into.scene_file import compiled, read_scene
-from bayescal.exporting.mjcf.law import Law, bare, law_of
+from bayescal.exporting.mjcf.law import bare, law_of
 from bayescal.exporting.mjcf.links import bands, defaults, hinge, tips, tool
 from bayescal.exporting.mjcf.mechanism import Body, Hinge, Mechanism, mechanism
 from bayescal.exporting.mjcf.readings import Joints, Sections, parts
@@ -23,6 +23,10 @@ from bayescal.exporting.mjcf.text import DEFAULT, add, number, numbers, place
 from bayescal.exporting.same_arm import ANGLE, Match, match, smallest_turn
 from bayescal.exporting.written import Options, path_of
 
+MOST = 6
+"""Largest number of hinges of a body in MuJoCo."""
+LIGHT = 1e-3
+"""Mass, kg, of a body that only carries hinges; gravity does not act on it."""
 TURNED = ("axisangle", "xyaxes", "zaxis", "euler")
 """Other attributes for an orientation; a quaternion takes their place."""
 
@@ -50,7 +54,7 @@ def patched(arm: FittedArm, options: Options) -> tuple[str, dict[str, Any], list
     names = dict(zip(robot.joint_names, found.file.names, strict=True))
     root = scene.root
     _poses(found, where, machine)
-    _links(found, where, machine, law, names, before)
+    _links(found, where, machine, names, before)
     _stand(root, found, where, machine)
     flange = _flange(found, where, machine)
     loads = machine.loads
@@ -99,8 +103,8 @@ def _poses(found: FoundArm, where: Match, machine: Mechanism) -> None:
     pose = np.linalg.inv(where.root)
     for body in machine.bodies:
         pose = pose @ body.pose
-        links.append(pose)
-    links = links[1:]
+        if body.hinges and body.name.startswith("link") and body.hinges[0].spring is None:
+            links.append(pose)  # of the body that the joint turns
     before = np.eye(4)
     for k, element in enumerate(found.bodies):
         anchor = rigid(None, found.anchors[k])
@@ -124,22 +128,44 @@ def _place(element: ET.Element, pose: np.ndarray) -> None:
         element.set(name, value)
 
 
-def _links(
-    found: FoundArm, where: Match, machine: Mechanism, law: Law, names: dict[str, str], model: Any
-) -> None:
+def _links(found: FoundArm, where: Match, machine: Mechanism, names: dict[str, str], model: Any) -> None:
     """Masses, and hinges behind the joints."""
-    for k, (element, joint) in enumerate(zip(found.bodies, found.joints, strict=True)):
-        body = machine.bodies[k + 1]
+    for k, element in enumerate(found.bodies):
+        own = [b for b in machine.bodies if b.name.partition("_")[0] == f"link{k + 1}"]
         to_file = np.linalg.inv(where.own[k] @ np.linalg.inv(rigid(None, found.anchors[k])))
-        _inertial(element, body, to_file, model, found.ids[k])
-        at = list(element).index(joint) + 1
-        for h in body.hinges[1:]:
-            made = ET.Element("holder")
+        _inertial(element, own[-1], to_file, model, found.ids[k])
+        made = ET.Element("holder")
+        for h in [h for body in own for h in body.hinges][1:]:
             moved = to_file[:3, :3] @ h.axis
             centre = to_file[:3, :3] @ h.pos + to_file[:3, 3]
             hinge(made, Hinge(_named(h.name, names), moved, centre, h.spring, h.rest))
-            element.insert(at, made[0])
-            at += 1
+        _insert(found, k, list(made))
+
+
+def _insert(found: FoundArm, k: int, hinges: list[ET.Element]) -> None:
+    """Hinges behind a joint; if they are too many for a body, the joint and the first ones are in another.
+
+    The user's body keeps its name and its parts; the further body stands before it.
+    """
+    element, joint = found.bodies[k], found.joints[k]
+    at = list(element).index(joint) + 1
+    more = max(0, 1 + len(hinges) - MOST)
+    for h in reversed(hinges[more:]):
+        element.insert(at, h)
+    if not more:
+        return
+    carrier = ET.Element("body", name=f"{element.get('name')}_carrier", gravcomp="1")
+    for name in ("pos", "quat"):
+        carrier.set(name, element.attrib.pop(name))
+    if "childclass" in element.attrib:
+        carrier.set("childclass", element.get("childclass", ""))
+    add(carrier, "inertial", pos=np.zeros(3), mass=LIGHT, diaginertia=[1e-2 * LIGHT] * 3)
+    element.remove(joint)
+    carrier.extend([joint, *hinges[:more]])
+    parent = found.parents[element]
+    parent.insert(list(parent).index(element), carrier)
+    parent.remove(element)
+    carrier.append(element)
 
 
 def _named(name: str, names: dict[str, str]) -> str:
