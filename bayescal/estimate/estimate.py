@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.errors import BayescalError
+from bayescal.estimate.added_mass import Secants, acts
 from bayescal.estimate.checks import check_converged, check_length, check_within_reach
 from bayescal.estimate.linear import Linear, linearise
 from bayescal.estimate.noise import rescaled_weights
@@ -22,7 +23,7 @@ from bayescal.model.scene import Scene
 
 ROUNDS = 25
 """Maximum number of reweightings."""
-FITS = 12
+FITS = 20
 """Maximum number of fits with gravity moments at the pose of the fit before; usual are three or four."""
 AT_REST, MOVES = 1e-3, 0.1
 """Displacements of the tool point by such a fit, in units of the smallest noise: at which the fits end, and
@@ -81,12 +82,16 @@ def calibrated(
     found = estimate(build(scene, effects, prior_width, without), robust=robust)
     if not effects or scene.moments is None:
         return found
+    secants = Secants()
     for fits in range(1, FITS):
         model, before, values = build(settled(found), effects, prior_width, without), found.model, found.arm
         now = by_name(model, values, before)
         step, noise = moved(tool_points(before, values), tool_points(model, now)), _smallest_noise(found)
         if same_motion(before, model) or step < max(STILL, AT_REST * noise):
             return replace(found, model=model)
+        if acts(model.parameters):
+            there, secants = secants.next(model.scene, before.scene.compliances)
+            model = build(there, effects, prior_width, without)
         known = dict(zip(before.names, found.z.tolist(), strict=True))
         start = np.array([known.get(name, 0.0) for name in model.names])
         rejected = None if fits == 1 else found.rejected

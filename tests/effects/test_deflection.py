@@ -132,3 +132,17 @@ def test_a_fit_finds_a_mass_that_was_not_stated():
     assert sd < 0.01
     assert abs(found.model.physical(found.z)[k] - 0.3) < 4 * sd
     assert found.weights.scale["contact"] < 1.15
+
+
+def test_a_fit_finds_a_mass_heavier_than_the_stated_tool():
+    """Where the tool alone loads a joint, fits alternate between its compliance and the mass."""
+    effects = ("geometry", "compliance")
+    options = Options(seed=2, contacts=120, repeats=0, later=0, placements=0, noise=2e-6)
+    dataset = simulate(replace(options, effects=effects)).dataset
+    (tool,) = dataset.tools
+    stated = replace(dataset, tools=(replace(tool, mass=tool.mass - 0.5),))
+    found = calibrated(Scene(stated), (*effects, "payload"))
+    k = found.model.names.index("payload mass")
+    sd = found.sd[k] * found.model.sd[k]
+    assert abs(found.model.physical(found.z)[k] - 0.5) < 4 * sd < 0.5
+    assert found.weights.scale["contact"] < 1.15
