@@ -1,4 +1,4 @@
-"""The simulator, which is an extra of the package."""
+"""Simulators, which are extras of the package."""
 
 from __future__ import annotations
 
@@ -21,4 +21,20 @@ def mujoco() -> ModuleType:
         remedy = "pip install 'bayescal[mujoco]'"
         raise BayescalError("MuJoCo is not installed", "simulator", remedy) from None
     module.set_mju_user_warning(lambda _: None)
+    return module
+
+
+def pinocchio() -> ModuleType:
+    """The module of Pinocchio.
+
+    Raises
+    ------
+    BayescalError
+        If it is not installed.
+    """
+    try:
+        import pinocchio as module
+    except ImportError:
+        remedy = "pip install 'bayescal[mujoco]' or 'bayescal[world]'"
+        raise BayescalError("neither MuJoCo nor Pinocchio is installed", "simulator", remedy) from None
     return module

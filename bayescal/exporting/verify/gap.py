@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.exporting.fitted import FittedArm, Origin, of_estimate
 from bayescal.exporting.mjcf.content import STATE
 from bayescal.exporting.verify.levels import File
-from bayescal.exporting.verify.measured import Measured, measured, validation_rows
+from bayescal.exporting.verify.measured import measured, validation_rows
 from bayescal.exporting.verify.replay import Machine, replayed
 from bayescal.model import with_parameters
 from bayescal.model.parts import parts_of
@@ -38,16 +38,19 @@ class Gap:
     predicted: Mapping[str, tuple[float, float]]
 
 
-def simulated_gap(arm: FittedArm, file: File, state: int, record: Mapping[str, Any]) -> Gap | None:
+def simulated_gap(
+    arm: FittedArm,
+    before: Callable[[FittedArm, np.ndarray], np.ndarray],
+    after: Callable[[np.ndarray], np.ndarray],
+    record: Mapping[str, Any],
+) -> Gap | None:
     """Replay the validation rows; None if the session has none.
 
     Parameters
     ----------
     arm : FittedArm
-    file : File
-        The written one.
-    state : int
-        Row of the session whose state the file has.
+    before, after : callable
+        Tool points (C, 3), m, in rows (C,) of the session: of another arm, and of the written file.
     record : mapping
         The record of the run (fit.json or gap.json).
     """
@@ -58,17 +61,17 @@ def simulated_gap(arm: FittedArm, file: File, state: int, record: Mapping[str, A
     earlier = before_estimate(arm, baseline)
     noise = earlier.weights.scale
     old = of_estimate(earlier, earlier.covariance, Origin())
-    before = _in_simulator(old, File.new(old, state, file.place.script), rows, state, noise)
-    after = _in_simulator(arm, file, rows, state, {})
-    without = np.intersect1d(before.gross, after.gross)
-    kinds = [k for k in KINDS if np.isfinite(after.rms(k, without))]
-    count = {k: sum(len(r.rows) for r in after.residuals if r.kind == k) for k in kinds}
-    count |= {"distances": len(after.distance)} if "distances" in kinds else {}
+    then = measured(old, rows, before(old, rows), noise)
+    now = measured(arm, rows, after(rows), {})
+    without = np.intersect1d(then.gross, now.gross)
+    kinds = [k for k in KINDS if np.isfinite(now.rms(k, without))]
+    count = {k: sum(len(r.rows) for r in now.residuals if r.kind == k) for k in kinds}
+    count |= {"distances": len(now.distance)} if "distances" in kinds else {}
     return Gap(
         ", ".join(baseline) or "nominal",
         count,
-        {k: before.rms(k, without) for k in kinds},
-        {k: after.rms(k, without) for k in kinds},
+        {k: then.rms(k, without) for k in kinds},
+        {k: now.rms(k, without) for k in kinds},
         {k: _predicted(record, k) for k in kinds},
     )
 
@@ -85,10 +88,8 @@ def before_estimate(arm: FittedArm, baseline: tuple[str, ...]) -> Estimate:
     return estimate(found.model, o.robust, found.z, left_out)  # both arms with the same rows
 
 
-def _in_simulator(
-    arm: FittedArm, file: File, rows: np.ndarray, state: int, noise: Mapping[str, float]
-) -> Measured:
-    """Errors of an arm in its file; where the arm changes during the session, in the state of each row."""
+def in_simulator(arm: FittedArm, file: File, rows: np.ndarray, state: int) -> np.ndarray:
+    """Tool points (C, 3), m, of an arm in its file; where it changes in time, in the state of each row."""
     machine = Machine.of(arm, state, file.place)
     simulator = machine.simulator(file.text, file.folder, file.name)
     if not file.place.own and any(p.driver.kind in STATE[1:] for p in arm.model.parameters):
@@ -99,7 +100,7 @@ def _in_simulator(
             points[k] = replayed(simulator, machine, arm, rows[k : k + 1])[1][0]
     else:
         _, points = replayed(simulator, machine, arm, rows)
-    return measured(arm, rows, points, noise)
+    return points
 
 
 def read_record(run: Path) -> dict[str, Any]:

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bayescal.errors import BayescalError
 from bayescal.exporting.engine import mujoco
 from bayescal.exporting.export import read_sidecar
 from bayescal.exporting.fitted import FittedArm, open_run, refitted
-from bayescal.exporting.verify.gap import Gap, read_record, simulated_gap
+from bayescal.exporting.verify.gap import Gap, in_simulator, read_record, simulated_gap
 from bayescal.exporting.verify.levels import File, Level, levels
 from bayescal.exporting.verify.replay import Place
+from bayescal.exporting.verify.urdf import simulators, tool_points, urdf_levels
 
 Notify = Callable[[str, float], None]
 
@@ -49,15 +52,50 @@ def verify(run: Path, path: Path, notify: Notify = lambda stage, share: None) ->
     except (OSError, UnicodeDecodeError) as error:
         what = getattr(error, "strerror", None) or "is not a text file"
         raise BayescalError(what, str(path), "give a file of bayescal export") from None
-    mj = mujoco()
     sidecar = read_sidecar(path)
+    if sidecar["format"] not in VERIFIED:
+        what = f"is a file of the format {sidecar['format']}"
+        raise BayescalError(what, str(path), f"bayescal verifies {' and '.join(VERIFIED)}")
     arm = _arm(run, sidecar, str(path))
     state = arm.dataset.measurements.ids.index(sidecar["state"]["row"])
+    return VERIFIED[sidecar["format"]](arm, path, text, sidecar, state, read_record(run), notify)
+
+
+def _mjcf(
+    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, record: Mapping[str, Any],
+    notify: Notify,
+) -> Verification:  # fmt: skip
     file = File(text, path.parent, str(path), Place.of(arm, sidecar))
+    software = f"MuJoCo {mujoco().__version__}"
     found = levels(arm, file, state, lambda share: notify("levels", share))
     notify("replay", 0.0)
-    gap = simulated_gap(arm, file, state, read_record(run))
-    return Verification(arm, path, "mjcf", state, f"MuJoCo {mj.__version__}", found, gap)
+
+    def before(other: FittedArm, rows: np.ndarray) -> np.ndarray:
+        return in_simulator(other, File.new(other, state, file.place.script), rows, state)
+
+    gap = simulated_gap(arm, before, lambda rows: in_simulator(arm, file, rows, state), record)
+    return Verification(arm, path, "mjcf", state, software, found, gap)
+
+
+def _urdf(
+    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, record: Mapping[str, Any],
+    notify: Notify,
+) -> Verification:  # fmt: skip
+    every = simulators(text, sidecar, str(path))
+    first = next(iter(every.values()))
+    found = urdf_levels(arm, every, sidecar, state)
+    notify("replay", 0.0)
+    gap = simulated_gap(
+        arm,
+        lambda other, rows: other.at_rows(rows).points,
+        lambda rows: tool_points(arm, first, sidecar, rows),
+        record,
+    )
+    return Verification(arm, path, "urdf", state, ", ".join(every), found, gap)
+
+
+VERIFIED = {"mjcf": _mjcf, "urdf": _urdf}
+"""Formats that are verified."""
 
 
 def _arm(run: Path, sidecar: Mapping[str, Any], where: str) -> FittedArm:

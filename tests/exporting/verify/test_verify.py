@@ -88,3 +88,22 @@ def test_a_simulation_that_diverges_is_refused_and_writes_no_log(run, tmp_path, 
     with pytest.raises(BayescalError, match="unstable at pose 1"):
         bc.verify(run / "fit", tmp_path / "wild.xml")
     assert {p.name for p in tmp_path.iterdir()} == {"wild.xml", "wild.xml.bayescal.json"}
+
+
+@pytest.mark.parametrize("installed", [("MuJoCo", "Pinocchio"), ("Pinocchio",), ("MuJoCo",)], ids=len)
+def test_urdf_has_the_geometry_in_both_simulators(run, monkeypatch, installed):
+    pytest.importorskip("pinocchio")
+    for name in {"MuJoCo", "Pinocchio"} - set(installed):
+        monkeypatch.setitem(sys.modules, name.lower(), None)
+    bc.export(run / "fit", "urdf").save(run / "arm.urdf")
+    result = bc.verify(run / "fit", run / "arm.urdf")
+    assert result.passed
+    assert tuple(name.split()[1] for name in result.record["max_difference_um"]) == installed
+    planes = result.record["measured"]["planes"]
+    assert planes["predicted_after_rms_um"] < planes["after_rms_um"] < planes["before_rms_um"]
+
+
+def test_formats_without_a_simulator_are_refused(run):
+    bc.export(run / "fit", "robot.yaml").save(run / "arm.yaml")
+    with pytest.raises(BayescalError, match=re.escape("format robot.yaml; bayescal verifies mjcf and urdf")):
+        bc.verify(run / "fit", run / "arm.yaml")
