@@ -48,6 +48,11 @@ class VerificationResult:
             (stage / "verify.json").write_text(text, encoding="utf-8")
         return ("verify.json",)
 
+    def __str__(self) -> str:
+        from bayescal.public.results import as_text
+
+        return as_text(self.report())
+
     def __repr__(self) -> str:
         most = 1e6 * self.verification.levels[-1].maximum
         verdict = "passed" if self.passed else "failed"

@@ -11,6 +11,7 @@ from rich.text import Text
 from bayescal import __version__
 from bayescal.exporting.verify.result import Verification
 from bayescal.reporting.shared.table import FigureTable
+from bayescal.reporting.shared.text import um
 
 SCHEMA = "bayescal-verify/1"
 
@@ -28,6 +29,7 @@ def record(v: Verification) -> dict[str, Any]:
         "max_difference_um": {level.name: 1e6 * level.maximum for level in v.levels},
         "rms_difference_um": {level.name: 1e6 * level.rms for level in v.levels},
         "limit_um": {level.name: 1e6 * level.limit for level in v.levels},
+        "not_in_file_rms_um": {name: 1e6 * size for name, size in v.missing.items()},
         "passed": v.passed,
         "measured": None,
     }
@@ -58,9 +60,13 @@ def report(v: Verification) -> RenderableType:
         parts.append(Text("The session has no validation rows: no gap is measured."))
     else:
         parts.append(_gap(v))
+    if v.missing:
+        sizes = ", ".join(f"{name} ({um(size)} µm RMS)" for name, size in v.missing.items())
+        parts.append(Text(f"not in the file, and part of the gap after: {sizes}"))
     worst = next((level for level in v.levels if not level.passed), None)
     if worst is None:
-        parts.append(Text("passed: the simulator has the fitted arm"))
+        rest = " without these effects" if v.missing else ""
+        parts.append(Text(f"passed: the simulator has the fitted arm{rest}"))
     else:
         what = f"FAILED: {worst.name} differs by up to {1e6 * worst.maximum:.3g} µm"
         parts.append(Text(f"{what} (limit {1e6 * worst.limit:.3g} µm, rms 1 µm)", style="red"))

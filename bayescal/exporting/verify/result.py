@@ -32,6 +32,7 @@ class Verification:
     software: str
     levels: tuple[Level, ...]
     gap: Gap | None
+    missing: Mapping[str, float]  # RMS, m, of each effect that is not in the file
 
     @property
     def passed(self) -> bool:
@@ -74,7 +75,7 @@ def _mjcf(
         return in_simulator(other, File.new(other, state, file.place.script), rows, state)
 
     gap = simulated_gap(arm, before, lambda rows: in_simulator(arm, file, rows, state), record)
-    return Verification(arm, path, "mjcf", state, software, found, gap)
+    return Verification(arm, path, "mjcf", state, software, found, gap, _missing(sidecar))
 
 
 def _urdf(
@@ -91,7 +92,13 @@ def _urdf(
         lambda rows: tool_points(arm, first, sidecar, rows),
         record,
     )
-    return Verification(arm, path, "urdf", state, ", ".join(every), found, gap)
+    return Verification(arm, path, "urdf", state, ", ".join(every), found, gap, _missing(sidecar))
+
+
+def _missing(sidecar: Mapping[str, Any]) -> dict[str, float]:
+    """RMS size, m, of each effect that a file with this sidecar does not hold, where it has one."""
+    sizes = {e["effect"]: e.get("rms_um") for e in sidecar["not_expressed"]}
+    return {name: 1e-6 * size for name, size in sizes.items() if size}
 
 
 VERIFIED = {"mjcf": _mjcf, "urdf": _urdf}

@@ -101,6 +101,10 @@ def test_urdf_has_the_geometry_in_both_simulators(run, monkeypatch, installed):
     assert tuple(name.split()[1] for name in result.record["max_difference_um"]) == installed
     planes = result.record["measured"]["planes"]
     assert planes["predicted_after_rms_um"] < planes["after_rms_um"] < planes["before_rms_um"]
+    lacks = result.record["not_in_file_rms_um"]
+    assert list(lacks) == ["compliance"]
+    assert lacks["compliance"] > 0.5 * planes["after_rms_um"]
+    assert "without these effects" in str(result)
 
 
 def test_formats_without_a_simulator_are_refused(run):
