@@ -88,7 +88,7 @@ def calibrated(
         now = by_name(model, values, before)
         step, noise = moved(tool_points(before, values), tool_points(model, now)), _smallest_noise(found)
         if same_motion(before, model) or step < max(STILL, AT_REST * noise):
-            return replace(found, model=model)
+            return replace(found, model=model, linear=linearise(model, found.z, found.weights))
         if acts(model.parameters):
             there, secants = secants.next(model.scene, before.scene.compliances)
             model = build(there, effects, prior_width, without)
