@@ -119,8 +119,10 @@ def read_arm(folder: Path) -> FittedArm:
         raise BayescalError(f"the schema is {schema}, not {SCHEMA}", str(path), repeat)
     try:
         return _arm(record, folder)
-    except (KeyError, TypeError, ValueError) as error:
-        raise BayescalError(f"incomplete: {error!r}", str(path), repeat) from None
+    except KeyError as error:
+        raise BayescalError(f"{error} is missing", str(path), repeat) from None
+    except (TypeError, ValueError) as error:
+        raise BayescalError(f"incomplete: {error}", str(path), repeat) from None
 
 
 def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
