@@ -32,6 +32,7 @@ CASES = (
     ("geometry",),
     BASE,
     (*BASE, "payload"),
+    (*BASE, "payload@elsewhere"),
     (*BASE, "base-compliance"),
     (*BASE, "bending"),
     (*BASE, "hardening"),

@@ -117,8 +117,17 @@ __all__ = [
 ]
 
 
-def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple[Parameter, ...]:
+def parameters_of(
+    names: tuple[str, ...], circumstances: Circumstances, lenient: bool = False
+) -> tuple[Parameter, ...]:
     """Parameters of a model: the tool's and those of the named effects, in order.
+
+    Parameters
+    ----------
+    names : tuple of str
+    circumstances : Circumstances
+    lenient : bool
+        Leave out an effect that displaces nothing, such as a payload on an arm whose compliances are zero.
 
     Raises
     ------
@@ -134,6 +143,8 @@ def parameters_of(names: tuple[str, ...], circumstances: Circumstances) -> tuple
             remedy = "leave it out, or add what is missing"
             raise BayescalError(f"{effect.name} cannot be judged: {lacks}", "--model", remedy)
         own = effect.at(circumstances, setting)
+        if lenient and not own:
+            continue
         if isinstance(setting, str) and not own:
             what = f"{effect.name}@{setting} has no parameters here: {effect.words(setting)}"
             raise BayescalError(what, "--model", f"say {effect.name}")

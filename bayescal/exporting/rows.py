@@ -156,7 +156,7 @@ def _settled(
 
     def make(scene: Scene) -> Model:
         c = scene.circumstances(scene.rows("calibrate"))
-        named = {p.name: p for p in parameters_of(model.effects, c)}
+        named = {p.name: p for p in parameters_of(model.effects, c, lenient=True)}
         # a joint without torque has no parameter of it: then it displaces nothing
         terms = ((p, named[p.name].terms if p.name in named else ()) for p in model.parameters)
         parameters = tuple(own(replace(p, terms=t)) for p, t in terms)

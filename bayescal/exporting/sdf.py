@@ -50,7 +50,7 @@ def _holds(arm: FittedArm, k: int) -> bool:
     """Whether SDF can hold a parameter: constants, linear springs with a positive compliance, the payload."""
     p = arm.model.parameters[k]
     if p.effect not in ELASTIC:
-        return constant(p) or p.driver.kind == "mass"
+        return constant(p) or (p.driver.kind == "mass" and "added" not in p.name)
     springs = not p.positive or p.nominal + arm.values[k] > 0.0
     return springs and arm.model.scene.moments is not None
 

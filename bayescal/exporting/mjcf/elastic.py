@@ -135,19 +135,30 @@ def stand_hinges(content: Content) -> tuple[StandHinge, ...]:
     values = {p.name.rpartition(":")[2]: value for p, value in content.driven("base moment")}
     if not any(values.values()):
         return ()
-    c, out, e = content.circumstances, [], BASE_COMPLIANCE.name
-    up = vertical(c)
+    c, e = content.circumstances, BASE_COMPLIANCE.name
+    pair, up = tilts(c), vertical(c)
+    axes = np.array([tilt.axis for tilt in pair])
+    give = np.diag([values.get(f"{e} {tilt.name}", 0.0) for tilt in pair])
+    moved = np.array([
+        values.get(f"{e} slide {t.name}", 0.0) * t.across + values.get(f"{e} rise {t.name}", 0.0) * up
+        for t in pair
+    ])  # fmt: skip
+    names = [tilt.name for tilt in pair]
+    if cross := values.get(f"{e} cross", 0.0):
+        give += cross * (1.0 - np.eye(2))
+        moved += values.get(f"{e} slide cross", 0.0) * axes * [[1.0], [-1.0]]
+        sizes, own = np.linalg.eigh(give)
+        # a moment about a principal axis tilts the stand about this axis alone
+        axes, moved, give, names = own.T @ axes, own.T @ moved, np.diag(sizes), ["1", "2"]
     masses = 0.0 if c.robot.masses is None else float(np.sum(c.robot.masses))
     weight = (masses + float(c.load_mass[content.row])) * c.gravity
-    for tilt in tilts(c):
-        compliance = values.get(f"{e} {tilt.name}", 0.0)
-        moved = values.get(f"{e} slide {tilt.name}", 0.0) * tilt.across
-        moved = moved + values.get(f"{e} rise {tilt.name}", 0.0) * up
-        spring = _positive(compliance, f"{e} {tilt.name}")
-        pos = -np.cross(moved / compliance, tilt.axis)  # axis x (origin - pos) is the slide per radian
+    out = []
+    for name, axis, slide, compliance in zip(names, axes, moved, np.diag(give).tolist(), strict=True):
+        spring = _positive(compliance, f"{e} {name}")
+        pos = -np.cross(slide / compliance, axis)  # axis x (origin - pos) is the slide per radian
         # the moment that acts is that about the base's origin, not about the hinge
-        rest = compliance * float(tilt.axis @ np.cross(pos, weight))
-        out.append(StandHinge(f"stand_{tilt.name}", tilt.axis, pos, spring, rest))
+        rest = compliance * float(axis @ np.cross(pos, weight))
+        out.append(StandHinge(f"stand_{name}", axis, pos, spring, rest))
     return tuple(out)
 
 

@@ -10,6 +10,7 @@ from bayescal.effects import Parameter
 from bayescal.effects.tool import TOOL
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.mjcf.content import STATE, Content
+from bayescal.exporting.mjcf.mechanism import loads
 from bayescal.exporting.mjcf.new_file import mjcf
 from bayescal.exporting.mjcf.readings import Joints
 from bayescal.exporting.mjcf.script import beside
@@ -19,7 +20,7 @@ PLACES = {
     "torque": ("joint {name}_flex, tendons {name}_flex_...", "stiffness"),
     "bending moment": ("joints {name}_tilt_... and {name}_bend_...", "stiffness"),
     "base moment": ("joints stand_...", "stiffness, pos"),
-    "mass": ("body tool", "mass"),
+    "mass": ("bodies tool and payload", "mass, pos"),
     "direction": ("tendon {name}_gear", "springlength"),
     "angle": ("tendon {name}_gear", "coef"),
 }
@@ -40,6 +41,10 @@ def write(arm: FittedArm, options: Options) -> Written:
         text, details, notes = mjcf(arm, options.state, script), {}, []
         joints = Joints.of(arm.dataset.robot.joint_names)
     more = beside(Content(arm, options.state), joints, not options.into) if script else {}
+    for load in loads(Content(arm, options.state)):
+        if load.factor != 1.0:
+            told = f"a further mass acts {load.factor:.6g} times: set the body payload so (tool {load.name})"
+            notes = [*notes, told]
     details = {**details, "readings": options.readings}
     return Written(text, tuple(_items(arm)), more, notes, details)
 

@@ -123,7 +123,7 @@ def tool(flange: ET.Element, load: Load) -> None:
     own = add(flange, "body", name="tool", childclass=DEFAULT)
     if load.mass > 0:
         add(own, "inertial", pos=load.centre, mass=load.mass, diaginertia=[load.mass * GYRATION**2] * 3)
-    added = add(own, "body", name="payload", **place(rigid(None, load.centre)))
+    added = add(own, "body", name="payload", **place(rigid(None, load.at)))
     add(added, "inertial", pos=np.zeros(3), mass=1e-9, diaginertia=[1e-9] * 3)
 
 

@@ -10,6 +10,7 @@ from bayescal.arm.chain import Chain, displaced
 from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.dataset import Tool
+from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.content import Content
 from bayescal.exporting.mjcf.elastic import (
     LinkHinge,
@@ -53,12 +54,17 @@ class Body:
 
 @dataclass(frozen=True)
 class Load:
-    """A tool: its tip and centre of mass in the flange frame, (3,), m, and its mass, kg."""
+    """A tool: its tip and centre of mass in the flange frame, (3,), m, and its mass, kg.
+
+    A further mass acts `at` a point, (3,), m, and counts `factor` times.
+    """
 
     name: str
     tip: np.ndarray
     mass: float
     centre: np.ndarray
+    at: np.ndarray
+    factor: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -176,7 +182,16 @@ def _load(content: Content, number: int, tool: Tool) -> Load:
     rows = np.flatnonzero(m.tool == number)
     row = content.row if content.row in rows or not len(rows) else int(rows[-1])
     shift = content.constants(row)[-1]
-    extra = sum(value for _, value in content.driven("mass"))
-    centre = tool.centre if tool.centre_of_mass is None else tool.centre_of_mass
+    fitted = {p.name.rpartition(":")[2].removeprefix("payload "): v for p, v in content.driven("mass")}
+    mass = tool.mass + fitted.get("mass", 0.0)
+    centre = displaced(tool.centre if tool.centre_of_mass is None else tool.centre_of_mass, shift)
+    moment, moved = (
+        np.array([fitted.get(f"{what} {axis}", 0.0) for axis in "xyz"]) for what in ("moment", "added centre")
+    )
+    if np.any(moment) and mass <= 0:
+        what = "the payload has a first moment, but no mass"
+        raise BayescalError(what, "export", "leave the effect out with --without")
     tip = tool.centre + displaced(np.zeros(3), shift)
-    return Load(tool.name, tip, tool.mass + extra, displaced(centre, shift))
+    own = centre + moment / mass if np.any(moment) else centre
+    factor = 1.0 + fitted.get("added share", 0.0)
+    return Load(tool.name, tip, mass, own, centre + moved / factor, factor)  # the shift is of the stated mass

@@ -99,7 +99,7 @@ class Simulated:
         """Tip of the tool (3,), m, of the arm at rest at readings (n,), rad, with a further mass, kg."""
         command = self.replay.command(readings, direction)
         self.mj.mj_resetData(self.model, self.data)
-        self.model.body("payload").mass[0] = payload
+        self.model.body("payload").mass[0] = self.table["payload_factor"] * payload
         angles = self.replay.nominal @ command
         for name, sign, angle in zip(self.table["joints"], self.table["signs"], angles, strict=True):
             self.data.joint(name).qpos[0] = sign * angle

@@ -9,6 +9,7 @@ from typing import Any
 from bayescal.exporting.mjcf import replay
 from bayescal.exporting.mjcf.content import Content
 from bayescal.exporting.mjcf.law import law_of
+from bayescal.exporting.mjcf.mechanism import loads
 from bayescal.exporting.mjcf.readings import Joints
 
 PROBE = {
@@ -50,6 +51,7 @@ def replay_table(content: Content, joints: Joints, servos: bool) -> dict[str, An
         "signs": joints.signs.tolist(),
         "servos": list(joints.names) if servos else [],
         "tip": tool,
+        "payload_factor": next(load.factor for load in loads(content) if load.name == tool),
         "nominal": law.nominal.tolist(),
         "exact": law.exact.tolist(),
         "offset_rad": law.offset.tolist(),

@@ -115,13 +115,16 @@ class Simulator:
 
     def carry(self, load: Load, payload: float) -> None:
         """Take a tool, and a further mass, kg, at its centre of mass."""
-        for name, mass, centre in (("tool", load.mass, load.centre), ("payload", payload, np.zeros(3))):
+        for name, mass, centre in (
+            ("tool", load.mass, load.centre),
+            ("payload", load.factor * payload, np.zeros(3)),
+        ):
             body = self._id("BODY", name)
             self.model.body_mass[body] = mass
             if name == "tool":
                 self.model.body_ipos[body] = centre
             else:
-                self.model.body_pos[body] = load.centre
+                self.model.body_pos[body] = load.at
         self.mj.mj_setConst(self.model, self.data)
 
     def take(self, poses: Mapping[str, np.ndarray]) -> None:

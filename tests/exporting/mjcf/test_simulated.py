@@ -16,6 +16,7 @@ from bayescal.exporting.mjcf.new_file import mjcf
 from bayescal.exporting.verify.levels import File
 from bayescal.exporting.verify.limits import limit
 from bayescal.exporting.verify.replay import Place
+from bayescal.simulation import Options, simulate
 
 POSES = 8
 
@@ -32,6 +33,32 @@ def test_other_arms(robot):
     effects = (*BASE, "base-compliance", "hysteresis", "coupling", "eccentricity", "backlash")
     off, _ = differences(drawn(robot, effects), POSES)
     assert np.max(off) < limit(effects)
+
+
+def test_a_stand_with_axes_of_its_own():
+    """Two hinges along its principal axes, 0.4 m below the base."""
+    arm, depth = drawn("universal-robots-ur5e", (*BASE, "base-compliance@turned")), 0.4
+    xx, yy, cross = 1.2e-5, 6e-6, 4e-6
+    given = {"x": xx, "y": yy, "cross": cross}
+    given |= {"slide x": -depth * xx, "slide y": depth * yy, "slide cross": depth * cross}
+    at = {p.name: k for k, p in enumerate(arm.model.parameters)}
+    values = arm.values.copy()
+    for name, value in given.items():
+        values[at[f"base-compliance {name}"]] = value
+    off, size = differences(arm.valued(values), POSES)
+    assert np.max(off) < limit((*BASE, "base-compliance")) + 5e-8  # three times the tilt of other tests
+    assert size > 1e-4
+
+
+def test_an_added_load_elsewhere_is_a_further_mass(monkeypatch):
+    """The body of the further mass is moved, and its mass counts by a factor."""
+    counts = {"contacts": 60, "repeats": 0, "later": 10, "spheres": 0, "placements": 0}
+    loaded = simulate(Options(seed=2, payload=2.0, **counts)).dataset
+    monkeypatch.setattr("analysis.simulators.session", lambda robot, seed: loaded)
+    arm = drawn("fanuc-lrmate200ic", (*BASE, "payload@added"))
+    off, size = differences(arm, POSES)
+    assert np.max(off) < limit((*BASE, "payload"))
+    assert size > 2e-6
 
 
 @pytest.mark.parametrize("side", ["reading", "link"])
