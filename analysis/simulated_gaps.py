@@ -25,7 +25,7 @@ KINDS = ("planes", "points", "distances")
 
 @dataclass(frozen=True)
 class Replayed:
-    """One run: RMS errors, um, in the simulator before and after, and after by the run."""
+    """One run: RMS errors, µm, in the simulator before and after, and after by the run."""
 
     name: str
     effects: tuple[str, ...]
@@ -88,7 +88,7 @@ def lines(found: Sequence[Replayed], floors: dict[str, float]) -> Iterator[str]:
         floor = np.average([floors[r.name] ** 2 for r in own], weights=weight)
         closed = (before - after) / (before - floor)
         rms = " -> ".join(f"{v**0.5:.1f}" for v in (before, after))
-        yield f"distances pooled: {rms} um, true model {floor**0.5:.1f}: gap closed {closed:.2f}"
+        yield f"distances pooled: {rms} µm, true model {floor**0.5:.1f}: gap closed {closed:.2f}"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
