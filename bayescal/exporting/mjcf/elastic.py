@@ -60,7 +60,10 @@ def joint_springs(content: Content) -> Mapping[int, Spring]:
 
 
 def _response(content: Content, p: Parameter, torques: np.ndarray) -> np.ndarray:
-    """Driver (G,) of a parameter at torques (G, n), N m, of the joints."""
+    """Driver (G,) of a parameter at torques (G, n), N m, of the joints.
+
+    A joint that carries a torque only while the arm was deflected otherwise has no such parameter: zeros.
+    """
     grid = appended(content.circumstances, torques)
     for name in content.arm.effects:
         effect, setting = named(name)
@@ -68,7 +71,7 @@ def _response(content: Content, p: Parameter, torques: np.ndarray) -> np.ndarray
             if own.name == p.name:
                 (term,) = own.terms
                 return np.asarray(term.driver)[-len(torques) :]
-    raise AssertionError(f"{p.name} is no parameter of {content.arm.effects}")
+    return np.zeros(len(torques))
 
 
 def appended(c: Circumstances, torques: np.ndarray) -> Circumstances:

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,14 @@ pytest.importorskip("mujoco")
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
 from analysis.simulators import BASE, CASES, differences, drawn
+from bayescal.arm.motion import Term
+from bayescal.effects.location import joint
 from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.new_file import mjcf
 from bayescal.exporting.verify.levels import File
 from bayescal.exporting.verify.limits import limit
 from bayescal.exporting.verify.replay import Place
+from bayescal.model import with_parameters
 from bayescal.simulation import Options, simulate
 
 POSES = 8
@@ -89,3 +93,13 @@ def test_leading_backlash_and_negative_compliance_are_refused():
     assert np.max(off) < 2e-8
     with pytest.raises(BayescalError, match="J2 turns against its torque"):
         mjcf(arm.valued(np.where(compliance, -arm.values, arm.values)), 0)
+
+
+def test_a_joint_without_torque_where_the_arm_stands_has_no_spring():
+    """A fit may have a compliance of a first joint that only a leaning base loads; a file then needs none."""
+    arm = drawn("universal-robots-ur5e", BASE)
+    scene, extra = arm.model.scene, next(p for p in arm.model.parameters if p.name == "compliance J2")
+    upright = replace(extra, name="compliance J1", site=joint(1), terms=(Term(1, "rz", 0.0),))
+    model = with_parameters(scene, arm.model.effects, (*arm.model.parameters, upright))
+    further = replace(arm, model=model, values=np.append(arm.values, 1e-4), covariance=np.zeros((1, 1)))
+    assert mjcf(further, 0) == mjcf(arm, 0)
