@@ -40,7 +40,7 @@ class Replayed:
 def replayed(run: Path) -> Replayed | None:
     """Export and verify a run; None without a named effect."""
     record = json.loads((run / "gap.json").read_text(encoding="utf-8"))
-    effects = tuple(record["effects"])
+    effects = tuple(name for name in record["effects"] if name != "unknown")
     if not effects:
         return None
     found, readings, why = None, "", ""
