@@ -1,0 +1,1 @@
+"""Which contacts to measure, and the uncertainty that can be expected of them."""
