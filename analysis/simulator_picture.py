@@ -10,7 +10,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayescal.reporting.gap.style import ACCENT, FAINT, INK, figure, save_figure, tidy
+from bayescal.reporting.shared.style import ACCENT, FAINT, INK, figure, save_figure, tidy
 
 WORDS = {"planes": "contacts", "points": "points", "distances": "sphere distances"}
 

@@ -12,7 +12,7 @@ from bayescal.blind.assessed import Record, false_names
 from bayescal.blind.rates import value
 from bayescal.blind.rows import bands
 from bayescal.blind.shrunk import FAR, MEASURES, factors
-from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, INK, MARKED, NOISE, SERIES, figure, tidy
+from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, NOISE, SERIES, figure, tidy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

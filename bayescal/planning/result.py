@@ -13,6 +13,8 @@ from bayescal.planning.pool import Pool
 
 DISTANCES, GAP, REPEAT, VALIDATE = "distances", "gap", "repeat", "validate"
 """Purposes of a contact."""
+BOTH = "both"
+"""A plan for distances and for the gap."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +89,8 @@ class Plan:
     parameters : tuple of ExpectedParameter
     observability, observability_random : mapping of str to float
         Indices O1 to O5.
-    curve : tuple of (int, float)
-        Numbers of contacts of a plan of this kind, and `u` of the headline, m.
+    curve, curve_random : tuple of (int, float)
+        Numbers of contacts of a plan of this kind, and of random selections; `u` of the headline, m.
     equals_random : float
         Number of random contacts with the same `u` of the headline; infinite if none of the pool has.
     next_u : float
@@ -100,6 +102,11 @@ class Plan:
     seconds : float
         Time of the computation.
     warnings : tuple of str
+    aim : str
+        `--for`: DISTANCES, GAP or BOTH.
+    order : str
+        Order of probing: sweeps, shortest or random.
+    seed : int
     """
 
     pool: Pool
@@ -119,3 +126,7 @@ class Plan:
     travel: float
     seconds: float
     warnings: tuple[str, ...] = ()
+    curve_random: tuple[tuple[int, float], ...] = ()
+    aim: str = BOTH
+    order: str = "sweeps"
+    seed: int = 0

@@ -13,7 +13,7 @@ from bayescal.gap.result import Curve, Gap, Place
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.lengths import per_residual
 from bayescal.reporting.gap.phrases import headline, place, unexplained
-from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, INK, MARKED, NOISE, figure, tidy
+from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, NOISE, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
 
 if TYPE_CHECKING:

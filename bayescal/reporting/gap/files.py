@@ -44,7 +44,7 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
             names.append(NEXT)
         if pictures:
             from bayescal.reporting.gap.pictures import PICTURES
-            from bayescal.reporting.gap.style import save_figure
+            from bayescal.reporting.shared.style import save_figure
 
             for name, draw in PICTURES.items():
                 save_figure(draw(gap), stage / name)

@@ -15,7 +15,7 @@ from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Gap
 from bayescal.reporting.gap.arm import draw_where
 from bayescal.reporting.gap.lengths import length, main, per_residual
 from bayescal.reporting.gap.phrases import headline, probability, rival
-from bayescal.reporting.gap.style import ACCENT, FAINT, GREY, INK, NOISE, SERIES, figure, remark, tidy
+from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, NOISE, SERIES, figure, remark, tidy
 from bayescal.reporting.shared.text import UM, model_label, short
 
 if TYPE_CHECKING:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from bayescal.reporting.gap import amplitudes, contacts
 from bayescal.reporting.gap.lengths import as_lengths, length, main
 from bayescal.reporting.gap.phrases import headline, warnings
 from bayescal.reporting.shared.origin import origin
+from bayescal.reporting.shared.plain import plain
 from bayescal.reporting.shared.text import UM, amplitude
 
 SCHEMA = "bayescal-gap/1"
@@ -81,18 +81,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "residuals": _residuals(gap),
         "warnings": list(warnings(gap)),
     }
-    return {key: _plain(value) for key, value in record.items()}
-
-
-def _plain(value: Any) -> Any:
-    """The same with lists and Python numbers, None for every number that is not finite."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(inner) for inner in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    return {key: plain(value) for key, value in record.items()}
 
 
 def _effects(verdict: Verdict) -> list[str]:

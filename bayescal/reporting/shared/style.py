@@ -1,4 +1,4 @@
-"""Colours, sizes and text styles of the figures of a diagnosis."""
+"""Colours, sizes and text styles of figures."""
 
 from __future__ import annotations
 
