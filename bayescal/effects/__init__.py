@@ -138,7 +138,7 @@ def parameters_of(
     for name in names:
         effect, setting = named(name)
         lacks = effect.missing(circumstances)
-        scanned = effect.scan is not None and isinstance(setting, float)
+        scanned = effect.scan is not None and isinstance(setting, (float, tuple))
         if lacks and not (scanned and effect.scan and len(effect.scan.values(circumstances))):
             remedy = "leave it out, or add what is missing"
             raise BayescalError(f"{effect.name} cannot be judged: {lacks}", "--model", remedy)
@@ -161,7 +161,8 @@ def confusable(one: str, other: str) -> bool:
 def named(name: str) -> tuple[Effect, Setting]:
     """An effect and the setting or form that its name may carry: ``step@212``, ``backlash@reading``.
 
-    For the other parts of a name see `selection`.
+    ``gear-mesh@100/50 at joint 1 and joint 5`` has a setting for each site. For the other parts of a name see
+    `selection`.
 
     Raises
     ------
@@ -182,14 +183,30 @@ def named(name: str) -> tuple[Effect, Setting]:
         raise BayescalError(f"{plain} has no form '{setting}'", f"--model {name}", remedy)
     if effect.scan is None:
         raise BayescalError(f"{plain} has no setting", f"--model {name}", f"say {plain}")
+    values = [_setting(text, name, effect.scan) for text in setting.split("/")]
+    if len(values) == 1:
+        return effect, values[0]
+    if not effect.scan.by_site:
+        raise BayescalError(
+            f"{plain} has one setting for all sites", f"--model {name}", f"say {plain}@{values[0]:g}"
+        )
+    if len(values) != len(asked.sites):
+        what = f"{plain} has {len(values)} settings; the number of sites is {len(asked.sites)}"
+        raise BayescalError(
+            what, f"--model '{name}'", "name as many sites: gear-mesh@100/50 at joint 1 and joint 5"
+        )
+    return effect, tuple(zip(asked.sites, values, strict=True))
+
+
+def _setting(text: str, name: str, scan: Scan) -> float:
+    """A setting of a scan from its text."""
     try:
-        value = float(setting)
+        value = float(text)
     except ValueError:
         value = float("nan")
     if not 0 < value < np.inf:
-        what = f"'{setting}' is not a number above 0"
-        raise BayescalError(what, f"--model {name}", f"give the {effect.scan.what}")
-    return effect, value
+        raise BayescalError(f"'{text}' is not a number above 0", f"--model {name}", f"give the {scan.what}")
+    return value
 
 
 def names() -> tuple[str, ...]:

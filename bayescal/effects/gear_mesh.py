@@ -3,7 +3,8 @@
 Driver: sine and cosine of N and 2 N times the link-relative angle. N is the number of motor revolutions per
 joint revolution; a strain-wave gear meshes twice per motor revolution. Prior: 0.05 mrad each, from amplitudes
 of 0.02 to 0.13 mrad at 2 N (an ABB IRB 120 measured with a laser tracker). If the robot file states no
-reductions, the ratio is scanned, or given as ``gear-mesh@100``.
+reductions, the ratio is scanned, or given as ``gear-mesh@100``; joints with different ratios as
+``gear-mesh@100/50 at joint 1 and joint 5``.
 """
 
 from __future__ import annotations
@@ -54,7 +55,11 @@ GEAR_MESH = Effect(
     _parameters,
     _missing,
     Scan(
-        "motor revolutions per joint revolution", "{:g} motor revolutions per joint revolution", _ratios, _at
+        "motor revolutions per joint revolution",
+        "{:g} motor revolutions per joint revolution",
+        _ratios,
+        _at,
+        by_site=True,
     ),
     sizes={"rad": WAVE},
     phrase=("every joint", "has an error at its gear-mesh frequency"),

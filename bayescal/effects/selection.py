@@ -3,6 +3,7 @@
 The text is ``EFFECT[@SETTING] [in proportion] [at SITE and ...] [by DRIVER and ...] [xFACTOR]``:
 
 - ``backlash``, ``step@212``: the effect at all its sites, in its usual setting or in another one;
+- ``gear-mesh@100/50 at joint 1 and joint 5``: a setting for each of the sites;
 - ``backlash at joint 3``, ``compliance at joint 2 and joint 3``: only there; a joint includes its link;
 - ``coupling at joint 5 by angle 4``: only the parameters with this driver (without its commas);
 - ``compliance in proportion``: one factor for all its parameters, in proportion to their prior means;

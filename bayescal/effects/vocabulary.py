@@ -198,13 +198,15 @@ class Scan:
     """A setting in which an effect is not linear, and which must be scanned: a row, a ratio, a time constant.
 
     `values` are the plausible ones in a session, none if the setting is known; `parameters` are the effect's
-    parameters at one of them. A model names a value as ``effect@value``.
+    parameters at one of them. A model names a value as ``effect@value``. `by_site`: each site may have its
+    own, ``effect@value/value at site and site``.
     """
 
     what: str  # of the setting, in words, with its unit
     words: str  # for a report, to be formatted with the setting: "from row {:.0f} on"
     values: Callable[[Circumstances], np.ndarray]
     parameters: Callable[[Circumstances, float], list[Parameter]]
+    by_site: bool = False
 
 
 @dataclass(frozen=True)
@@ -216,8 +218,8 @@ class Form:
     parameters: Callable[[Circumstances], list[Parameter]]
 
 
-Setting = float | str | None
-"""A setting of an effect's scan, the name of one of its forms, or None for its usual form."""
+Setting = float | str | tuple[tuple[Site, float], ...] | None
+"""A setting of an effect's scan, one for each of several sites, the name of a form, or None for the usual."""
 
 
 @dataclass(frozen=True)
@@ -283,6 +285,9 @@ class Effect:
             parameters = form.parameters(circumstances)
         elif setting is None or self.scan is None:
             parameters = self.parameters(circumstances)
+        elif isinstance(setting, tuple):
+            every = ((site, self.scan.parameters(circumstances, value)) for site, value in setting)
+            parameters = [p for site, table in every for p in table if site in p.site.also]
         else:
             parameters = self.scan.parameters(circumstances, setting)
         for p in parameters:
@@ -295,4 +300,8 @@ class Effect:
         if isinstance(setting, str):
             form = self.form(setting)
             return "" if form is None else form.words
-        return "" if setting is None or self.scan is None else self.scan.words.format(setting)
+        if setting is None or self.scan is None:
+            return ""
+        if isinstance(setting, tuple):
+            return ", ".join(f"{self.scan.words.format(value)} at {site}" for site, value in setting)
+        return self.scan.words.format(setting)

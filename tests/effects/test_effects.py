@@ -258,6 +258,9 @@ def test_gear_mesh_without_reductions_needs_a_ratio(cube):
     names = [p.name for p in parameters_of(("gear-mesh@100",), c)]
     assert len([n for n in names if n.startswith("gear-mesh 100 ")]) == 12
     assert len([n for n in names if n.startswith("gear-mesh 200 ")]) == 12
+    each = parameters_of(("gear-mesh@100/50 at joint 5 and joint 1",), c)
+    found = {(str(p.site), p.driver.order) for p in each if p.effect == "gear-mesh"}
+    assert found == {("joint 5", 100), ("joint 5", 200), ("joint 1", 50), ("joint 1", 100)}
 
 
 @pytest.mark.parametrize(
@@ -272,6 +275,10 @@ def test_gear_mesh_without_reductions_needs_a_ratio(cube):
         ("thermal-drift@0", "'0' is not a number above 0"),
         ("gear-mesh@-3", "'-3' is not a number above 0"),
         ("hysteresis@inf", "'inf' is not a number"),
+        ("gear-mesh@100/50", "2 settings; the number of sites is 0"),
+        ("gear-mesh@100/x at joint 1 and joint 2", "'x' is not a number above 0"),
+        ("gear-mesh@100/50 at joint 1", "2 settings; the number of sites is 1"),
+        ("step@3/4", "step has one setting for all sites"),
         ("nonsense@1", "no effect is called 'nonsense'"),
     ],
 )

@@ -10,7 +10,7 @@ from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import multivariate_normal
 
 from bayescal.arm.statics import Stance, gravity_loads
-from bayescal.effects import EFFECTS
+from bayescal.effects import EFFECTS, parameters_of
 from bayescal.effects.compliance import expected
 from bayescal.effects.location import joint
 from bayescal.estimate import STATED_WORTH, linearise
@@ -21,6 +21,7 @@ from bayescal.gap.linear.problem import Problem, without_nuisance
 from bayescal.gap.linear.slopes import Slopes, of_certificate, problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.candidates import candidates
+from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.screen import screened
 from bayescal.gap.settings import LINEAR
 from bayescal.model import ARM, ORIENTATION, Turned, with_parameters
@@ -405,6 +406,28 @@ def test_screening_finds_the_ratio_of_a_gear(session):
     assert [(m.effect, m.variant.setting, m.variant.site) for m in found.members] == [
         ("gear-mesh", 77.0, "joint 3")
     ]
+
+
+def test_joints_may_have_different_gear_ratios(session):
+    """Three gears: the screening finds the ratio of each, and `--model` takes what is found."""
+    dataset = replace(session, robot=replace(session.robot, reductions=None))
+    bench = Bench.of(dataset)
+    c, truth = bench.circumstances, {3: 77.0, 5: 50.0, 1: 121.0}
+    p = bench.made_up(1)
+    for j, ratio in truth.items():
+        own = [q for q in EFFECTS["gear-mesh"].at(c, ratio) if (q.site, q.driver.order) == (joint(j), ratio)]
+        p = replace(p, residual=p.residual + bench.visible(bench.slopes.columns(own), 120.0, j))
+    known = screened(bench.known, bench.slopes, [fit_state(p, (), ())], c, BASELINE)
+    variants = known.variants["gear-mesh"]
+    assert sum(np.exp(v.log_prior) for v in variants) <= 1.0
+    p = replace(p, pool=bench.slopes.columns(known.pool))
+    decision, _ = replace(bench, known=known).decided(p)
+    (member,) = decision.members
+    orders = {q.site.number: q.driver.order for q in (known.pool[k] for k in member.variant.columns)}
+    assert (decision.kind, member.effect, orders) == ("named", "gear-mesh", truth)
+    name = model_name(member, known)
+    again = [q for q in parameters_of((name,), c) if q.effect == "gear-mesh"]
+    assert [q.name for q in again] == [known.pool[k].name for k in member.variant.columns], name
 
 
 @pytest.mark.parametrize("rows", [100, 5000])

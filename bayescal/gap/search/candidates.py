@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
+from math import comb
 
 import numpy as np
 
@@ -140,6 +141,52 @@ def extended(
         pool += parameters
     every = known.variants | {effect.name: tuple(variants)}
     return replace(known, pool=tuple(pool), variants=every, missing=missing)
+
+
+@dataclass(frozen=True)
+class Single:
+    """A setting of a scan at one site, by one driver."""
+
+    setting: float
+    site: Site
+    driver: Driver
+
+
+def with_own_settings(known: Candidates, effect: Effect, own: Sequence[Single], count: int) -> Candidates:
+    """Candidates in which several sites of an effect have a setting each: the first two of `own`, three, ...
+
+    They share `SEARCH.other_forms` of the prior of the effect: by their number of sites, then by the choice
+    of sites and of settings.
+
+    Parameters
+    ----------
+    own : sequence of Single
+        One of each site; their settings are candidates already.
+    count : int
+        Number of settings that were tried, at all sites.
+    """
+    if effect.name not in known.variants:
+        return known
+    usual = known.variants[effect.name]
+    shared = [replace(v, log_prior=v.log_prior + float(np.log(1.0 - SEARCH.other_forms))) for v in usual]
+    single = {(v.setting, v.places): v.columns for v in usual}
+    sites = len({site for v in usual for site in v.sites})
+    for size in range(2, len(own) + 1):
+        some = own[:size]
+        shared.append(
+            Variant(
+                effect.name,
+                tuple((one.site, one.setting) for one in some),
+                tuple(one.site for one in some),
+                np.concatenate([single[one.setting, ((one.site, one.driver),)] for one in some]),
+                float(
+                    np.log(SEARCH.other_forms / (sites - 1) / comb(sites, size))
+                    - size * np.log(count / sites)
+                ),
+                tuple((one.site, one.driver) for one in some),
+            )
+        )
+    return replace(known, variants=known.variants | {effect.name: tuple(shared)})
 
 
 def _other_forms(effect: Effect, c: Circumstances) -> list[tuple[str, list[Parameter], set[Site]]]:

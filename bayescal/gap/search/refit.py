@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from bayescal.assess.shared_causes import judged_complete
+from bayescal.effects import Setting
 from bayescal.effects.selection import Selection, driver_words, shortest
 from bayescal.estimate import Estimate, calibrated
 from bayescal.gap.search.beam import Member
@@ -19,17 +20,24 @@ def model_name(member: Member, known: Candidates) -> str:
     own = [known.pool[k] for k in v.columns]
     sites = v.sites
     drivers: tuple[str, ...] = ()
-    if v.partial:
+    if v.partial or isinstance(v.setting, tuple):
         sites = tuple(dict.fromkeys(p.site for p in own))
         drivers = tuple(dict.fromkeys(map(driver_words, own)))
     elif v.sites and v.effect not in known.partly:
         alike = (o for o in known.variants[v.effect] if (o.setting, o.sites) == (v.setting, v.sites))
         here = {driver_words(known.pool[k]) for o in alike for k in o.columns}
         drivers = (driver_words(own[0]),) if len(here) > 1 else ()
-    setting = None if v.setting is None else v.setting if isinstance(v.setting, str) else shortest(v.setting)
+    setting = _setting(v.setting)
     usual = v.effect in known.partly or (member.scale == 1.0 and all(p.centre == p.nominal for p in own))
     factor = None if usual else member.scale
     return str(Selection(v.effect, setting, sites, drivers, v.together, factor))
+
+
+def _setting(setting: Setting) -> str | None:
+    """A setting as the text after ``@``; see `bayescal.effects.named`."""
+    if isinstance(setting, tuple):
+        return "/".join(shortest(value) for _, value in setting)
+    return shortest(setting) if isinstance(setting, float) else setting
 
 
 def still_without(without: Sequence[Part], members: Sequence[Member]) -> tuple[Part, ...]:

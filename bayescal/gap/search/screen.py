@@ -3,45 +3,94 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.effects import EFFECTS, Circumstances
+from bayescal.effects import EFFECTS, Circumstances, Effect
 from bayescal.effects.selection import plain
-from bayescal.gap.linear.evidence import Bank, weigh_sets
+from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_sets
 from bayescal.gap.linear.slopes import Slopes
-from bayescal.gap.linear.state import State
+from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.alias import unaliased
-from bayescal.gap.search.candidates import Candidates, extended, wide
+from bayescal.gap.search.candidates import Candidates, Single, extended, wide, with_own_settings
 from bayescal.gap.settings import SEARCH
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A setting at one site, by one driver, with the nats that it gains over a state."""
+
+    single: Single
+    gain: float  # averaged over scales
+    scale: float  # the best one
+    columns: np.ndarray  # (R, k)
 
 
 def screened(
     known: Candidates, slopes: Slopes, states: Sequence[State], c: Circumstances, baseline: tuple[str, ...]
 ) -> Candidates:
-    """Candidates with the leading settings of every wide scan, by site, from gains over several states."""
+    """Candidates with the leading settings of every wide scan, by site, from gains over several states.
+
+    Where each site may have a setting of its own, these are further candidates; see `with_own_settings`.
+    """
     modelled = {plain(name) for name in baseline}
     for effect in EFFECTS.values():
         if effect.name in modelled or not wide(effect, c) or effect.scan is None:
             continue
-        values = effect.scan.values(c)
-        best = np.full(len(values), -np.inf)
-        for first in range(0, len(values), SEARCH.chunk):
-            chunk = values[first : first + SEARCH.chunk]
-            tables = [effect.at(c, float(v)) for v in chunk]
-            every = [p for table in tables for p in table]
-            columns, seen = slopes.columns(every), np.array(unaliased(every, c))
-            sets, owner, at = [], [], 0
-            for k, table in enumerate(tables):
-                for site in dict.fromkeys(p.site for p in table):
-                    own = at + np.flatnonzero([p.site == site for p in table])
-                    if np.any(seen[own]):
-                        sets.append(own[seen[own]])
-                        owner.append(first + k)
-                at += len(table)
-            bank = Bank(columns, tuple(sets), len(slopes.contact), slopes.worth)
-            for state in states:
-                np.maximum.at(best, owner, weigh_sets(state, bank).max(axis=1))
-        leading = np.sort(values[np.argsort(-best)[: SEARCH.screened]])
-        known = extended(known, effect, [float(v) for v in leading], c)
+        found = [_screen(effect, slopes, state, c) for state in states]
+        best: dict[float, float] = {}
+        for one in (one for every in found for one in every):
+            best[one.single.setting] = max(one.gain, best.get(one.single.setting, -np.inf))
+        leading = sorted(best, key=lambda value: -best[value])[: SEARCH.screened]
+        own = _one_by_one(effect, slopes, states[0], c, found[0]) if effect.scan.by_site else []
+        known = extended(known, effect, sorted({*leading, *(one.setting for one in own)}), c)
+        if effect.scan.by_site:
+            known = with_own_settings(known, effect, own, len(found[0]))
     return known
+
+
+def _screen(effect: Effect, slopes: Slopes, state: State, c: Circumstances) -> list[Screened]:
+    """Every setting of a scan at every site, by each driver, over a state."""
+    assert effect.scan is not None
+    values, out = effect.scan.values(c), []
+    for first in range(0, len(values), SEARCH.chunk):
+        chunk = [float(value) for value in values[first : first + SEARCH.chunk]]
+        every = [(value, p) for value in chunk for p in effect.at(c, value)]
+        columns, seen = slopes.columns([p for _, p in every]), unaliased([p for _, p in every], c)
+        own: dict[Single, list[int]] = {}
+        for k, (value, p) in enumerate(every):
+            if seen[k]:
+                own.setdefault(Single(value, p.site, p.driver), []).append(k)
+        sets = tuple(map(np.array, own.values()))
+        nats = weigh_sets(state, Bank(columns, sets, len(slopes.contact), slopes.worth)) + SCALE_PRIOR
+        out += [
+            Screened(single, float(log_sum(row)), float(SCALES[np.argmax(row)]), columns[:, at])
+            for (single, at), row in zip(own.items(), nats, strict=True)
+        ]
+    return out
+
+
+def _one_by_one(
+    effect: Effect, slopes: Slopes, state: State, c: Circumstances, found: Sequence[Screened]
+) -> list[Single]:
+    """The leading setting of each site, the largest gain first, each over a state with those before it.
+
+    `found` are the gains over the first state. A site whose gain does not exceed the logarithm of the number
+    of settings that were tried has none.
+    """
+    out: list[Single] = []
+    while rest := [one for one in found if one.single.site not in {single.site for single in out}]:
+        best = max(rest, key=lambda one: one.gain)
+        if best.gain <= np.log(len(found)):
+            break
+        out.append(best.single)
+        width, size = state.problem.pool.shape[1], best.columns.shape[1]
+        state = fit_state(
+            replace(state.problem, pool=np.column_stack([state.problem.pool, best.columns])),
+            np.append(state.columns, np.arange(width, width + size)),
+            np.append(state.scales, np.full(size, best.scale)),
+            robust=state.robust,
+        )
+        found = _screen(effect, slopes, state, c)
+    return out
