@@ -1,0 +1,195 @@
+"""Contrasts: effects that a plan shall show, each beside a model and beside what it could be confused with.
+
+An effect at one site has the amplitudes of a random draw of its prior, as in `gap.design.blind_spots`: its
+detectability lambda is the sum over its parameters. Rivals are further columns that the model may use, with
+their priors; masses of links and of the load are always such, as in a diagnosis. With the rivals' columns b,
+
+    lambda = trace(G_aa - G_ab inv(1 + G_bb) G_ba),
+
+where G is the information of `Projection`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from bayescal.estimate import Estimate
+from bayescal.model.parts import Part
+from bayescal.planning.pool import Pool
+from bayescal.planning.projection import CandidateColumns, Projection
+from bayescal.planning.vocabulary import Side, Vocabulary, vocabulary
+
+NONE = np.empty(0, int)
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """Columns (k,) of an effect that is true, beside a model with the columns (b,) of its rivals.
+
+    `mix` (k, m) are amplitudes of these columns that may be true, in units of their priors; None if each may
+    be, alone. Contrasts of one `group` are decided together: the smallest lambda counts.
+    """
+
+    truth: np.ndarray
+    rivals: np.ndarray
+    group: int
+    mix: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Contrasts:
+    """What a plan for the gap maximises: the weighted sum over groups of log(1 + lambda).
+
+    With weights that are equal for every effect, the geometric mean of the smallest detectable amplitudes of
+    all effects falls; below a lambda of 1, one standard deviation, an effect counts as not detectable.
+    """
+
+    vocabulary: Vocabulary
+    items: tuple[Contrast, ...]
+    weight: np.ndarray  # (groups,)
+
+    @property
+    def columns(self) -> CandidateColumns:
+        """Of all effects."""
+        return self.vocabulary.columns
+
+    @cached_property
+    def _by_rivals(self) -> tuple[_Together, ...]:
+        sets: dict[tuple[int, ...], list[int]] = {}
+        for k, item in enumerate(self.items):
+            sets.setdefault(tuple(item.rivals.tolist()), []).append(k)
+        return tuple(_together([self.items[k] for k in own], np.array(own)) for own in sets.values())
+
+    @cached_property
+    def _by_group(self) -> tuple[np.ndarray, np.ndarray]:
+        """Contrasts ordered by group, and the first of each group."""
+        group = np.array([item.group for item in self.items])
+        order = np.argsort(group, kind="stable")
+        return order, np.searchsorted(group[order], np.arange(len(self.weight)))
+
+    def strengths(self, p: Projection) -> np.ndarray:
+        """Lambda (contrasts,) of the contacts that are chosen."""
+        return self._evaluated(p, np.empty(0, int), 1.0)[0]
+
+    def objective(self, strengths: np.ndarray) -> np.ndarray:
+        """The objective (...) of lambdas (contrasts, ...)."""
+        order, first = self._by_group
+        least = np.minimum.reduceat(strengths[order], first, axis=0)
+        return self.weight @ np.log1p(np.maximum(least, 0.0))
+
+    def changed(self, p: Projection, candidates: np.ndarray, sign: float) -> np.ndarray:
+        """The objective (len(candidates),) after adding (1.0) or removing (-1.0) each of some candidates.
+
+        Of a candidate with several residuals, their correlation is neglected.
+        """
+        rows = self.columns.residuals(candidates)
+        strength, change = self._evaluated(p, rows, sign)
+        if len(rows) > len(candidates):
+            first = np.flatnonzero(np.diff(self.columns.candidate[rows], prepend=-1))
+            change = np.add.reduceat(change, first, axis=1)
+        return self.objective(strength[:, None] + change)
+
+    def _evaluated(self, p: Projection, rows: np.ndarray, sign: float) -> tuple[np.ndarray, np.ndarray]:
+        """Lambda (contrasts,), and its change (contrasts, rows) by adding (1) or removing (-1) residuals."""
+        strength, change = np.empty(len(self.items)), np.empty((len(self.items), len(rows)))
+        error, every = p.error[:, rows], p.variance[rows]
+        for x in self._by_rivals:
+            left, g, variance = error[x.truth], p.information[np.ix_(x.truth, x.truth)], every
+            if len(x.rivals):
+                inner = np.linalg.inv(np.eye(len(x.rivals)) + p.information[np.ix_(x.rivals, x.rivals)])
+                across, of_rivals = p.information[np.ix_(x.rivals, x.truth)], error[x.rivals]
+                left = left - (inner @ across).T @ of_rivals
+                g = g - across.T @ inner @ across
+                variance = variance + np.sum(inner @ of_rivals * of_rivals, axis=0)
+            if x.mix is not None:
+                left, g = x.mix.T @ left, x.mix.T @ g @ x.mix
+            strength[x.own] = np.add.reduceat(np.diag(g), x.first)
+            change[x.own] = np.add.reduceat(left**2, x.first, axis=0) / (sign + variance)
+        return strength, change
+
+
+@dataclass(frozen=True)
+class _Together:
+    """Contrasts `own` with the same rivals: all their true columns, amplitudes `mix`, the first of each."""
+
+    rivals: np.ndarray
+    truth: np.ndarray
+    mix: np.ndarray | None
+    first: np.ndarray
+    own: np.ndarray
+
+
+def _together(items: Sequence[Contrast], own: np.ndarray) -> _Together:
+    mixes = [np.eye(len(item.truth)) if item.mix is None else item.mix for item in items]
+    return _Together(
+        items[0].rivals,
+        np.concatenate([item.truth for item in items]),
+        None if all(item.mix is None for item in items) else block_diag(*mixes),
+        np.cumsum([0, *(mix.shape[1] for mix in mixes[:-1])]),
+        own,
+    )
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two explanations of a gap of which the data do not decide; without `b`, a name to be confirmed."""
+
+    a: Side
+    b: Side = ()
+
+
+def contrasts(
+    pool: Pool, fitted: Estimate, pairs: Sequence[Pair] = (), without: Sequence[Part] = ()
+) -> Contrasts:
+    """Contrasts of a model.
+
+    Parameters
+    ----------
+    pool : Pool
+    fitted : Estimate
+        The model of the pool's session, where it is linearised.
+    pairs : sequence of Pair
+        What the contacts shall decide; default: every effect that the model lacks, at each site.
+    without : sequence of Part
+        Parts that the model lacks; they are effects like others.
+
+    Raises
+    ------
+    BayescalError
+        If a pair names an effect or a site that the session cannot show.
+    """
+    sides = [side for pair in pairs for side in (pair.a, pair.b)]
+    found = vocabulary(pool, fitted, [one for side in sides for one in side], without)
+    return of_pairs(found, pairs) if pairs else of_effects(found)
+
+
+def of_effects(found: Vocabulary) -> Contrasts:
+    """Every effect at each site, beside the model and beside the effects that are confusable with it.
+
+    Both have half of an effect's weight, and its sites equal shares.
+    """
+    items: list[Contrast] = []
+    weight: list[float] = []
+    for name in found.names:
+        own = [s.columns for s in found.seats if s.effect == name]
+        rivals = [found.of(other) for other in found.confusable(name)]
+        for against in (NONE, *([np.concatenate(rivals)] if rivals else [])):
+            items += [Contrast(columns, against, len(items) + k) for k, columns in enumerate(own)]
+            weight += [1.0 / (len(own) * (1 + bool(rivals)))] * len(own)
+    return Contrasts(found, tuple(items), np.array(weight))
+
+
+def of_pairs(found: Vocabulary, pairs: Sequence[Pair]) -> Contrasts:
+    """Each side of every pair beside the other: neither may be able to replace the other."""
+    items = []
+    for group, pair in enumerate(pairs):
+        for own, other in ((pair.a, pair.b), (pair.b, pair.a)):
+            if own:
+                truth, mix = found.side(own)
+                items.append(Contrast(truth, found.side(other)[0], group, mix))
+    return Contrasts(found, tuple(items), np.ones(len(pairs)))
