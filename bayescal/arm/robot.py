@@ -42,6 +42,7 @@ class Robot:
     reductions: np.ndarray | None = None  # (n,) motor turns a joint turn
     flange: np.ndarray = field(default_factory=lambda: np.eye(4))  # in the last row's frame; mdh only
     coupling: Coupling = "display"
+    radii: np.ndarray | None = None  # (n,) m, of capsules around the links; nan where assumed
 
     def __post_init__(self) -> None:
         assert self.convention == "mdh" or np.array_equal(self.flange, np.eye(4)), "standard rows end at it"

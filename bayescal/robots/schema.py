@@ -2,7 +2,8 @@
 
 Beyond the contract a joint may carry ``beta_deg`` (default 0: Hayati's angle of near-parallel axes)
 and the file ``joint_compliance_rad_per_nm`` (one a joint): what a calibrated arm needs to be written. Behind
-modified rows a ``flange`` (as ``base``) places the flange in the last row's frame: what a URDF's tip needs.
+modified rows a ``flange`` (as ``base``) places the flange in the last row's frame: what a URDF's tip needs. A
+link may carry ``radius_mm``, the radius of a capsule around it, for the check of collisions.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ class Link(Keys):
 
     mass_kg: NotNegative
     centre_of_mass_mm: Vector
+    radius_mm: Positive | None = None
 
 
 class Place(Keys):
@@ -88,6 +90,7 @@ def robot_from(document: Document) -> Robot:
         compliance=_array(file.joint_compliance_rad_per_nm),
         reductions=_array(file.reductions),
         coupling=file.coupling,
+        radii=_radii(file.links),
         **table,
     )
 
@@ -98,6 +101,14 @@ def _frame(place: Place) -> np.ndarray:
 
 def _array(values: list[float] | None) -> np.ndarray | None:
     return None if values is None else np.array(values)
+
+
+def _radii(links: list[Link] | None) -> np.ndarray | None:
+    """Radii (n,), m, nan where none is stated; None if no link states one."""
+    stated = [link.radius_mm for link in links or ()]
+    if not any(stated):
+        return None
+    return np.array([np.nan if radius is None else radius * 1e-3 for radius in stated])
 
 
 def _check(document: Document, file: RobotFile, n: int) -> None:

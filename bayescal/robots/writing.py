@@ -69,9 +69,11 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
             rpy = np.rad2deg(rpy_of(frame[:3, :3]))
             lines.append(f"{key}: {{xyz_mm: {sequence(frame[:3, 3] * 1e3)}, rpy_deg: {sequence(rpy)}}}")
     if robot.masses is not None and robot.centres_of_mass is not None:
+        radii = np.full(robot.n, np.nan) if robot.radii is None else robot.radii
+        around = ["" if np.isnan(radius) else f", radius_mm: {number(radius * 1e3)}" for radius in radii]
         lines += ["links:"] + [
-            f"  - {{mass_kg: {number(mass)}, centre_of_mass_mm: {sequence(centre * 1e3)}}}"
-            for mass, centre in zip(robot.masses, robot.centres_of_mass, strict=True)
+            f"  - {{mass_kg: {number(mass)}, centre_of_mass_mm: {sequence(centre * 1e3)}{last}}}"
+            for mass, centre, last in zip(robot.masses, robot.centres_of_mass, around, strict=True)
         ]
     if robot.reductions is not None:
         lines.append(f"reductions: {sequence(robot.reductions)}")

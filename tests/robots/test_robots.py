@@ -63,6 +63,7 @@ def robots(draw) -> Robot:
         reductions=draw(st.none() | arrays(n, 1, 300)),
         flange=flange if convention == "mdh" else np.eye(4),
         coupling=draw(st.sampled_from(["display", "mechanical"])),
+        radii=draw(st.none() | arrays(n, 1e-3, 1)) if masses is not None else None,
     )
 
 

@@ -13,7 +13,7 @@ from bayescal.errors import BayescalError
 
 RELATIVE, ABSOLUTE = 1e-8, 1e-9
 """How alike two robot files must be, SI: to the digits that files are written with."""
-NOT_THE_ARM = ("limits", "reductions")
+NOT_THE_ARM = ("limits", "reductions", "radii")
 """Fields of a robot that may be told otherwise, or not at all, of the same arm."""
 
 

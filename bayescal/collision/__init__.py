@@ -1,0 +1,37 @@
+"""Collisions of arm, tool, artefact and table: capsules and simple solids, compared by coal.
+
+Names
+-----
+Clearance
+    The check: `collides`, `distances`.
+path_free
+    The same along the retract from contacts.
+scene_of, Scene, Solid
+    What stands around the arm, from the targets of a session.
+arm_capsules, link_radii
+    The shape of an arm with its tool.
+"""
+
+from bayescal.collision.check import Clearance
+from bayescal.collision.links import arm_capsules, link_radii
+from bayescal.collision.path import path_free
+from bayescal.collision.scene import Scene, Solid, scene_of, sphere, table
+from bayescal.collision.shapes import FIXED, Ball, Box, Capsule, HalfSpace, Shape
+
+__all__ = [
+    "FIXED",
+    "Ball",
+    "Box",
+    "Capsule",
+    "Clearance",
+    "HalfSpace",
+    "Scene",
+    "Shape",
+    "Solid",
+    "arm_capsules",
+    "link_radii",
+    "path_free",
+    "scene_of",
+    "sphere",
+    "table",
+]

@@ -1,0 +1,136 @@
+"""What stands around an arm: solids of artefacts, spheres on stems, and the table below them.
+
+A target states a surface, not a body. What is added here is assumed, and on the safe side for an arm that
+approaches from outside: artefacts are boxes that reach down behind their faces, spheres stand on stems.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.collision.shapes import FIXED, Ball, Box, Capsule, HalfSpace, Shape
+from bayescal.dataset.types import Dataset, Target
+
+STEM = 0.1
+"""m, assumed: length of the stem below the centre of a sphere."""
+
+STEM_RADIUS = 0.2
+"""Radius of a stem, assumed, of the diameter of its sphere."""
+
+SQUARE = 0.02  # rad: faces of a box are perpendicular and parallel to within this
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A body in F0. A contact with it is on its first shape; the others carry it.
+
+    Solids with different `placement` are not in the workspace at the same time; "" is always there. `carries`
+    marks the table on which the arm itself stands: links that are always below its height (the shoulder of an
+    arm whose artefact stands higher) are not compared with it.
+    """
+
+    name: str
+    shapes: tuple[Shape, ...]
+    placement: str = ""
+    carries: bool = False
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Solids of a session, the solid of each target, and targets whose extent is not known.
+
+    `of` gives the index of the solid on which a target is, by the name of the target. `unknown` are names of
+    targets that state a surface without its extent: nothing is avoided there.
+    """
+
+    solids: tuple[Solid, ...]
+    of: dict[str, int]
+    unknown: tuple[str, ...] = ()
+
+    def touched(self, names: list[str]) -> np.ndarray:
+        """Indices (M,) of the solids of targets; -1 for a target without a solid."""
+        return np.array([self.of.get(name, -1) for name in names], int)
+
+
+def sphere(name: str, centre: np.ndarray, diameter: float, up: np.ndarray, placement: str = "") -> Solid:
+    """A sphere on a stem: centre (3,) and diameter in m, `up` (3,) the unit vector opposite to the stem."""
+    stem = Capsule(FIXED, centre, centre - STEM * up, STEM_RADIUS * diameter)
+    return Solid(name, (Ball(centre, 0.5 * diameter), stem), placement)
+
+
+def table(solids: tuple[Solid, ...], up: np.ndarray) -> Solid:
+    """The table on which solids stand: the half space below their lowest point along `up` (3,)."""
+    height = min(shape.lowest(up) for solid in solids for shape in solid.shapes)
+    return Solid("table", (HalfSpace(up, height),), carries=True)
+
+
+def scene_of(dataset: Dataset, with_table: bool = True) -> Scene:
+    """The solids that the targets of a session state.
+
+    Planes of a name with a common part before the dot (``cube.+x``) are faces of a box, if they include a
+    parallel pair and three perpendicular directions. Along a direction with a single face the box is as deep
+    as the smallest parallel pair. Spheres stand on stems; of ``ball.A@1`` the placement is ``1``. Other
+    targets have no extent (`Scene.unknown`): no solid.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    with_table : bool
+        Add a table below all solids.
+    """
+    up = -dataset.gravity / np.linalg.norm(dataset.gravity)
+    solids: list[Solid] = []
+    of: dict[str, int] = {}
+    faces: dict[str, list[Target]] = {}
+    for target in dataset.targets:
+        if target.kind == "plane":
+            faces.setdefault(target.name.rpartition(".")[0], []).append(target)
+        elif target.kind == "sphere":
+            placement = target.name.partition("@")[2]
+            centre, diameter = np.asarray(target.values["centre"], float), float(target.values["diameter"])
+            of[target.name] = len(solids)
+            solids.append(sphere(target.name, centre, diameter, up, placement))
+    for artefact, group in faces.items():
+        shape = box_of(group)
+        if shape is not None:
+            of |= dict.fromkeys((t.name for t in group), len(solids))
+            solids.append(Solid(artefact, (shape,), group[0].name.partition("@")[2]))
+    unknown = tuple(t.name for t in dataset.targets if t.kind != "instrument" and t.name not in of)
+    if with_table and solids:
+        solids.append(table(tuple(solids), up))
+    return Scene(tuple(solids), of, unknown)
+
+
+def box_of(faces: list[Target]) -> Box | None:
+    """The box whose faces are planes, or None if the planes do not determine one."""
+    normals = np.array([t.values["normal"] for t in faces], float)
+    offsets = np.array([t.values["offset"] for t in faces], float)
+    axes: list[np.ndarray] = []
+    for normal in normals:
+        if all(abs(normal @ axis) < SQUARE for axis in axes):
+            axes.append(normal)
+        elif max(abs(normal @ axis) for axis in axes) < np.cos(SQUARE):
+            return None  # oblique faces
+    if len(axes) < 3:
+        return None
+    high, low = np.full(3, np.inf), np.full(3, -np.inf)  # along each axis
+    for normal, offset in zip(normals, offsets, strict=True):
+        along = [float(normal @ axis) for axis in axes]
+        k = int(np.argmax(np.abs(along)))
+        if along[k] > 0:
+            high[k] = min(high[k], offset)
+        else:
+            low[k] = max(low[k], -offset)
+    size = high - low
+    if not np.any(np.isfinite(size)) or np.any(size <= 0):
+        return None
+    depth = size[np.isfinite(size)].min()
+    low = np.where(np.isfinite(low), low, high - depth)  # the first face of an axis gave its direction
+    square = np.linalg.qr(np.array(axes).T)[0]
+    square = square * np.sign(np.sum(square * np.array(axes).T, axis=0))
+    pose = np.eye(4)
+    pose[:3, :3] = square
+    pose[:3, 3] = np.linalg.solve(np.array(axes), 0.5 * (high + low))
+    return Box(pose, 0.5 * (high - low))

@@ -1,0 +1,195 @@
+"""Plain cases, brute force, contacts that must not count, and the way to them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayescal.arm.transforms import rigid
+from bayescal.collision import Ball, Box, Clearance, Scene, Solid, path_free, scene_of, table
+from bayescal.collision.path import retracted
+from bayescal.dataset import Tool, read_dataset
+from bayescal.robots import load_robot
+
+SESSION = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
+TOOL = Tool("ball", np.array([0.06, 0.0, 0.12]), 0.003)
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def session():
+    dataset = read_dataset(SESSION)
+    scene = scene_of(dataset)
+    rows = dataset.measurements
+    return dataset, scene, rows.readings, scene.touched([dataset.targets[i].name for i in rows.target])
+
+
+def mate(*solids: Solid) -> Clearance:
+    return Clearance.of(load_robot("fanuc-lrmate200ic")[0], TOOL, solids)
+
+
+def cube(x: float, y: float, z: float) -> Solid:
+    return Solid("cube", (Box(rigid(None, np.array([x, y, z])), np.full(3, 0.1143)),))
+
+
+def why(clearance: Clearance, readings, touched=None) -> str:
+    hit = clearance.collides(np.radians(np.atleast_2d(readings)), touched)
+    return clearance.reasons[hit[0]]
+
+
+ZERO = np.zeros(
+    6
+)  # stretched out along x: elbow at (75, 0, 300), wrist at (395, 0, 375), flange at (475, 0, 375) mm
+
+
+def test_plain_hits_and_misses():
+    assert why(mate(), ZERO) == ""
+    assert why(mate(cube(0.4, 0, 0.375)), ZERO).endswith("and cube")
+    assert why(mate(cube(0.4, 0.5, 0.375)), ZERO) == ""
+    assert why(mate(cube(0.075, 0.1143 + 0.05, 0.25)), ZERO) == "link 2 and cube"  # nearer than its radius
+    assert why(mate(cube(0.075, 0.1143 + 0.08, 0.0)), ZERO) == ""
+    ball = Solid("ball", (Ball(np.array([0.3, 0.07, 0.375]), 0.0254),))
+    assert why(mate(ball), ZERO) == "link 3 and ball"
+
+
+def test_an_arm_that_folds_onto_itself():
+    ur5 = Clearance.of(load_robot("universal-robots-ur5")[0], TOOL)
+    assert why(ur5, [0, -90, 90, -90, -90, 0]) == ""
+    folded = why(ur5, [0, -90, 172, 0, 0, 0])
+    assert "link 2" in folded or "base" in folded
+    hit = mate().collides(np.radians([[0.0, 0, 0, 0, -119, 0], [0, 0, 0, 0, 0, 0]]))
+    assert hit[1] == 0
+
+
+def test_below_the_table():
+    standing = table((cube(0.45, 0, 0.15),), UP)
+    assert standing.shapes[0].offset == pytest.approx(0.15 - 0.1143)
+    assert why(mate(standing), ZERO) == ""  # the shoulder is always lower than it
+    for lean in ([0, 90, 0, 0, 0, 0], [0, 60, -60, 0, 0, 0]):
+        assert why(mate(standing), lean).endswith("and table")
+
+
+def test_the_contact_itself_is_no_collision(session):
+    """Not by the ball and the end of the stylus, also 1 mm deep; a stylus from behind and the body are."""
+    arm = mate().arm
+    reading = np.radians([[0.0, 20, -40, 0, 30, 0]])
+    frame = arm.frames(reading)
+    ball, along = arm.ball(frame)[0], frame[0, -1, :3, :3] @ TOOL.centre / np.linalg.norm(TOOL.centre)
+    for side, deep, hit in (
+        (1, 0.0, ""),
+        (1, 1e-3, ""),
+        (-1, 0.0, "tool ball and wall"),
+        (1, 0.015, "stylus"),
+    ):
+        centre = ball + side * (0.05 + 0.003 - deep) * along
+        turn = np.linalg.qr(np.stack([along, UP, [0, 1, 0]], axis=1))[0]
+        wall = Solid("wall", (Box(rigid(turn, centre), np.full(3, 0.05)),))
+        assert why(mate(wall), np.degrees(reading), np.array([0])).startswith(hit)
+        assert bool(why(mate(wall), np.degrees(reading), np.array([0]))) == bool(hit)
+        assert (
+            why(mate(wall), np.degrees(reading)) or not deep
+        )  # but of a target that is not touched they are
+
+
+def test_every_answer_agrees_with_points_on_the_capsules(session):
+    dataset, scene, readings, touched = session
+    rng = np.random.default_rng(5)
+    rows = rng.integers(0, len(readings), 150)
+    clearance = Clearance.of(dataset.robot, dataset.tools[0], scene.solids)
+    moved = readings[rows] + rng.normal(0, 0.1, (150, 6))
+    hit, far = clearance.collides(moved, touched[rows]), clearance.distances(moved, touched[rows])
+    frames, part = clearance.arm.frames(moved), np.linspace(0, 1, 301)[:, None]
+    near = np.full(150, np.inf)
+    placement = [s.placement for s in scene.solids]
+    for capsule in clearance.capsules:
+        if capsule.frame == 0:
+            continue
+        line = capsule.a + part * (capsule.b - capsule.a)
+        points = frames[:, None, capsule.frame, :3, 3] + line @ np.swapaxes(
+            frames[:, capsule.frame, :3, :3], 1, 2
+        )
+        for s, solid in enumerate(scene.solids):
+            at = np.array(
+                [not p or p == placement[t] for p, t in [(solid.placement, t) for t in touched[rows]]]
+            )
+            for k, shape in enumerate(solid.shapes):
+                own = at & ~((touched[rows] == s) & (k == 0) & capsule.probe)
+                away = shape.distance(points).min(axis=1) - capsule.radius
+                near = np.where(own, np.minimum(near, away), near)
+    for a, b in clearance.own:
+        first, second = clearance.capsules[a], clearance.capsules[b]
+        line = first.a + part * (first.b - first.a)
+        points = frames[:, None, first.frame, :3, 3] + line @ np.swapaxes(
+            frames[:, first.frame, :3, :3], 1, 2
+        )
+        back = frames[:, second.frame]
+        local = np.einsum("mki,mij->mkj", points - back[:, None, :3, 3], back[:, :3, :3])
+        near = np.minimum(near, second.distance(local).min(axis=1) - first.radius)
+    assert 20 < np.sum(hit > 0) < 130
+    sure = np.abs(near) > 1e-3
+    assert np.array_equal((hit > 0)[sure], (near < 0)[sure])
+    assert np.array_equal(hit > 0, far < 0)
+    assert far[near > 0] == pytest.approx(near[near > 0], abs=1e-3)
+
+
+def test_spheres_of_another_placement_are_not_there(session):
+    dataset, scene, readings, touched = session
+    first = scene.of["ball.A@1"]
+    clearance = Clearance.of(dataset.robot, dataset.tools[0], scene.solids)
+    alone = clearance.among([replace(s, placement="") for s in scene.solids])
+    rows = touched == first
+    assert np.all(
+        alone.distances(readings[rows], touched[rows]) <= clearance.distances(readings[rows], touched[rows])
+    )
+    late = Solid("late", (Ball(clearance.arm.ball(clearance.arm.frames(readings[:1]))[0], 0.1),), "2")
+    assert clearance.among([late]).collides(readings[:1])[0] == 0
+    assert clearance.among([replace(late, placement="")]).collides(readings[:1])[0] > 0
+
+
+def test_the_scene_of_a_session(session):
+    dataset, scene, _, _ = session
+    block = scene.solids[scene.of["cube.+z"]]
+    assert scene.of["cube.+y"] == scene.of["cube.-x"]
+    assert np.allclose(block.shapes[0].pose[:3, 3], [0.45, 0, 0.15])
+    assert np.allclose(block.shapes[0].half, 0.1143)
+    assert [s.placement for s in scene.solids[:4]] == ["1", "1", "1", "2"]
+    assert scene.solids[-1].name == "table"
+    assert not scene.unknown
+    single = replace(dataset, targets=dataset.targets[:1])
+    assert scene_of(single) == Scene((), {}, ("cube.+y",))
+
+
+def test_the_ball_is_retracted_along_the_normal(session):
+    dataset, _, readings, _ = session
+    rows = dataset.measurements
+    of_face = rows.target < 4
+    normals = np.array([dataset.targets[t].values["normal"] for t in rows.target[of_face]])
+    arm, at = mate().arm, readings[of_face]
+    start = arm.frames(at)
+    for _ in range(4):
+        at = retracted(arm, at, 0.005 * normals)
+    end = arm.frames(at)
+    off = arm.ball(end) - arm.ball(start) - 0.02 * normals
+    assert np.linalg.norm(off, axis=1).max() < 1e-3
+    turned = np.einsum("mij,mij->m", start[:, -1, :3, :3], end[:, -1, :3, :3])
+    assert np.percentile(np.degrees(np.arccos(np.clip((turned - 1) / 2, -1, 1))), 90) < 1.0
+
+
+def test_a_lid_above_the_contact_blocks_the_way():
+    """Free at the contact, not on the way: and free with a shorter one. Limits are limits on the way too."""
+    free = mate()
+    arm, reading = free.arm, np.radians([[0.0, 20, -40, 0, 30, 0]])
+    flange = arm.frames(reading)[0, -1, :3, 3]
+    lid = Solid("lid", (Box(rigid(None, flange + np.array([0.02, 0, 0.09])), np.array([0.02, 0.05, 0.01])),))
+    under = free.among([lid])
+    gap = 0.04 - next(c.radius for c in free.capsules if c.name == "link 5") + 0.04  # to the lid, m
+    assert under.collides(reading)[0] == 0
+    normal = UP[None]
+    assert under.reasons[path_free(under, reading, normal, length=1.2 * gap)[0]].endswith("and lid")
+    assert path_free(under, reading, normal, length=0.8 * gap)[0] == 0
+    assert path_free(free, reading, normal)[0] == 0
+    angles = arm.angles_of(reading)[0]
+    tight = np.stack([angles - 1e-3, angles + 1e-3], axis=1)
+    stiff = replace(free, arm=replace(arm, robot=replace(arm.robot, limits=tight)))
+    assert path_free(stiff, reading, normal)[0] == -1
