@@ -57,15 +57,23 @@ def write_dataset(dataset: Dataset, folder: Path | str) -> None:
 
 def write_files(dataset: Dataset, folder: Path) -> None:
     """Write the files of a dataset into a folder that is there, as `write_dataset` does."""
+    write_setup(dataset, folder)
+    _write(folder / TABLE, table_text(dataset))
+
+
+def write_setup(dataset: Dataset, folder: Path) -> tuple[str, ...]:
+    """Write dataset.yaml and, unless it is a built-in one, robot.yaml into a folder; return their names."""
     builtin = _is_builtin(dataset)
-    files = {
-        SETTINGS: _settings(dataset, dataset.robot_reference if builtin else ROBOT),
-        TABLE: _table(dataset),
-    }
+    files = {SETTINGS: _settings(dataset, dataset.robot_reference if builtin else ROBOT)}
     if not builtin:
         files[ROBOT] = robot_to_yaml(dataset.robot)
     for name, text in files.items():
-        (folder / name).write_text(text, encoding="utf-8", newline="")
+        _write(folder / name, text)
+    return tuple(files)
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", newline="")
 
 
 def _is_builtin(dataset: Dataset) -> bool:
@@ -172,12 +180,12 @@ def _cells(column: str, values: np.ndarray) -> list[str]:
     return ["" if np.isnan(v) else _rounded(v / si(column), decimals) for v in values]
 
 
-def _table(dataset: Dataset) -> str:
-    """measurements.csv, its columns in the contract's order."""
+def table_text(dataset: Dataset, name_tool: bool = False) -> str:
+    """The content of measurements.csv, in the contract's order of columns; `name_tool`: also an only tool."""
     rows, n = dataset.measurements, dataset.robot.n
     columns: dict[str, Iterable[str]] = {"id": rows.ids, "role": map(str, rows.role)}
     columns["target"] = [dataset.targets[i].name for i in rows.target]
-    if len(dataset.tools) > 1:
+    if name_tool or len(dataset.tools) > 1:
         columns["tool"] = [dataset.tools[i].name for i in rows.tool]
     blocks = {
         joint_columns(kind, n): block

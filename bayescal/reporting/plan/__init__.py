@@ -1,0 +1,1 @@
+"""Reports of a plan: terminal, JSON, table of contacts, figure, page."""

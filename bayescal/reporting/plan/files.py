@@ -1,0 +1,60 @@
+"""The run folder of a plan."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from bayescal.dataset.write import write_setup
+from bayescal.folders import whole
+from bayescal.planning.result import Plan
+from bayescal.reporting.plan.contacts import table_of_plan
+from bayescal.reporting.plan.record import plan_record
+
+PLAN, CONTACTS, PICTURE, PAGE = "plan.json", "plan.csv", "plan.png", "plan.html"
+
+
+def commands(folder: Path) -> dict[str, str]:
+    """What to run when the contacts are measured: the import of their log, and the calibration."""
+    run = shlex.quote(str(folder))
+    return {
+        "import": f"bayescal import LOG.csv --plan {run} --out SESSION",
+        "fit": "bayescal fit SESSION",
+        "gap": "bayescal gap SESSION",
+    }
+
+
+def write_plan(plan: Plan, folder: Path, formats: Sequence[str] = ()) -> tuple[str, ...]:
+    """Write plan.csv, plan.json, the page, the figure and the setup atomically.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : Path
+        Where they are written; an earlier plan there is replaced.
+    formats : sequence of str
+        Formats of `exporting.plan` to be written too.
+
+    Returns
+    -------
+    tuple of str
+        File names.
+    """
+    from bayescal.reporting.plan.page import plan_page
+    from bayescal.reporting.plan.picture import draw_plan
+    from bayescal.reporting.shared.style import save_figure
+
+    later = commands(folder)
+    texts = {
+        CONTACTS: table_of_plan(plan),
+        PLAN: json.dumps(plan_record(plan, later), allow_nan=False, indent=1) + "\n",
+    }
+    with whole(folder, PLAN) as stage:
+        save_figure(draw_plan(plan), stage / PICTURE)
+        texts[PAGE] = plan_page(plan, (stage / PICTURE).read_bytes(), tuple(later.values()))
+        for name, text in texts.items():
+            (stage / name).write_text(text, encoding="utf-8", newline="")
+        setup = write_setup(plan.session, stage)
+    return (*texts, PICTURE, *setup)

@@ -1,0 +1,183 @@
+"""`plan.png`: the contacts in three views with the arm and its reach, by target, and u over their number."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayescal.model.scene import Scene
+from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
+from bayescal.reporting.plan.contacts import count
+from bayescal.reporting.plan.phrases import headline, title
+from bayescal.reporting.plan.sheets import COVERAGE, PURPOSES, by_target
+from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, SERIES, figure, tidy
+from bayescal.reporting.shared.text import MM, UM
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+VIEWS = (("from above", 0, 1), ("from the front", 1, 2), ("from the side", 0, 2))
+"""Views with the axes of F0 that they show."""
+MARKERS = {DISTANCES: "o", GAP: "s", REPEAT: "P", VALIDATE: "^"}
+"""Purposes by marker: they are distinguished without colours."""
+FILLS = {DISTANCES: (ACCENT, ""), GAP: (SERIES[1], "////"), REPEAT: (GREY, "...."), VALIDATE: (FAINT, "")}
+"""Colour and hatching of the bars."""
+ORDER = "viridis"
+"""Colours by order of probing: lightness increases, also in grey and for colour-blind readers."""
+POSES = 4000
+"""Random readings whose tool points outline the reach."""
+AHEAD = 0.8
+"""Cosine of the cone about the contacts in which the reach is shown."""
+MARGIN = 1.05
+"""Width of a view over what it shows."""
+TARGETS = 14
+"""Bars at most."""
+
+
+def draw_plan(plan: Plan) -> Figure:
+    """Above: three views of the contacts. Below: contacts by target, and u over the number of contacts."""
+    from matplotlib.patches import Rectangle
+
+    lines = [f"{plan.session.name}: {title(plan)}", *list(headline(plan))[:1]]
+    out = figure(13, 9.2, lines)
+    parts: Any = out.subfigures(2, 1, height_ratios=(1.25, 1))
+    views = parts[0].subplots(1, len(VIEWS))
+    points, arm, reach = _points(plan)
+    seen = np.vstack([points, arm, _ahead(reach, arm[0], points)])
+    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    half = MARGIN * float(np.max(np.ptp(seen, axis=0))) / 2
+    for axes, (name, i, j) in zip(views, VIEWS, strict=True):
+        flat = [i, j]
+        shown = _view(plan, axes, points[:, flat], arm[:, flat], reach[:, flat])
+        if (volume := plan.pool.setup.volume) is not None:
+            x, y = MM * (volume.centre - volume.size / 2)[flat]
+            outline = Rectangle(
+                (x, y), *(MM * volume.size[flat]), fill=False, edgecolor=MARKED, lw=1.2, ls=":"
+            )
+            axes.add_patch(outline)
+        axes.set_xlim(middle[i] - half, middle[i] + half)
+        axes.set_ylim(middle[j] - half, middle[j] + half)
+        axes.set_aspect("equal")
+        axes.set_title(name, loc="left")
+        axes.set_xlabel(f"{'xyz'[i]} (mm)")
+        axes.set_ylabel(f"{'xyz'[j]} (mm)")
+        tidy(axes)
+    _legend(plan, views[0], parts[0])
+    bar = parts[0].colorbar(shown, ax=list(views), shrink=0.75, pad=0.01, aspect=30)
+    bar.set_label("order of probing", fontsize=10, color=INK)
+    bar.ax.tick_params(labelsize=9, colors=INK)
+    bar.outline.set_visible(False)
+    left, right = parts[1].subplots(1, 2)
+    _targets(plan, left)
+    _curve(plan, right)
+    tidy(left)
+    tidy(right)
+    return out
+
+
+def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Tool points (N, 3), the arm at a contact as a line (K, 3), points within reach (M, 3); mm, in F0."""
+    from bayescal.arm.nominal import NominalArm
+
+    scene, robot = Scene(plan.session), plan.session.robot
+    readings = plan.session.measurements.readings
+    tool = plan.session.tools[plan.session.measurements.tool[0]]
+    nominal = NominalArm(robot, tool.centre)
+    spread = np.maximum(np.std(readings, axis=0), 1e-6)
+    middle = int(np.argmin(np.sum(((readings - np.median(readings, axis=0)) / spread) ** 2, axis=1)))
+    frames = nominal.frames(readings[middle : middle + 1])
+    arm = np.vstack([frames[0, :, :3, 3], nominal.ball(frames)])
+    low, high = np.clip(robot.limits, -np.pi, np.pi).T
+    anywhere = nominal.readings_of(np.random.default_rng(0).uniform(low, high, (POSES, robot.n)))
+    return MM * scene.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere))
+
+
+def _ahead(reach: np.ndarray, base: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """The points within reach (M, 3) that are seen from the base where the contacts are, not behind it."""
+    way, mean = reach - base, points.mean(axis=0) - base
+    return reach[way @ mean > AHEAD * np.linalg.norm(way, axis=1) * np.linalg.norm(mean)]
+
+
+def _view(plan: Plan, axes: Any, points: np.ndarray, arm: np.ndarray, reach: np.ndarray) -> Any:
+    from scipy.spatial import ConvexHull
+
+    corners = reach[ConvexHull(reach).vertices]
+    axes.fill(*corners.T, facecolor="none", edgecolor=FAINT, lw=1.2, ls="--", zorder=0)
+    axes.plot(*arm.T, color=FAINT, lw=4, solid_capstyle="round", solid_joinstyle="round", zorder=1)
+    axes.scatter(*arm[0], s=70, color=GREY, marker="s", zorder=1)
+    number = np.arange(1, len(points) + 1)
+    shown = None
+    for purpose, marker in MARKERS.items():
+        mine = np.array([p == purpose for p in plan.purpose])
+        if mine.any():
+            shown = axes.scatter(
+                *points[mine].T, c=number[mine], cmap=ORDER, vmin=1, vmax=len(points), marker=marker,
+                s=26, lw=0.4, edgecolors=INK, zorder=3,
+            )  # fmt: skip
+    return shown
+
+
+def _legend(plan: Plan, axes: Any, part: Any) -> None:
+    """The legend of all views, below them."""
+    for purpose, marker in MARKERS.items():
+        if purpose in plan.purpose:
+            axes.scatter([], [], marker=marker, color=GREY, s=26, label=PURPOSES[purpose])
+    axes.plot([], [], color=FAINT, lw=1.2, ls="--", label="reach")
+    if plan.pool.setup.volume is not None:
+        axes.plot([], [], color=MARKED, lw=1.2, ls=":", label="volume of interest")
+    handles, labels = axes.get_legend_handles_labels()
+    part.legend(handles, labels, frameon=False, loc="outside lower center", ncols=len(labels), fontsize=9.5)
+
+
+def _targets(plan: Plan, axes: Any) -> None:
+    """Contacts by target and purpose."""
+    sheet = by_target(plan)
+    rows = sheet.rows[:-1]
+    rest = rows[TARGETS - 1 :] if len(rows) > TARGETS else ()
+    shown = rows[: len(rows) - len(rest)][::-1]
+    start = np.zeros(len(shown))
+    for purpose in (p for p in PURPOSES if p in plan.purpose):
+        at = 1 + sheet.headings.index(PURPOSES[purpose])
+        width = np.array([int(row[at]) for row in shown])
+        colour, hatch = FILLS[purpose]
+        axes.barh(range(len(shown)), width, left=start, height=0.65, label=PURPOSES[purpose],
+                  facecolor=colour, edgecolor="white", hatch=hatch, lw=0.6)  # fmt: skip
+        start += width
+    for k, total in enumerate(start):
+        axes.annotate(f"{total:.0f}", (total, k), (4, 0), textcoords="offset points", va="center", color=INK)
+    axes.set_yticks(range(len(shown)), [row[0] for row in shown])
+    axes.set_ylim(len(shown) - max(len(shown), 4) - 0.6, len(shown) - 0.4)
+    axes.set_xlabel("contacts")
+    axes.set_title(f"contacts by target{f', {len(rest)} targets not shown' if rest else ''}", loc="left")
+    axes.legend(frameon=False, loc="lower right")
+
+
+def _curve(plan: Plan, axes: Any) -> None:
+    """Expected U of the first goal over the number of contacts, beside random selections."""
+    first = plan.expected[0] if plan.expected else None
+    drawn = [
+        (plan.curve, "o", "-", ACCENT, "chosen as this plan"),
+        (plan.curve_random, "s", "--", SERIES[1], "random (median)"),
+    ]
+    for points, marker, line, colour, label in drawn:
+        if len(points):
+            x, u = np.array(points, float).T
+            axes.plot(x, COVERAGE * UM * u, marker=marker, ls=line, color=colour, lw=1.6, ms=6, label=label)
+    if first is not None:
+        here = count(plan)
+        axes.scatter(
+            here, COVERAGE * UM * first.u, s=150, facecolors="none", edgecolors=INK, lw=1.6, label="this plan"
+        )
+        if not len(plan.curve_random) and np.isfinite(first.u_random):
+            axes.scatter(here, COVERAGE * UM * first.u_random, marker="s", color=SERIES[1], label="random")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")
+    axes.set_xlabel("contacts")
+    axes.set_ylabel("expected U (µm, k = 2)")
+    axes.set_title(f"{first.over if first else 'distances'}, if the model is right", loc="left")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(frameon=False, loc="upper right")

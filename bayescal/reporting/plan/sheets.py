@@ -1,0 +1,183 @@
+"""Tables of a plan as text, for the terminal and for the page."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Detectable, ExpectedDistances, Plan
+from bayescal.reporting.plan.contacts import payloads
+from bayescal.reporting.shared.text import percent, size, um2, unit_label
+
+PURPOSES = {DISTANCES: "distances", GAP: "gap", REPEAT: "repeats", VALIDATE: "validation"}
+"""Purposes of contacts, and their heading."""
+SHARES = ("noise", "certificate", "probing", "prior")
+"""Origins of the variance of a distance, in the order of the columns."""
+NEVER = 1000.0
+"""Ratio to the plausible amplitude from which on an effect is not detectable at any amplitude."""
+COVERAGE = 2
+"""Coverage factor k of U = k u."""
+INDICES = {
+    "O1": "geometric mean of the singular values",
+    "O2": "inverse condition number",
+    "O3": "smallest singular value",
+    "O4": "noise amplification index",
+    "O5": "A-optimality",
+}
+"""Observability indices, and what each is."""
+
+
+OVER = {
+    "volume of interest": "distances in the volume of interest",
+    "given poses": "distances between the given poses",
+}
+"""Goals whose name is not that of their distances."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table: the heading of its first column, the headings of the columns of figures, and its rows."""
+
+    title: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def expected(plan: Plan) -> Sheet:
+    """Expected U of distances beside that of random selections, and the shares of the variance."""
+    origins = [*SHARES, *dict.fromkeys(o for e in plan.expected for o in e.shares if o not in SHARES)]
+    origins = [o for o in origins if any(o in e.shares for e in plan.expected)]
+    rows = tuple(
+        (
+            f"{e.count} {over(e)}",
+            um2(COVERAGE * e.u),
+            um2(COVERAGE * e.u_random),
+            *(percent(e.shares[o]) if o in e.shares else "-" for o in origins),
+        )
+        for e in plan.expected
+    )
+    return Sheet("expected U (µm, k = 2)", ("plan", "random", *origins), rows)
+
+
+def over(e: ExpectedDistances) -> str:
+    """The distances of a goal."""
+    return OVER.get(e.over, e.over)
+
+
+def by_target(plan: Plan) -> Sheet:
+    """Contacts by target, purpose and payload; targets of validation contacts alone in one row."""
+    m, names = plan.session.measurements, [t.name for t in plan.session.targets]
+    purpose, payload = np.array(plan.purpose), payloads(plan.session)
+    used = [p for p in PURPOSES if p in plan.purpose]
+    masses = np.unique(payload)
+    alone = [k for k in np.unique(m.target) if set(purpose[m.target == k]) == {VALIDATE}]
+    groups = [([k], names[k]) for k in np.unique(m.target) if k not in alone]
+    if alone:
+        label = names[alone[0]] if len(alone) == 1 else f"{len(alone)} targets of validation"
+        groups.append((alone, label))
+    rows = []
+    for members, label in (*groups, (list(range(len(names))), "all")):
+        mine = np.isin(m.target, members)
+        counts = [np.sum(mine & (purpose == p)) for p in used]
+        loaded = [np.sum(mine & (payload == x)) for x in masses] if len(masses) > 1 else []
+        rows.append((label, *map(str, (np.sum(mine), *counts, *loaded))))
+    loads = tuple(f"{x:g}\N{NO-BREAK SPACE}kg" for x in masses) if len(masses) > 1 else ()
+    return Sheet("contacts", ("all", *(PURPOSES[p] for p in used), *loads), tuple(rows))
+
+
+def detectable(plan: Plan, every_site: bool = False) -> Sheet:
+    """Smallest detectable amplitudes beside those of a random selection.
+
+    Of an effect at several sites the site with the largest in proportion to what is plausible, unless
+    `every_site`.
+    """
+    shown = plan.detectable if every_site else least_favourable(plan)
+    rows = tuple(
+        (
+            f"{d.effect}, {d.site}",
+            _amplitude(d.smallest, d),
+            _amplitude(d.smallest_random, d),
+            size(d.plausible, d.unit),
+        )
+        for d in shown
+    )
+    return Sheet("smallest detectable amplitude", ("plan", "random", "plausible"), rows)
+
+
+def least_favourable(plan: Plan) -> tuple[Detectable, ...]:
+    """Of each effect the site with the largest detectable amplitude in proportion to what is plausible."""
+    out: dict[str, Detectable] = {}
+    for d in plan.detectable:
+        known = out.get(d.effect)
+        if known is None or d.smallest / d.plausible > known.smallest / known.plausible:
+            out[d.effect] = d
+    return tuple(out.values())
+
+
+def gain(plan: Plan) -> float:
+    """Smallest detectable amplitudes over those of a random selection, geometric mean over effects and sites.
+
+    Each effect counts once. nan where no effect has both.
+    """
+    logs: dict[str, list[float]] = {}
+    for d in plan.detectable:
+        if all(np.isfinite(x) and 0 < x < NEVER * d.plausible for x in (d.smallest, d.smallest_random)):
+            logs.setdefault(d.effect, []).append(float(np.log(d.smallest / d.smallest_random)))
+    return float(np.exp(np.mean([np.mean(own) for own in logs.values()]))) if logs else float("nan")
+
+
+def _amplitude(value: float, d: Detectable) -> str:
+    return size(value, d.unit) if value < NEVER * d.plausible else "not detectable"
+
+
+def confusable(plan: Plan) -> Sheet:
+    """Detectability of an effect beside another that is confusable with it."""
+    rows = tuple(
+        (" and ".join(c.pair), f"{c.before:.1f}", f"{c.after:.1f}", c.intervention or "-")
+        for c in plan.confusable
+    )
+    return Sheet("detectability (noncentrality)", ("before", "plan", "would be separated by"), rows)
+
+
+def parameters(plan: Plan) -> Sheet:
+    """Expected standard uncertainty of the parameters, beside that of their prior."""
+    rows = tuple((p.name, f"{p.u:.2g}", f"{p.prior:.2g}", unit_label(p.unit)) for p in plan.parameters)
+    return Sheet("parameter", ("expected u", "prior u", "unit"), rows)
+
+
+def observability(plan: Plan) -> Sheet:
+    """Observability indices of the plan and of a random selection."""
+    rows = tuple(
+        (f"{name}, {INDICES[name]}" if name in INDICES else name, f"{value:.3g}",
+         f"{plan.observability_random[name]:.3g}" if name in plan.observability_random else "-")
+        for name, value in plan.observability.items()
+    )  # fmt: skip
+    return Sheet("observability index", ("plan", "random"), rows)
+
+
+def dropped(plan: Plan) -> tuple[tuple[str, int], ...]:
+    """Reasons for which contacts were not candidates, the most frequent first."""
+    return tuple(Counter(plan.pool.dropped).most_common())
+
+
+def contacts(plan: Plan) -> Sheet:
+    """All contacts in the order of probing; joints in degrees."""
+    session, m = plan.session, plan.session.measurements
+    several = len(session.tools) > 1
+    rows = tuple(
+        (
+            name,
+            PURPOSES.get(purpose, purpose),
+            session.targets[m.target[k]].name,
+            *([session.tools[m.tool[k]].name] if several else []),
+            *(f"{v:.3f}" for v in np.degrees(m.readings[k])),
+            f"{payload:g}",
+            "" if m.repeat is None else str(m.repeat[k]),
+        )
+        for k, (name, purpose, payload) in enumerate(zip(m.ids, plan.purpose, payloads(session), strict=True))
+    )
+    joints = tuple(f"J{k} (deg)" for k in range(1, session.robot.n + 1))
+    headings = ("purpose", "target", *(["tool"] if several else []), *joints, "payload (kg)", "repeat")
+    return Sheet("id", headings, rows)

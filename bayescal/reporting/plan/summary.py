@@ -1,0 +1,72 @@
+"""The terminal summary of a plan: what it buys, its contacts, what it can detect, and its limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from bayescal.planning.result import Plan
+from bayescal.reporting.plan import phrases, sheets
+from bayescal.reporting.plan.sheets import Sheet
+from bayescal.reporting.shared.table import FigureTable
+from bayescal.reporting.shared.text import facts, plain_table
+
+PAIRS = 4
+"""Pairs of each list; the others are in plan.html."""
+
+Facts = Iterable[tuple[str, str, str]]
+
+
+def plan_summary(plan: Plan) -> RenderableType:
+    """Expected uncertainty, contacts, detectable amplitudes, pairs, warnings: one screen."""
+    name = Text.assemble((plan.session.name, "bold"), f"  {plan.session.robot.name}  {phrases.title(plan)}")
+    parts: list[RenderableType] = [
+        name,
+        *(Text(line, "" if k else "bold") for k, line in enumerate(phrases.headline(plan))),
+        "",
+    ]
+    if plan.expected:
+        parts.append(_table(sheets.expected(plan)))
+    parts += [facts(_buys(plan)), "", _table(sheets.by_target(plan)), facts(_costs(plan))]
+    if plan.detectable:
+        parts += ["", _table(sheets.detectable(plan)), facts(_detects(plan))]
+    parts.append(facts(_limits(plan)))
+    return Group(*parts)
+
+
+def _table(sheet: Sheet) -> FigureTable:
+    table = plain_table(sheet.title, *sheet.headings)
+    for row in sheet.rows:
+        table.add_row(*(Text(cell) for cell in row))
+    return table
+
+
+def _buys(plan: Plan) -> Facts:
+    if text := phrases.further(plan):
+        yield "next", text, ""
+
+
+def _costs(plan: Plan) -> Facts:
+    yield "contacts", phrases.contacts(plan), ""
+    yield "travel", phrases.travel(plan), ""
+    yield "candidates", phrases.candidates(plan), "dim"
+
+
+def _detects(plan: Plan) -> Facts:
+    if text := phrases.detectability(plan):
+        yield "detectable", text, ""
+
+
+def _limits(plan: Plan) -> Facts:
+    """Pairs of effects, and warnings."""
+    for heading, lines, style in (
+        ("separates", phrases.separated(plan), ""),
+        ("does not separate", phrases.not_separated(plan), "yellow"),
+    ):
+        more = [f"and {len(lines) - PAIRS} further pairs: see plan.html"] if len(lines) > PAIRS + 1 else []
+        for k, line in enumerate([*lines[:PAIRS], *more] if more else lines):
+            yield "" if k else heading, line, style
+    for k, warning in enumerate(plan.warnings):
+        yield "" if k else "warning", warning, "yellow"
