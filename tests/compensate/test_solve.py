@@ -1,7 +1,6 @@
 """Corrected readings put the tool of the fitted arm on the target, with every effect."""
 
 from dataclasses import fields, replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,7 +23,7 @@ def session(cube):
     """Its rows within the joint limits."""
     dataset = cube(seed=1).dataset
     m, low, high = dataset.measurements, *dataset.robot.limits.T
-    angles = nominal_arm(SimpleNamespace(dataset=dataset), dataset.tools[0]).angles_of(m.readings)
+    angles = nominal_arm(dataset.robot, dataset.tools[0]).angles_of(m.readings)
     rows = np.flatnonzero(np.all((angles > low + 0.1) & (angles < high - 0.1), axis=1))
     return replace(dataset, measurements=taken(m, rows[::2]))
 
@@ -51,7 +50,7 @@ def taken(measurements, rows):
 
 
 def poses_of(arm, readings):
-    nominal = nominal_arm(arm, arm.dataset.tools[0])
+    nominal = nominal_arm(arm.dataset.robot, arm.dataset.tools[0])
     return nominal.tool_poses(nominal.frames(readings))
 
 
@@ -118,7 +117,7 @@ def test_play_by_the_target_before_and_by_a_straight_line(session):
         away, _ = poses_apart(reached(arm, [found[k]], direction=step), goals[[k]])
         assert np.abs(away).max() < 1.1e-8
     line = compensated(arm, [Target("", readings=ends[0]), Target("", goals[2], ends[2], straight=True)])
-    nominal = nominal_arm(arm, session.tools[0])
+    nominal = nominal_arm(arm.dataset.robot, session.tools[0])
     twist = np.concatenate([part[0] for part in poses_apart(goals[[0]], goals[[2]])])
     slopes = nominal.jacobian(nominal.frames(ends[2][None]))[0]
     end = nominal.readings_of(np.linalg.solve(slopes, twist)[None])[0] / 1e-3

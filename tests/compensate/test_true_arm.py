@@ -53,7 +53,7 @@ def test_distance_errors_fall_to_what_was_predicted(tracker):
     found = compensated(arm, [Target("", readings=q, payload=p) for q, p in zip(inside, loads, strict=True)])
     good = [k for k, own in enumerate(found) if not own.reason and own.inside]
     assert len(good) > 25
-    nominal = nominal_arm(arm, arm.dataset.tools[0])
+    nominal = nominal_arm(arm.dataset.robot, arm.dataset.tools[0])
     wanted = distances(nominal.ball(nominal.frames(inside[good])))
     before = np.abs(distances(stands(body, inside[good], loads[good])) - wanted)
     corrected = np.array([found[k].readings for k in good])

@@ -13,6 +13,7 @@ import numpy as np
 
 from bayescal.arm.inverse import descend, poses_apart, to_poses
 from bayescal.arm.nominal import NominalArm
+from bayescal.arm.robot import Robot
 from bayescal.arm.solutions import beyond_limits, nearest, solutions, without_solution
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Tool
@@ -61,7 +62,7 @@ def compensated(
     """
     stand = frame_of(arm, frame)
     tools = [_tool(arm, t.tool or tool) for t in targets]
-    arms = {t.name: nominal_arm(arm, t) for t in tools}
+    arms = {t.name: nominal_arm(arm.dataset.robot, t) for t in tools}
     own = [arms[t.name] for t in tools]
     goals = np.array([_goal(t, n, stand) for t, n in zip(targets, own, strict=True)]).reshape(-1, 4, 4)
     start = _nominal(arm, targets, own, goals, in_sequence)
@@ -80,10 +81,10 @@ def compensated(
     return out
 
 
-def nominal_arm(arm: FittedArm, tool: Tool) -> NominalArm:
+def nominal_arm(robot: Robot, tool: Tool) -> NominalArm:
     """The nominal arm with a tool: its stated point, and its stated orientation or that of the flange."""
     axes = np.eye(3) if tool.rpy is None else rpy_matrix(tool.rpy)
-    return NominalArm(arm.dataset.robot, tool.centre, axes)
+    return NominalArm(robot, tool.centre, axes)
 
 
 def _goal(target: Target, nominal: NominalArm, frame: Frame) -> np.ndarray:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bayescal.dataset.write import write_setup
+from bayescal.exporting.plan import formats_of
 from bayescal.folders import whole
 from bayescal.planning.result import Plan
 from bayescal.reporting.plan.contacts import table_of_plan
@@ -35,7 +36,7 @@ def write_plan(plan: Plan, folder: Path, formats: Sequence[str] = ()) -> tuple[s
     folder : Path
         Where they are written; an earlier plan there is replaced.
     formats : sequence of str
-        Formats of `exporting.plan` to be written too.
+        Names of formats for a controller that are written too; see `bayescal.exporting.plan`.
 
     Returns
     -------
@@ -51,6 +52,7 @@ def write_plan(plan: Plan, folder: Path, formats: Sequence[str] = ()) -> tuple[s
         CONTACTS: table_of_plan(plan),
         PLAN: json.dumps(plan_record(plan, later), allow_nan=False, indent=1) + "\n",
     }
+    texts |= {form.file: form.text(plan) for form in formats_of(formats)}
     with whole(folder, PLAN) as stage:
         save_figure(draw_plan(plan), stage / PICTURE)
         texts[PAGE] = plan_page(plan, (stage / PICTURE).read_bytes(), tuple(later.values()))

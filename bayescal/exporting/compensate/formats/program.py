@@ -142,7 +142,12 @@ def rewritten(text: str, format_: Format, slots: Sequence[Slot], found: Sequence
     return "".join([*out, text[at:]])
 
 
-def _written(number: Number, old: str) -> str:
-    had = len(old.lower().partition("e")[0].partition(".")[2])
-    new = f"{number.value:.{max(number.decimals, had)}f}" if number.decimals else f"{number.value:.0f}"
+def digits(number: Number, decimals: int = 0) -> str:
+    """A number with its least decimals, or more."""
+    new = f"{number.value:.{max(number.decimals, decimals)}f}" if number.decimals else f"{number.value:.0f}"
     return new[1:] if float(new) == 0 and new.startswith("-") else new
+
+
+def _written(number: Number, old: str) -> str:
+    """A number with the decimals that the program had."""
+    return digits(number, len(old.lower().partition("e")[0].partition(".")[2]))

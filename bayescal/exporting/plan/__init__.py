@@ -1,0 +1,33 @@
+"""A plan for a controller: the motions to each contact, one file for each format.
+
+Every contact is three motions: to its approach, along a line to the contact, and back. Where nothing is
+touched (a tracker's point), it is one. The contacts are those of the nominal arm with the nominal targets:
+the arm itself can touch some mm before or behind them. Motions from one approach to the next are by joint
+angles, and are not part of the plan's check for collisions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bayescal.errors import BayescalError
+from bayescal.exporting.plan.format import Format
+from bayescal.exporting.plan.tables import CSV, POSES, ROBODK
+from bayescal.exporting.plan.urscript import URSCRIPT
+
+FORMATS: dict[str, Format] = {f.name: f for f in (CSV, URSCRIPT, ROBODK, POSES)}
+"""Formats by their names."""
+
+
+def formats_of(names: Sequence[str]) -> tuple[Format, ...]:
+    """Formats with these names, each once.
+
+    Raises
+    ------
+    BayescalError
+        For a name that is not known.
+    """
+    for name in names:
+        if name not in FORMATS:
+            raise BayescalError(f"there is no format '{name}'", "--to", f"known: {', '.join(FORMATS)}")
+    return tuple(FORMATS[name] for name in dict.fromkeys(names))

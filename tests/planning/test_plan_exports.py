@@ -1,0 +1,120 @@
+"""A plan for a controller: every motion, in order, where the nominal arm has it; other readers agree."""
+
+import csv
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_plans import made_up_plan
+
+from bayescal.arm.nominal import NominalArm
+from bayescal.arm.transforms import rpy_matrix
+from bayescal.errors import BayescalError
+from bayescal.exporting.compensate.formats import PROGRAMS
+from bayescal.exporting.compensate.table import read_targets
+from bayescal.exporting.plan import FORMATS, formats_of
+from bayescal.exporting.plan.format import motions
+from bayescal.reporting.plan.files import write_plan
+
+CYCLE = ("approach", "contact", "retract")
+
+
+@pytest.fixture(scope="module")
+def plan(cube):
+    return made_up_plan(cube(seed=1).dataset)
+
+
+def table(plan, name):
+    return list(csv.DictReader(io.StringIO(FORMATS[name].text(plan))))
+
+
+def expected_readings(plan):
+    """Approach, contact, retract of every row, (3 N, n), rad."""
+    at = plan.session.measurements.readings
+    return np.stack([plan.approach, at, plan.approach], axis=1).reshape(-1, at.shape[1])
+
+
+def test_readings_of_the_controller(plan):
+    rows = table(plan, "csv")
+    assert [r["motion"] for r in rows] == list(CYCLE) * len(plan.purpose)
+    assert [r["id"] for r in rows[::3]] == list(plan.session.measurements.ids)
+    read = [[float(r[f"j{k}_deg"]) for k in range(1, 7)] for r in rows]
+    np.testing.assert_allclose(read, np.degrees(expected_readings(plan)), atol=6e-6)
+    assert [float(r["payload_kg"]) for r in rows[1::3]] == plan.session.measurements.payload.tolist()
+    assert {r["tool"] for r in rows} == {"ball"}
+
+
+def test_compensate_reads_the_programs_back(plan):
+    """The readers of robot programs find the same motions at the same joints, lines as lines."""
+    for name in ("urscript", "robodk"):
+        slots = PROGRAMS[name].read(FORMATS[name].text(plan), 6).slots
+        read = np.array([slot.target.readings for slot in slots])
+        np.testing.assert_allclose(read, expected_readings(plan), atol=1.1e-7)
+        if name == "urscript":
+            assert [s.target.straight for s in slots] == [False, True, True] * len(plan.purpose)
+
+
+def test_the_program_logs_each_contact_and_stops_for_each_payload(plan):
+    text = FORMATS["urscript"].text(plan)
+    lines = [line.strip() for line in text.splitlines()]
+    ids = plan.session.measurements.ids
+    assert [line for line in lines if line.startswith("textmsg")] == [
+        f'textmsg("{name} ", get_actual_joint_positions())' for name in ids
+    ]
+    logged = lines.index('textmsg("p001 ", get_actual_joint_positions())')
+    assert lines[logged - 1].endswith("# contact")
+    assert lines[logged + 1].endswith("# retract")
+    payload = plan.session.measurements.payload
+    changes = np.count_nonzero(np.diff(np.append(0.0, payload)))
+    assert text.count("popup(") == changes
+    assert text.index("attach 0.5 kg") < text.index("remove the payload")
+
+
+def test_names_do_not_leave_their_comment_or_string(plan):
+    m = plan.session.measurements
+    ids = ('a"\n  movej([0,0,0,0,0,0])', *m.ids[1:])
+    hostile = replace(plan, session=replace(plan.session, measurements=replace(m, ids=ids)))
+    text = FORMATS["urscript"].text(hostile)
+    plain = FORMATS["urscript"].text(plan)
+    assert text.count("\n") == plain.count("\n")
+    assert len(PROGRAMS["urscript"].read(text, 6).slots) == 3 * len(ids)
+
+
+def test_poses_are_those_of_the_nominal_arm(plan, tmp_path):
+    """In F0, of the tool's frame with its stated orientation; `compensate` reads the table."""
+    turned = replace(plan.session.tools[0], rpy=np.array([0.3, -0.2, 1.1]))
+    plan = replace(plan, session=replace(plan.session, tools=(turned,)))
+    path = tmp_path / "poses.csv"
+    path.write_text(FORMATS["poses"].text(plan))
+    targets = read_targets(path, 6).targets
+    arm = NominalArm(plan.session.robot, turned.centre, rpy_matrix(turned.rpy))
+    poses = arm.tool_poses(arm.frames(expected_readings(plan)))
+    read = np.array([t.pose for t in targets])
+    np.testing.assert_allclose(read[:, :3, 3], poses[:, :3, 3], atol=6e-8)
+    np.testing.assert_allclose(read[:, :3, :3], poses[:, :3, :3], atol=3e-7)
+    np.testing.assert_allclose([t.readings for t in targets], expected_readings(plan), atol=1.1e-7)
+
+
+def test_nothing_is_approached_where_nothing_is_touched(tracker):
+    plan = made_up_plan(tracker(seed=1).dataset)
+    plan = replace(plan, approach=plan.session.measurements.readings)
+    assert [m.kind for m in motions(plan)] == ["measure"] * len(plan.purpose)
+    assert "movel" not in FORMATS["urscript"].text(plan)
+
+
+def test_an_arm_without_six_joints_has_no_urscript(plan):
+    short = replace(plan.session, robot=replace(plan.session.robot, joint_names=("J1", "J2")))
+    with pytest.raises(BayescalError, match="arms of 6 joints"):
+        FORMATS["urscript"].text(replace(plan, session=short))
+
+
+def test_formats_are_written_beside_the_plan(plan, tmp_path):
+    names = write_plan(plan, tmp_path / "run", ("poses", "csv", "poses"))
+    assert {"plan-poses.csv", "plan-joints.csv"} <= set(names)
+    assert (tmp_path / "run" / "plan-joints.csv").read_text() == FORMATS["csv"].text(plan)
+    with pytest.raises(BayescalError, match="there is no format 'rapid'"):
+        formats_of(["csv", "rapid"])
+    with pytest.raises(BayescalError, match="there is no format"):
+        write_plan(plan, tmp_path / "other", ("rapid",))
+    assert not (tmp_path / "other").exists()
