@@ -1,4 +1,4 @@
-"""Rows appended to a session: rows of it repeated under other conditions."""
+"""Rows taken from a session, and rows appended to it: rows of it repeated under other conditions."""
 
 from __future__ import annotations
 
@@ -9,6 +9,13 @@ from typing import Any
 import numpy as np
 
 from bayescal.dataset.types import Measurements
+
+
+def taken(m: Measurements, rows: np.ndarray) -> Measurements:
+    """Some rows (R,) of a session, in the given order."""
+    table = {f.name: getattr(m, f.name) for f in fields(Measurements)}
+    picked = {name: column[rows] for name, column in table.items() if name != "ids" and column is not None}
+    return Measurements(**table | picked | {"ids": tuple(m.ids[k] for k in rows)})
 
 
 def appended(

@@ -53,6 +53,11 @@ class Contrasts:
     items: tuple[Contrast, ...]
     weight: np.ndarray  # (groups,)
 
+    @classmethod
+    def of(cls, found: Vocabulary, items: Sequence[Contrast]) -> Contrasts:
+        """Contrasts with equal weights of all groups."""
+        return cls(found, tuple(items), np.ones(1 + max(item.group for item in items)))
+
     @property
     def columns(self) -> CandidateColumns:
         """Of all effects."""
@@ -192,4 +197,4 @@ def of_pairs(found: Vocabulary, pairs: Sequence[Pair]) -> Contrasts:
             if own:
                 truth, mix = found.side(own)
                 items.append(Contrast(truth, found.side(other)[0], group, mix))
-    return Contrasts(found, tuple(items), np.ones(len(pairs)))
+    return Contrasts.of(found, items)

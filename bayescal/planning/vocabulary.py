@@ -7,16 +7,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Circumstances, Parameter, named
 from bayescal.effects.selection import Selection
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate
+from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.gap.design.blind_spots import Seat, seats
 from bayescal.gap.linear.known import with_compliances
 from bayescal.gap.linear.masses import masses
 from bayescal.gap.linear.slopes import problem
 from bayescal.gap.search.beam import COMPLIANCE
 from bayescal.gap.search.candidates import Candidates, candidates, extended, wide
+from bayescal.model import Scene, build
 from bayescal.model.parts import Part
 from bayescal.planning.pool import Pool
 from bayescal.planning.projection import CandidateColumns
@@ -46,12 +48,13 @@ Side = tuple[Suspect, ...]
 class Vocabulary:
     """Effects as columns; `seats` are those of the usual setting, each column in one of them.
 
-    `parameters` are those of all columns; after those of the seats follow those of suspects in a setting.
+    `parameters` are those of all columns; after those of the seats follow those of suspects in a setting,
+    whose columns `settings` are given by the text of the suspect.
     """
 
     seats: tuple[Seat, ...]
     parameters: tuple[Parameter, ...]
-    suspects: Mapping[str, np.ndarray]  # columns by the text of the suspect
+    settings: Mapping[str, np.ndarray]
     columns: CandidateColumns
 
     @property
@@ -67,16 +70,33 @@ class Vocabulary:
         """Effects with a similar form, of those that the session can show."""
         return tuple(n for n in self.names if n in EFFECTS[effect].confusable_with)
 
+    def shown(self, one: Suspect) -> np.ndarray:
+        """Columns (k,) of a suspect; none if it is not among the columns."""
+        usual = np.flatnonzero([_is(one, p) for p in self.parameters])
+        return self.settings.get(one.model, usual)
+
     def side(self, side: Side) -> tuple[np.ndarray, np.ndarray | None]:
         """Columns (k,) of suspects, and their amplitudes (k, 1) in units of their priors, where stated."""
         if not side:
             return np.empty(0, int), None
-        columns = np.concatenate([self.suspects[one.model] for one in side])
-        values = {k: v for one in side for k, v in one.values.items()}
-        if not values:
-            return columns, None
-        own = [self.parameters[k] for k in columns]
-        return columns, np.array([[values.get(p.name, 0.0) / p.sd] for p in own])
+        columns = [self.shown(one) for one in side]
+        if not any(one.values for one in side):
+            return np.concatenate(columns), None
+        amplitudes = [
+            one.values.get(p.name, 0.0) / p.sd if one.values else 1.0
+            for one, own in zip(side, columns, strict=True)
+            for p in (self.parameters[k] for k in own)
+        ]
+        return np.concatenate(columns), np.array(amplitudes)[:, None]
+
+
+def nominal(session: Dataset, effects: tuple[str, ...], without: Sequence[Part] = ()) -> Estimate:
+    """A model of a session's rows at the mean of its prior, with the stated noise, as if it were fitted."""
+    model = build(Scene(session, oriented=True), effects, without=without)
+    z = np.zeros(model.size)
+    weights = unit_weights(model, z)
+    linear = linearise(model, z, weights)
+    return Estimate(model, z, np.eye(model.size), weights, linear, 0, np.empty(0, int), {})
 
 
 def vocabulary(
@@ -102,21 +122,17 @@ def vocabulary(
     scene, effects = fitted.model.scene, fitted.model.effects
     c = with_compliances(scene.circumstances(scene.rows("calibrate")), fitted)
     known = _known(c, effects, without)
-    groups: list[Seat] = []
+    found: list[Seat] = []
     parameters: list[Parameter] = []
     for seat in seats(known):
-        at = len(parameters) + np.arange(len(seat.columns))
-        groups.append(replace(seat, columns=at))
+        found.append(replace(seat, columns=len(parameters) + np.arange(len(seat.columns))))
         parameters += [known.pool[k] for k in seat.columns]
-    columns_of: dict[str, np.ndarray] = {}
+    usual, settings = tuple(parameters), {}
     for one in suspects:
-        usual = one.selection.setting is None
-        own = [k for k, p in enumerate(parameters) if usual and _is(one, p)]
-        if not own:
+        if not any(_is(one, p) for p in usual) and one.model not in settings:
             more = _shown(one, c)
-            own = [len(parameters) + k for k in range(len(more))]
+            settings[one.model] = len(parameters) + np.arange(len(more))
             parameters += more
-        columns_of[one.model] = np.array(own)
     nuisance = masses(c) if COMPLIANCE in effects else []
     p = problem(fitted, parameters, nuisance)
     row = p.rows[p.contact]
@@ -126,7 +142,7 @@ def vocabulary(
     rest = np.setdiff1d(np.arange(len(p.residual)), new)
     new, number = new[order], number[order]
     columns = CandidateColumns(p.jacobian[new], p.pool[new], number, p.jacobian[rest], p.pool[rest])
-    return Vocabulary(tuple(groups), tuple(parameters), columns_of, columns)
+    return Vocabulary(tuple(found), tuple(parameters), settings, columns)
 
 
 def _known(c: Circumstances, effects: tuple[str, ...], without: Sequence[Part]) -> Candidates:
@@ -142,9 +158,9 @@ def _known(c: Circumstances, effects: tuple[str, ...], without: Sequence[Part]) 
 def _is(one: Suspect, p: Parameter) -> bool:
     """Whether a column is one of a suspect in its usual setting."""
     asked = one.selection
-    if one.values:
-        return p.effect == asked.effect and p.name in one.values
-    return p.effect == asked.effect and asked.holds(p) and asked.together == bool(p.stands_for)
+    if p.effect != asked.effect or asked.setting is not None:
+        return False
+    return p.name in one.values if one.values else asked.holds(p) and asked.together == bool(p.stands_for)
 
 
 def _shown(one: Suspect, c: Circumstances) -> list[Parameter]:

@@ -2,13 +2,10 @@
 
 from functools import cache
 
-import numpy as np
-
-from bayescal.estimate import Estimate, linearise, unit_weights
-from bayescal.model import build
+from bayescal.estimate import Estimate
 from bayescal.model.parts import parts_of
-from bayescal.model.scene import Scene
 from bayescal.planning.pool import Pool, Setup
+from bayescal.planning.vocabulary import nominal as at_nominal
 from bayescal.robots import load_robot
 from bayescal.simulation.options import Options
 from bayescal.simulation.session import plan
@@ -25,9 +22,5 @@ def pool(contacts: int = 150) -> Pool:
 
 @cache
 def nominal(without: tuple[str, ...] = ()) -> Estimate:
-    """The nominal arm at the pool's contacts, with their stated noise."""
-    model = build(Scene(pool().session), MODEL, 1.0, parts_of(without, MODEL))
-    z = np.zeros(model.size)
-    weights = unit_weights(model, z)
-    linear = linearise(model, z, weights)
-    return Estimate(model, z, np.eye(model.size), weights, linear, 0, np.empty(0, int), {})
+    """The nominal arm at the pool's contacts."""
+    return at_nominal(pool().session, MODEL, parts_of(without, MODEL))

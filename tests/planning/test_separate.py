@@ -38,9 +38,8 @@ def noncentrality(linear: CandidateColumns, chosen, truth, rivals) -> float:
     return float(np.trace(x.T @ left @ x))
 
 
-def of(linear: CandidateColumns, items, weight=None) -> Contrasts:
-    weight = np.ones(1 + max(item.group for item in items)) if weight is None else weight
-    return Contrasts(Vocabulary((), (), {}, linear), tuple(items), weight)
+def of(linear: CandidateColumns, items) -> Contrasts:
+    return Contrasts.of(Vocabulary((), (), {}, linear), items)
 
 
 PAIRED = (
