@@ -7,6 +7,8 @@ copy of the dataset (`dataset/`; `dataset/1`, `dataset/2` of several sessions).
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -125,9 +127,18 @@ def read_arm(folder: Path) -> FittedArm:
         raise BayescalError(f"incomplete: {error}", str(path), repeat) from None
 
 
+def _copies(names: Sequence[str], folder: Path) -> list[Path]:
+    """Folders of the copies of the dataset, as arm.json names them: none outside the run folder is read."""
+    for name in names:
+        if not re.fullmatch(rf"{COPY}(/[1-9][0-9]*)?", name):
+            what = f"'{name}' is not a copy of the dataset in the run folder"
+            raise BayescalError(what, str(folder / ARM_FILE), f"it must be {COPY}, or {COPY}/1, {COPY}/2 ...")
+    return [folder / name for name in names]
+
+
 def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
     of = record["dataset"]
-    sessions = [read_dataset(folder / name, judge=False) for name in of["folders"]]
+    sessions = [read_dataset(copy, judge=False) for copy in _copies(of["folders"], folder)]
     scene = Scene(joined(sessions, of["remounted"], of["own_noise"]), oriented=True)
     effects = tuple(record["model"])
     entries = {e["name"]: e for e in record["parameters"]}

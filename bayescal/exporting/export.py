@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,11 +20,10 @@ from bayescal.exporting.expressed import Missing, not_expressed
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.formats import format_of
 from bayescal.exporting.rows import state_row
+from bayescal.exporting.sidecar import SCHEMA, sidecar_of
 from bayescal.exporting.written import Options, Written, path_of
 from bayescal.files import json_text, write_together
 
-SCHEMA = "bayescal-export/1"
-SIDECAR = ".bayescal.json"
 UM = 1e6
 
 
@@ -51,21 +50,21 @@ class Exported:
 
     def files(self, path: Path) -> dict[Path, str | bytes]:
         """All files with their content, the sidecar last, for a main file at `path`."""
-        main = {path: self.written.content}
         beside = {path.with_name(path.stem + suffix): text for suffix, text in self.written.beside.items()}
-        text = json_text(self.record(path.name))
-        return {**main, **beside, sidecar_of(path): text}
+        if path in beside:
+            raise BayescalError("a further file would have this name", str(path), "give another --out")
+        return {path: self.written.content, **beside, sidecar_of(path): json_text(self.record(path.name))}
 
     def record(self, name: str) -> dict[str, Any]:
         """The content of the sidecar of a file called `name`."""
         arm, dataset = self.arm, self.arm.dataset
-        content = self.written.content
-        raw = content.encode() if isinstance(content, str) else content
+        beside = {Path(name).stem + suffix: text for suffix, text in self.written.beside.items()}
         return {
             "schema": SCHEMA,
             "format": self.format,
             "file": name,
-            "sha256": hashlib.sha256(raw).hexdigest(),
+            "sha256": _hash(self.written.content),
+            "beside": {name: _hash(text) for name, text in beside.items()},
             "dataset": {"name": dataset.name, "sha256": dataset.sha256},
             "robot": dataset.robot.name,
             "model": list(arm.effects),
@@ -80,15 +79,15 @@ class Exported:
         }
 
     def save(self, path: Path) -> tuple[Path, ...]:
-        """Write the file and its sidecar; an earlier export of that name is replaced.
+        """Write the file, those beside it and the sidecar; an earlier export of that name is replaced.
 
         Raises
         ------
         BayescalError
-            If `path` is the user's own file, or another file that is no unchanged earlier export.
+            If one of them is the user's own file, or another file that is no unchanged earlier export.
         """
-        _check_free(path, self.options.into)
         files = self.files(path)
+        _check_free(path, files, self.options.into)
         write_together(files)
         return tuple(files)
 
@@ -143,11 +142,6 @@ def export(
     return Exported(to, format_.suffix, options, written, missing, rest, arm)
 
 
-def sidecar_of(path: Path) -> Path:
-    """The sidecar beside an exported file."""
-    return path.with_name(path.name + SIDECAR)
-
-
 def _state(dataset: Dataset, row: int) -> dict[str, Any]:
     m = dataset.measurements
     time = {} if m.time is None else {"time_s": float(m.time[row])}
@@ -189,34 +183,29 @@ def _tools(arm: FittedArm) -> list[dict[str, Any]]:
     return out
 
 
-def _check_free(path: Path, into: str) -> None:
-    """Refuse to write over a file of the user."""
-    if into and path.exists() and path.samefile(path_of(into)[0]):
-        raise BayescalError("is the file to patch itself", str(path), "give another --out: it is not changed")
-    if not path.exists():
-        return
+def _hash(content: str | bytes) -> str:
+    raw = content.encode() if isinstance(content, str) else content
+    return hashlib.sha256(raw).hexdigest()
+
+
+def _check_free(path: Path, files: Iterable[Path], into: str) -> None:
+    """Refuse to write over a file of the user: any that is not as an earlier export to `path` wrote it."""
+    own, sidecar = path_of(into)[0], sidecar_of(path)
+    known = _earlier(sidecar, path.name)
+    for file in filter(Path.exists, files):
+        if into and own.exists() and file.samefile(own):
+            what = "is the file to patch itself"
+            raise BayescalError(what, str(file), "give another --out: it is not changed")
+        if file != sidecar and (not file.is_file() or known.get(file.name) != _hash(file.read_bytes())):
+            raise BayescalError("exists and is no unchanged export", str(file), "give another --out")
+        if file == sidecar and not known:
+            raise BayescalError("exists and is no sidecar of an export", str(file), "give another --out")
+
+
+def _earlier(sidecar: Path, name: str) -> dict[str, str]:
+    """Hashes of the files of an earlier export, by their names; none if the sidecar is of no export."""
     try:
-        known = json.loads(sidecar_of(path).read_text(encoding="utf-8"))
-        same = known["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
-    except (OSError, ValueError, KeyError, TypeError):
-        same = False
-    if not same:
-        raise BayescalError("exists and is no unchanged export", str(path), "give another --out")
-
-
-def read_sidecar(path: Path) -> Mapping[str, Any]:
-    """The sidecar of an exported file.
-
-    Raises
-    ------
-    BayescalError
-        If there is none, or it is of another version.
-    """
-    beside = sidecar_of(path)
-    try:
-        record = json.loads(beside.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise BayescalError(f"cannot be read: {error}", str(beside), "export the arm again") from None
-    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
-        raise BayescalError(f"is no {SCHEMA}", str(beside), "export the arm again")
-    return record
+        record = json.loads(sidecar.read_text(encoding="utf-8"))
+        return {**record.get("beside", {}), name: record["sha256"]} if record["schema"] == SCHEMA else {}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}

@@ -44,7 +44,6 @@ def calibrated_robot(model: Model, values: np.ndarray, name: str = "", state: in
         session is left out.
     """
     robot = model.scene.dataset.robot
-    compliance = np.zeros(robot.n) if robot.compliance is None else robot.compliance.copy()
     coupling = robot.link_from_reading.copy()
     side = scale_side(model)
     for value, p in zip(values, model.parameters, strict=True):
@@ -54,9 +53,7 @@ def calibrated_robot(model: Model, values: np.ndarray, name: str = "", state: in
                 coupling[:, joint] *= 1.0 + value
             else:
                 coupling[joint] *= 1.0 + value
-        if p.effect == COMPLIANCE.name:
-            for own in p.stands_for or (p,):
-                compliance[own.site.number - 1] += value * (own.centre if p.stands_for else 1.0)
+    compliance = _compliance(model, values)
     out = _displaced_rows(robot, constant_displacements(model, values, state))
     return replace(
         out,
@@ -65,6 +62,31 @@ def calibrated_robot(model: Model, values: np.ndarray, name: str = "", state: in
         # a negative estimate is not physical: such a joint is rigid
         compliance=np.maximum(compliance, 0.0) if np.any(compliance > 0) else None,
     )
+
+
+def robot_text(model: Model, values: np.ndarray, tool_in: str, state: int | None = None) -> str:
+    """The text of a robot.yaml of a fitted arm, which says what it is; arguments as of `calibrated_robot`.
+
+    `tool_in` is the file that has the tool.
+    """
+    robot, dataset = calibrated_robot(model, values, state=state), model.scene.dataset
+    comment = f"{dataset.robot.name} calibrated on {dataset.name}: {', '.join(model.effects)}.\n"
+    comment += f"The tool is not part of it: see {tool_in}."
+    rigid = [n for n, c in zip(robot.joint_names, _compliance(model, values), strict=True) if c < 0.0]
+    if rigid:
+        comment += f"\nRigid here, because the estimated compliance is negative: {', '.join(rigid)}."
+    return robot_to_yaml(robot, comment)
+
+
+def _compliance(model: Model, values: np.ndarray) -> np.ndarray:
+    """Compliances (n,), rad/(N m), as estimated: also negative ones."""
+    robot = model.scene.dataset.robot
+    out = np.zeros(robot.n) if robot.compliance is None else robot.compliance.copy()
+    for value, p in zip(values, model.parameters, strict=True):
+        if p.effect == COMPLIANCE.name:
+            for own in p.stands_for or (p,):
+                out[own.site.number - 1] += value * (own.centre if p.stands_for else 1.0)
+    return out
 
 
 def is_scale(p: Parameter) -> bool:
@@ -111,12 +133,7 @@ def _displaced_rows(robot: Robot, delta: np.ndarray) -> Robot:
 
 
 def _write(arm: FittedArm, options: Options) -> Written:
-    robot = calibrated_robot(arm.model, arm.values, state=options.state)
-    comment = (
-        f"{arm.dataset.robot.name} calibrated on {arm.dataset.name}: {', '.join(arm.effects)}.\n"
-        "The tool is not part of it."
-    )
-    return Written(robot_to_yaml(robot, comment), robot_items(arm))
+    return Written(robot_text(arm.model, arm.values, "the sidecar", options.state), robot_items(arm))
 
 
 def robot_items(arm: FittedArm) -> list[Item]:

@@ -40,6 +40,9 @@ class Circumstance:
         row: str | int | None,
     ) -> Circumstance:
         """The state of `count` poses; arguments as of `FittedArm.at`."""
+        for value, option, unit in ((payload_kg, "--payload-kg", "kg"), (time, "--at-time", "s")):
+            if value is not None and not np.all(np.isfinite(value)):
+                raise BayescalError("is not a finite number", option, f"give a number of {unit}")
         m = dataset.measurements
         values: dict[str, Any] = {}
         if m.payload is not None or np.any(payload_kg):

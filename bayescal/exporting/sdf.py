@@ -19,6 +19,7 @@ from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.tool import TOOL
+from bayescal.exporting.digits import number, numbers
 from bayescal.exporting.displaced import constant
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.geometry import coupled, items
@@ -109,10 +110,6 @@ def _elastic(arm: FittedArm) -> Iterator[Item]:
             yield item(arm, k, "link[@name='flange']/inertial", "mass")
 
 
-def _numbers(*values: float) -> str:
-    return " ".join(repr(float(v) + 0.0) for v in values)
-
-
 def _add(parent: ET.Element, tag: str, text: str = "", **attributes: str) -> ET.Element:
     out = ET.SubElement(parent, tag, attributes)
     out.text = text or None
@@ -125,18 +122,18 @@ def _link(
 ) -> None:  # fmt: skip
     """A link; one without a mass has inertia, but no weight."""
     link = _add(model, "link", name=name)
-    own = _add(link, "pose", _numbers(*pose[:3, 3], *rpy_of(pose[:3, :3])))
+    own = _add(link, "pose", numbers((*pose[:3, 3], *rpy_of(pose[:3, :3]))))
     if before:
         own.set("relative_to", before)
     if mass <= 0:
         _add(link, "gravity", "false")
     inertial = _add(link, "inertial")
-    _add(inertial, "pose", _numbers(*centre, 0.0, 0.0, 0.0))
+    _add(inertial, "pose", numbers((*centre, 0.0, 0.0, 0.0)))
     heavy = mass if mass > 0 else WEIGHTLESS
-    _add(inertial, "mass", _numbers(heavy))
+    _add(inertial, "mass", number(heavy))
     inertia = _add(inertial, "inertia")
     for key in ("ixx", "iyy", "izz"):
-        _add(inertia, key, _numbers(heavy * GYRATION**2))
+        _add(inertia, key, number(heavy * GYRATION**2))
     for key in ("ixy", "ixz", "iyz"):
         _add(inertia, key, "0")
 
@@ -150,9 +147,9 @@ def _joint(model: ET.Element, name: str, kind: str, parent: str, child: str) -> 
 
 def _hinge(model: ET.Element, hinge: Hinge, parent: str, child: str, robot: Robot) -> None:
     joint = _joint(model, hinge.name, "revolute", parent, child)
-    _add(joint, "pose", _numbers(*hinge.pos, 0.0, 0.0, 0.0))
+    _add(joint, "pose", numbers((*hinge.pos, 0.0, 0.0, 0.0)))
     axis = _add(joint, "axis")
-    _add(axis, "xyz", _numbers(*hinge.axis))
+    _add(axis, "xyz", numbers(hinge.axis))
     limit, dynamics = _add(axis, "limit"), _add(axis, "dynamics")
     if hinge.spring is None:
         j = robot.joint_names.index(hinge.name)
@@ -160,11 +157,11 @@ def _hinge(model: ET.Element, hinge: Hinge, parent: str, child: str, robot: Robo
         _add(dynamics, "damping", "0")
     else:
         low, high = -1.0, 1.0
-        _add(dynamics, "damping", _numbers(DAMPING * hinge.spring.slope))
-        _add(dynamics, "spring_reference", _numbers(hinge.rest))
-        _add(dynamics, "spring_stiffness", _numbers(hinge.spring.stiffness))
-    _add(limit, "lower", _numbers(low))
-    _add(limit, "upper", _numbers(high))
+        _add(dynamics, "damping", number(DAMPING * hinge.spring.slope))
+        _add(dynamics, "spring_reference", number(hinge.rest))
+        _add(dynamics, "spring_stiffness", number(hinge.spring.stiffness))
+    _add(limit, "lower", number(low))
+    _add(limit, "upper", number(high))
 
 
 SDF = Format(

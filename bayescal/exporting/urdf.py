@@ -19,6 +19,7 @@ import numpy as np
 from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError
+from bayescal.exporting.digits import numbers
 from bayescal.exporting.displaced import constant
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.geometry import (
@@ -54,11 +55,6 @@ def write(arm: FittedArm, options: Options) -> Written:
         details=details,
         notes=coupled(np.array(details["joint_from_reading"])),
     )
-
-
-def numbers(values: np.ndarray) -> str:
-    """Numbers with all their digits, as an attribute holds them."""
-    return " ".join(repr(float(v) + 0.0) for v in values)
 
 
 def file_arm(tree: Tree, tip: str) -> FileArm:

@@ -85,6 +85,13 @@ def test_bad_tables(arm, tmp_path, text, message):
         compensate_file(arm, table(tmp_path / "t.csv", text))
 
 
+def test_a_payload_or_a_time_that_is_no_number_is_refused(arm, tmp_path):
+    source = table(tmp_path / "t.csv", POSES + ROWS)
+    for state, option in (({"payload": np.nan}, "--payload-kg"), ({"time": np.inf}, "--at-time")):
+        with pytest.raises(BayescalError, match=f"{option}: is not a finite number"):
+            compensate_file(arm, source, **state)
+
+
 @pytest.mark.parametrize("name", ["fanuc", "abb", "robodk"])
 def test_a_program_is_corrected_in_place(arm, tmp_path, name):
     suffix = {"fanuc": ".LS", "abb": ".mod", "robodk": ".csv"}[name]
@@ -105,6 +112,24 @@ def test_a_program_is_corrected_in_place(arm, tmp_path, name):
             np.testing.assert_allclose(target.pose, own.pose, atol=2e-7)
         else:
             np.testing.assert_allclose(target.readings, own.readings, atol=2e-7)
+
+
+def test_files_of_the_user_are_not_overwritten(arm, tmp_path):
+    """Neither the corrected file nor the table of positions; the same content again is no change."""
+    source = tmp_path / "prog.LS"
+    source.write_bytes(programs.FANUC)
+    done = compensate_file(arm, source)
+    out, listed = tmp_path / "out.LS", tmp_path / "out.LS.positions.csv"
+    for path in (out, listed):
+        path.write_bytes(b"of the user")
+        with pytest.raises(BayescalError, match=f"{path.name}: exists with another content; give another"):
+            done.save(out)
+        assert path.read_bytes() == b"of the user"
+        assert {p.name for p in tmp_path.iterdir()} == {"prog.LS", path.name}
+        path.unlink()
+    done.save(out)
+    done.save(out)
+    assert out.read_bytes() == done.text
 
 
 def test_a_program_in_another_frame_must_say_which(arm, tmp_path):

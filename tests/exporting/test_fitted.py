@@ -120,6 +120,19 @@ def test_an_arm_without_equilibrium_is_refused(session):
         arm.valued(np.array(soft))
 
 
+@pytest.mark.parametrize("folder", ["../run/dataset", "/elsewhere", "dataset/../..", "dataset/x"])
+def test_only_copies_in_the_run_folder_are_read(session, tmp_path, folder):
+    (tmp_path / "run").mkdir()
+    path = tmp_path / "run" / "arm.json"
+    write_arm(fake(session, ("geometry",)), path.parent)
+    record = json.loads(path.read_text())
+    record["dataset"]["folders"] = [folder]
+    path.write_text(json.dumps(record))
+    with pytest.raises(BayescalError, match=r"arm\.json: '.*' is not a copy of the dataset") as refusal:
+        open_run(path.parent)
+    assert "\n" not in str(refusal.value)
+
+
 def test_a_folder_without_arm_is_refused(tmp_path):
     with pytest.raises(BayescalError, match=r"there is no arm\.json"):
         open_run(tmp_path)

@@ -52,10 +52,19 @@ class Compensation:
     notes: tuple[str, ...] = ()
 
     def save(self, out: Path) -> tuple[str, ...]:
-        """Write the corrected file, and the table of a program's positions beside it; return their names."""
-        contents: dict[Path, str | bytes] = {out: self.text}
+        """Write the corrected file, and the table of a program's positions beside it; return their names.
+
+        Raises
+        ------
+        BayescalError
+            If one of them exists with another content.
+        """
+        contents: dict[Path, bytes] = {out: self.text}
         if self.positions is not None:
             contents[out.with_name(out.name + LIST)] = self.positions
+        for path, content in contents.items():
+            if path.exists() and not (path.is_file() and path.read_bytes() == content):
+                raise BayescalError("exists with another content", str(path), "give another --out")
         write_together(contents)
         return tuple(path.name for path in contents)
 

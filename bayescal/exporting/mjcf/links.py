@@ -9,8 +9,9 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from bayescal.arm.transforms import rigid
+from bayescal.exporting.digits import number
 from bayescal.exporting.mjcf.mechanism import Body, Hinge, Load, Mechanism
-from bayescal.exporting.mjcf.text import DEFAULT, add, number, place
+from bayescal.exporting.mjcf.text import DEFAULT, add, place
 
 DAMPING = 0.02
 """Damping of a spring, s times its stiffness."""

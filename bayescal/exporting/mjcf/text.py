@@ -8,18 +8,10 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bayescal.exporting.digits import number, numbers
+
 DEFAULT = "bayescal"
 """Class of all added elements."""
-
-
-def number(value: float) -> str:
-    """A number with all its digits."""
-    return repr(float(value) + 0.0)
-
-
-def numbers(values: Iterable[float]) -> str:
-    """Numbers with all their digits, separated by blanks."""
-    return " ".join(map(number, np.asarray(values, float).tolist()))
 
 
 def place(pose: np.ndarray) -> dict[str, str]:

@@ -11,12 +11,14 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.exporting.engine import mujoco
-from bayescal.exporting.export import read_sidecar
 from bayescal.exporting.fitted import FittedArm, open_run, refitted
-from bayescal.exporting.verify.gap import Gap, in_simulator, read_record, simulated_gap
+from bayescal.exporting.rows import state_row
+from bayescal.exporting.sidecar import AGAIN, read_sidecar, sidecar_of
+from bayescal.exporting.verify.gap import Gap, in_simulator, simulated_gap
 from bayescal.exporting.verify.levels import File, Level, levels
 from bayescal.exporting.verify.replay import Place
-from bayescal.exporting.verify.urdf import simulators, tool_points, urdf_levels
+from bayescal.exporting.verify.reported import Reported, read_reported
+from bayescal.exporting.verify.urdf import held, simulators, tool_points, urdf_levels
 
 Notify = Callable[[str, float], None]
 
@@ -58,12 +60,13 @@ def verify(run: Path, path: Path, notify: Notify = lambda stage, share: None) ->
         what = f"is a file of the format {sidecar['format']}"
         raise BayescalError(what, str(path), f"bayescal verifies {' and '.join(VERIFIED)}")
     arm = _arm(run, sidecar, str(path))
-    state = arm.dataset.measurements.ids.index(sidecar["state"]["row"])
-    return VERIFIED[sidecar["format"]](arm, path, text, sidecar, state, read_record(run), notify)
+    _check_alike(arm, sidecar, str(sidecar_of(path)))
+    state = state_row(arm.dataset, row=sidecar["state"]["row"])
+    return VERIFIED[sidecar["format"]](arm, path, text, sidecar, state, read_reported(run), notify)
 
 
 def _mjcf(
-    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, record: Mapping[str, Any],
+    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, reported: Reported,
     notify: Notify,
 ) -> Verification:  # fmt: skip
     file = File(text, path.parent, str(path), Place.of(arm, sidecar))
@@ -74,12 +77,12 @@ def _mjcf(
     def before(other: FittedArm, rows: np.ndarray) -> np.ndarray:
         return in_simulator(other, File.new(other, state, file.place.script), rows, state)
 
-    gap = simulated_gap(arm, before, lambda rows: in_simulator(arm, file, rows, state), record)
+    gap = simulated_gap(arm, before, lambda rows: in_simulator(arm, file, rows, state), reported)
     return Verification(arm, path, "mjcf", state, software, found, gap, _missing(sidecar))
 
 
 def _urdf(
-    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, record: Mapping[str, Any],
+    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, reported: Reported,
     notify: Notify,
 ) -> Verification:  # fmt: skip
     every = simulators(text, sidecar, str(path))
@@ -88,9 +91,9 @@ def _urdf(
     notify("replay", 0.0)
     gap = simulated_gap(
         arm,
-        lambda other, rows: other.at_rows(rows).points,
+        lambda other, rows: held(other).at_rows(rows).points,
         lambda rows: tool_points(arm, first, sidecar, rows),
-        record,
+        reported,
     )
     return Verification(arm, path, "urdf", state, ", ".join(every), found, gap, _missing(sidecar))
 
@@ -121,3 +124,21 @@ def _arm(run: Path, sidecar: Mapping[str, Any], where: str) -> FittedArm:
     less = [name for name in arm.effects if name not in sidecar["model"]]
     less += [part for part in sidecar["without"] if part not in arm.origin.without]
     return refitted(arm, more, less) if more or less else arm
+
+
+def _check_alike(arm: FittedArm, sidecar: Mapping[str, Any], where: str) -> None:
+    """Refuse a sidecar with another row, other tools or other joints than the arm has."""
+    n = arm.dataset.robot.n
+    names = [t.name for t in arm.dataset.tools]
+    sizes = [len(sidecar[key]) for key in ("joints", "signs", "joint_from_reading") if key in sidecar]
+    sizes += [len(row) for row in sidecar.get("joint_from_reading", ())]
+    for alike, what in (
+        (sidecar["state"]["row"] in arm.dataset.measurements.ids, "the session has no row `state.row`"),
+        (
+            [t["name"] for t in sidecar["tools"]] == names,
+            f"`tools` are not {', '.join(names)}",
+        ),
+        (all(size == n for size in sizes), f"`joints` or their matrices are not of an arm with {n} joints"),
+    ):
+        if not alike:
+            raise BayescalError(what, where, AGAIN)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from bayescal.exporting.engine import mujoco
 from bayescal.exporting.mjcf.into.scene_file import compiled
 from bayescal.exporting.mjcf.mechanism import Load
 from bayescal.exporting.mjcf.readings import STIFF, Joints
+from bayescal.robots.markup import parse_markup
 
 RAMP = 120
 """Steps, with the time step of the file, of the motion before a pose."""
@@ -64,11 +64,7 @@ class Simulator:
         self, text: str, folder: Path, joints: Joints, nominal: np.ndarray, servos: bool, where: str
     ) -> None:
         self.mj: Any = mujoco()
-        try:
-            root = ElementTree.fromstring(text)
-        except ElementTree.ParseError as error:
-            raise BayescalError(f"not XML: {error}", where, "export it again") from None
-        self.model = compiled(root, folder, where)
+        self.model = compiled(parse_markup(text.encode(), where), folder, where)
         self.data = self.mj.MjData(self.model)
         self.joints, self.nominal, self.servos, self.where = joints, nominal, servos, where
         self.timestep = self.model.opt.timestep

@@ -13,8 +13,11 @@ from bayescal.errors import BayescalError
 from bayescal.exporting.displaced import constant
 from bayescal.exporting.engine import mujoco, pinocchio
 from bayescal.exporting.fitted import FittedArm
+from bayescal.exporting.sidecar import AGAIN
 from bayescal.exporting.verify.levels import Level, chosen
 from bayescal.exporting.verify.limits import LIMITS
+from bayescal.exporting.verify.replay import modelled
+from bayescal.robots.markup import parse_markup
 
 SHOWN = ("visual", "collision")
 """Elements that need files of meshes."""
@@ -45,28 +48,25 @@ def simulators(text: str, sidecar: Mapping[str, Any], where: str) -> dict[str, P
     BayescalError
         If none is installed, or one refuses the file.
     """
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise BayescalError(f"not XML: {error}", where, "export it again") from None
+    root = parse_markup(text.encode(), where)
     for link in root.iter("link"):
         for tag in SHOWN:
             for element in link.findall(tag):
                 link.remove(element)
-    joints = list(sidecar["joints"].values())
-    try:
-        mj = mujoco()
-    except BayescalError:
-        return _in_pinocchio(root, joints, sidecar["tip"], where)
-    out = {f"MuJoCo {mj.__version__}": _in_mujoco(root, joints, sidecar["tip"], where)}
-    try:
-        return out | _in_pinocchio(root, joints, sidecar["tip"], where)
-    except BayescalError:
-        return out
+    joints, out, missing = list(sidecar["joints"].values()), {}, None
+    for name, (module, kinematics) in SIMULATORS.items():
+        try:
+            own = module()
+        except BayescalError as error:
+            missing = error
+            continue
+        out[f"{name} {own.__version__}"] = kinematics(own, root, joints, sidecar["tip"], where)
+    if missing is not None and not out:
+        raise missing
+    return out
 
 
-def _in_mujoco(root: ET.Element, joints: list[str], tip: str, where: str) -> Poses:
-    mj: Any = mujoco()
+def _in_mujoco(mj: Any, root: ET.Element, joints: list[str], tip: str, where: str) -> Poses:
     own = ET.fromstring(ET.tostring(root))
     ET.SubElement(ET.SubElement(own, "mujoco"), "compiler", fusestatic="false", balanceinertia="true",
                   boundmass="1e-6", boundinertia="1e-9")  # fmt: skip
@@ -75,7 +75,7 @@ def _in_mujoco(root: ET.Element, joints: list[str], tip: str, where: str) -> Pos
         addresses = [model.joint(name).qposadr[0] for name in joints]
         body = model.body(tip).id
     except (ValueError, KeyError) as error:
-        raise BayescalError(f"MuJoCo refuses the file: {error}", where, "export it again") from None
+        raise BayescalError(f"MuJoCo refuses the file: {error}", where, AGAIN) from None
     data = mj.MjData(model)
 
     def poses(angles: np.ndarray) -> np.ndarray:
@@ -89,25 +89,36 @@ def _in_mujoco(root: ET.Element, joints: list[str], tip: str, where: str) -> Pos
     return poses
 
 
-def _in_pinocchio(root: ET.Element, joints: list[str], tip: str, where: str) -> dict[str, Poses]:
-    pin: Any = pinocchio()
+def _in_pinocchio(pin: Any, root: ET.Element, joints: list[str], tip: str, where: str) -> Poses:
     try:
         model = pin.buildModelFromXML(ET.tostring(root, encoding="unicode"))
-    except ValueError as error:
-        raise BayescalError(f"Pinocchio refuses the file: {error}", where, "export it again") from None
+    except (ValueError, RuntimeError) as error:
+        raise BayescalError(f"Pinocchio refuses the file: {error}", where, AGAIN) from None
+    for known, kind, names in ((model.existJointName, "joint", joints), (model.existFrame, "link", [tip])):
+        for name in names:
+            if not known(name):
+                raise BayescalError(f"Pinocchio finds no {kind} '{name}'", where, AGAIN)
     data, frame = model.createData(), model.getFrameId(tip)
-    addresses = [model.joints[model.getJointId(name)].idx_q for name in joints]
+    moving = [model.joints[model.getJointId(name)] for name in joints]
 
     def poses(angles: np.ndarray) -> np.ndarray:
         out = []
-        for own in angles:
+        for own in angles.tolist():
             q = pin.neutral(model)
-            q[addresses] = own
+            for joint, angle in zip(moving, own, strict=True):
+                # a continuous joint has the cosine and the sine of its angle
+                q[joint.idx_q : joint.idx_q + joint.nq] = (
+                    angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+                )
             pin.framesForwardKinematics(model, data, q)
             out.append(data.oMf[frame].homogeneous.copy())
         return np.array(out)
 
-    return {f"Pinocchio {pin.__version__}": poses}
+    return poses
+
+
+SIMULATORS = {"MuJoCo": (mujoco, _in_mujoco), "Pinocchio": (pinocchio, _in_pinocchio)}
+"""Module and kinematics of each simulator of a URDF."""
 
 
 def urdf_levels(
@@ -115,11 +126,7 @@ def urdf_levels(
 ) -> tuple[Level, ...]:
     """Differences from the model of what a URDF holds, by simulator."""
     rows, own = chosen(arm), held(arm)
-    m, names = arm.dataset.measurements, [t.name for t in arm.dataset.tools]
-    model = np.empty((len(rows), 3))
-    for tool in np.unique(m.tool[rows]):
-        mine = m.tool[rows] == tool
-        model[mine] = own.at(m.readings[rows[mine]], tool=names[int(tool)], row=state).points
+    model = modelled(own, rows, arm.dataset.measurements.readings[rows], state)
     return tuple(
         Level(
             f"geometry, {name}",

@@ -8,13 +8,13 @@ from typing import Any
 
 from bayescal.assess.agreement import Agreement
 from bayescal.calibration import Fit
-from bayescal.exporting import calibrated_robot, of_fit, write_arm
+from bayescal.exporting import of_fit, write_arm
+from bayescal.exporting.robot import robot_text
 from bayescal.folders import whole
 from bayescal.posterior.inference import save
 from bayescal.reporting.fit.agreement import agreement_record, disagreement
 from bayescal.reporting.fit.posterior import fit_draws
 from bayescal.reporting.fit.record import fit_record
-from bayescal.robots import robot_to_yaml
 
 FIT = "fit.json"
 
@@ -33,11 +33,7 @@ def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None
 
     `compared` is what the sessions of a joint fit say of the arm each by itself.
     """
-    robot = robot_to_yaml(
-        calibrated_robot(fit.final.estimate.model, fit.final.estimate.arm),
-        comment=f"{fit.dataset.robot.name} calibrated on {fit.dataset.name}: {', '.join(fit.final.effects)}. "
-        "The tool is not part of it: see fit.json.",
-    )
+    robot = robot_text(fit.final.estimate.model, fit.final.estimate.arm, FIT)
     record = json.dumps(fit_contents(fit, compared), indent=1, allow_nan=False) + "\n"
     with whole(folder, FIT) as stage:
         (stage / FIT).write_text(record, encoding="utf-8")

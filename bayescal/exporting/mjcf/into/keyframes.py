@@ -8,10 +8,10 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from bayescal.exporting.digits import numbers
 from bayescal.exporting.mjcf.into.scene_file import compiled
 from bayescal.exporting.mjcf.law import Law
 from bayescal.exporting.mjcf.readings import Joints, posture
-from bayescal.exporting.mjcf.text import numbers
 
 
 def with_keyframes(root: ET.Element, before: Any, path: Path, law: Law, joints: Joints) -> None:

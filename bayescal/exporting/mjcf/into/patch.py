@@ -10,21 +10,20 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid
 from bayescal.errors import BayescalError
+from bayescal.exporting.digits import number, numbers
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.mjcf.content import Content
 from bayescal.exporting.mjcf.into.found_arm import FoundArm, find_arm
 from bayescal.exporting.mjcf.into.keyframes import with_keyframes
 from bayescal.exporting.mjcf.into.scene_file import compiled, read_scene
 from bayescal.exporting.mjcf.law import bare, law_of
-from bayescal.exporting.mjcf.links import bands, defaults, hinge, tips, tool
+from bayescal.exporting.mjcf.links import MOST, bands, defaults, hinge, tips, tool
 from bayescal.exporting.mjcf.mechanism import Body, Hinge, Mechanism, mechanism
 from bayescal.exporting.mjcf.readings import Joints, Sections, parts
-from bayescal.exporting.mjcf.text import DEFAULT, add, number, numbers, place
+from bayescal.exporting.mjcf.text import DEFAULT, add, place
 from bayescal.exporting.same_arm import ANGLE, Match, match, smallest_turn
 from bayescal.exporting.written import Options, path_of
 
-MOST = 6
-"""Largest number of hinges of a body in MuJoCo."""
 LIGHT = 1e-3
 """Mass, kg, of a body that only carries hinges; gravity does not act on it."""
 TURNED = ("axisangle", "xyaxes", "zaxis", "euler")

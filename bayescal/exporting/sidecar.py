@@ -1,0 +1,103 @@
+"""The sidecar of an exported file: where it is, and what other commands need of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field, ValidationError
+
+from bayescal.errors import BayescalError
+from bayescal.files import Number, Vector
+
+SCHEMA: Literal["bayescal-export/1"] = "bayescal-export/1"
+SUFFIX = ".bayescal.json"
+AGAIN = "export the arm again"
+Row = tuple[Number, Number, Number, Number]
+Pose = tuple[Row, Row, Row, Row]
+
+
+class _Dataset(BaseModel):
+    name: str
+
+
+class _State(BaseModel):
+    row: str
+
+
+class _Missing(BaseModel):
+    effect: str
+    rms_um: Number | None
+
+
+class _Tool(BaseModel):
+    name: str
+    centre_mm: Vector
+
+
+class _Sidecar(BaseModel):
+    """Entries of every sidecar; further ones are not read."""
+
+    schema_: Literal["bayescal-export/1"] = Field(alias="schema")
+    format: str
+    dataset: _Dataset
+    robot: str
+    model: list[str]
+    without: list[str]
+    state: _State
+    not_expressed: list[_Missing]
+    tools: list[_Tool]
+
+
+class _Placed(_Sidecar):
+    """Of a file whose joints have names of its own, in a root of its own."""
+
+    joints: dict[str, str]
+    signs: list[Number]
+    joint_from_reading: list[list[Number]]
+    root_in_f0: Pose
+
+
+class _Urdf(_Placed):
+    tip: str
+    flange_in_tip: Pose
+
+
+def sidecar_of(path: Path) -> Path:
+    """The sidecar beside an exported file."""
+    return path.with_name(path.name + SUFFIX)
+
+
+def read_sidecar(path: Path) -> Mapping[str, Any]:
+    """The sidecar of an exported file, with all entries that its format needs.
+
+    Raises
+    ------
+    BayescalError
+        If there is none, it is of another version, or an entry is missing or wrong.
+    """
+    beside = sidecar_of(path)
+    try:
+        text = beside.read_text(encoding="utf-8")
+        record = json.loads(text)
+    except (OSError, ValueError) as error:
+        raise BayescalError(f"cannot be read: {error}", str(beside), AGAIN) from None
+    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
+        raise BayescalError(f"is no {SCHEMA}", str(beside), AGAIN)
+    try:
+        _entries(record).model_validate_json(text, strict=True)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        what = f"`{'.'.join(map(str, first['loc']))}`: {first['msg']}"
+        raise BayescalError(what, str(beside), AGAIN) from None
+    return record
+
+
+def _entries(record: Mapping[str, Any]) -> type[_Sidecar]:
+    """What a sidecar must have."""
+    if record.get("format") == "urdf":
+        return _Urdf
+    placed = record.get("format") == "mjcf" and record.keys() & {"into", "joints", "root_in_f0"}
+    return _Placed if placed else _Sidecar
