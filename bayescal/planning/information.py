@@ -20,7 +20,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, Weights, check_length, linearise, unit_weights
-from bayescal.model import Model, Scene, build
+from bayescal.model import ARM, Model, Scene, build
 from bayescal.planning.pool import Pool
 
 RESERVE = 40
@@ -104,7 +104,8 @@ def linearised(pool: Pool, effects: tuple[str, ...], values: np.ndarray | None =
     effects : tuple of str
         The model: names of `effects.MODELS`.
     values : np.ndarray, shape (D,), optional
-        z at which the model is linearised; default: the mean of the prior.
+        z at which the model is linearised; default: the nominal arm, which touches the nominal targets (the
+        mean of a prior may be elsewhere: compliances deflect the arm by up to a millimetre).
 
     Notes
     -----
@@ -122,6 +123,8 @@ def linearised(pool: Pool, effects: tuple[str, ...], values: np.ndarray | None =
     model = build(Scene(pool.session, oriented=True), effects)
     check_length(model)
     z = np.zeros(model.size) if values is None else values
+    if values is None:
+        z[model.slices[ARM]] = -model.shift / model.sd
     weights = unit_weights(model, z)
     for block in model.blocks:
         if not np.all(weights.sigma[block.name] > 0):  # nan where none is stated

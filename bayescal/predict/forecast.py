@@ -7,7 +7,6 @@ rows measure certified spheres or were read by an instrument, the measured error
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,14 +16,13 @@ from bayescal.estimate.discrepancy import EFFECT
 from bayescal.estimate.flatness import FORM
 from bayescal.model.block import ARM
 from bayescal.predict.intervals import interval95
+from bayescal.predict.pairs import evenly, far_pairs, lengths, slopes
 from bayescal.predict.validation import Validation
 
 POINTS = 40
 """Number of points of the workspace between which distances are predicted, evenly spaced among all rows."""
 DRAWS = 400
 """Number of posterior draws for this prediction."""
-SHORTEST = 0.2
-"""Shortest distance, relative to the longest: shorter distances give little information on the arm."""
 
 
 @dataclass(frozen=True)
@@ -128,10 +126,10 @@ def _certified(checked: Validation) -> DistanceErrors | None:
     if not checked.distances:
         return None
     predicted = np.stack([d.predicted for d in checked.distances], axis=1)
-    lengths = [d.certified for d in checked.distances]
+    stated = [d.certified for d in checked.distances]
     measured = _rms(np.array([d.error for d in checked.distances]))
     return DistanceErrors(
-        "certified centres", len(lengths), min(lengths), max(lengths), predicted, float(measured)
+        "certified centres", len(stated), min(stated), max(stated), predicted, float(measured)
     )
 
 
@@ -144,13 +142,13 @@ def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
         rows = scene.rows_of(index[p.target], scene.rows("validate"))
         if xyz is None or scene.declared[index[p.target]].reads != "xyz":
             continue
-        pick = _evenly(len(rows), POINTS)
+        pick = evenly(len(rows), POINTS)
         at = xyz[rows[pick]].T
-        pairs = _pairs(at)
+        pairs = far_pairs(at)
         if len(pairs):
-            true = _lengths(at, pairs)
-            predicted = _lengths(at + p.predicted[_evenly(len(p.predicted), DRAWS)][..., pick], pairs) - true
-            parts.append((true, predicted, _lengths(at + p.residuals[:, pick], pairs) - true))
+            true = lengths(at, pairs)
+            predicted = lengths(at + p.predicted[evenly(len(p.predicted), DRAWS)][..., pick], pairs) - true
+            parts.append((true, predicted, lengths(at + p.residuals[:, pick], pairs) - true))
     if not parts:
         return None
     true, predicted, error = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(3))
@@ -168,47 +166,23 @@ def _workspace(
     tool = scene.dataset.measurements.tool
     rows = scene.rows("calibrate", "validate")
     rows = rows[np.isin(tool[rows], tool[scene.rows("calibrate")])]
-    rows = rows[_evenly(len(rows), POINTS)]
+    rows = rows[evenly(len(rows), POINTS)]
     motion, arm = model.motion(rows), model.slices[ARM]
     values = model.deviations(fitted.z[arm])
     at = motion.points(values)
-    pairs = _pairs(at)
+    pairs = far_pairs(at)
     pairs = pairs[tool[rows[pairs[:, 0]]] == tool[rows[pairs[:, 1]]]]
-    true = _lengths(at, pairs)
-    drawn = motion.points(model.deviations(z[_evenly(len(z), DRAWS), arm]))
+    true = lengths(at, pairs)
+    drawn = motion.points(model.deviations(z[evenly(len(z), DRAWS), arm]))
     if excess:
         drawn = drawn + excess * rng.standard_normal(drawn.shape)
     found = DistanceErrors(
         "points of the workspace", len(pairs), float(np.min(true, initial=np.inf)),
-        float(np.max(true, initial=0.0)), _lengths(drawn, pairs) - true, None,
+        float(np.max(true, initial=0.0)), lengths(drawn, pairs) - true, None,
     )  # fmt: skip
     if not model.parameters or not len(pairs):
         return found, np.zeros((0, 0))
-    first, second = pairs.T
-    along = (at[:, first] - at[:, second]) / true
-    by_point = np.stack([motion.columns(values, at, axis) for axis in _axes(len(rows))])  # (3, P, N)
-    by = np.einsum("ak,apk->kp", along, by_point[..., first] - by_point[..., second]) * model.sd
-    return found, by
-
-
-def _axes(count: int) -> Sequence[np.ndarray]:
-    return [np.repeat(axis[:, None], count, axis=1) for axis in np.eye(3)]
-
-
-def _evenly(count: int, most: int) -> np.ndarray:
-    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
-
-
-def _pairs(at: np.ndarray) -> np.ndarray:
-    """Pairs (K, 2) of points (3, N) with a distance that is long enough."""
-    pairs = np.stack(np.triu_indices(at.shape[1], 1), axis=1)
-    lengths = _lengths(at, pairs)
-    return pairs[lengths > SHORTEST * np.max(lengths, initial=0.0)]
-
-
-def _lengths(at: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """DistanceErrors (..., K) between points (..., 3, N)."""
-    return np.linalg.norm(at[..., pairs[:, 0]] - at[..., pairs[:, 1]], axis=-2)
+    return found, slopes(model, motion, values, pairs)
 
 
 def _rms(errors: np.ndarray) -> np.ndarray:

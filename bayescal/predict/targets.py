@@ -102,11 +102,40 @@ def located_target(
     at, keep = locate(block.target, kind, p, noise.reshape(kind.rows, -1), slopes, tool_sd, strict)
     z, tool = at.x[0, block.free] / block.sd, at.tool[0]
     block = carrying(block, tool) if tool_sd else block
+    return linearised_target(estimate, block, z, noise, np.tile(keep, kind.rows), tool, tool_sd)
+
+
+def linearised_target(
+    estimate: Estimate,
+    block: Block,
+    z: np.ndarray,
+    noise: np.ndarray,
+    keep: np.ndarray | float = 1.0,
+    tool: np.ndarray | None = None,
+    tool_sd: float = 0.0,
+) -> LocatedTarget:
+    """A target at a known state, with the slopes of that state by the arm, the noise and its prior.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    block : Block
+        Its rows, with the tool at its place.
+    z : np.ndarray, shape (size,)
+        The target's part of z.
+    noise : np.ndarray, shape (R,)
+        Of its residuals, m.
+    keep : np.ndarray, shape (R,), optional
+        1 for residuals that locate the target, 0 for others.
+    tool, tool_sd
+        Shift (3,) of the tool's centre and its prior standard deviation, m; not given where it is known.
+    """
     _, by_arm, design, by_point = slopes_of(estimate, block, z, tool_sd)
-    weighted = design.T * (np.tile(keep, kind.rows) / noise**2)
+    weighted = design.T * (keep / noise**2)
     factor = cho_factor(weighted @ design + np.eye(design.shape[1]))
     gain = -cho_solve(factor, weighted)
     left = cho_solve(factor, np.eye(len(weighted)))
+    tool = np.zeros(3) if tool is None else tool
     return LocatedTarget(block, z, tool, tool_sd, noise, gain, gain @ by_arm, left, gain @ by_point)
 
 

@@ -1,4 +1,4 @@
-"""Pools of candidate contacts, made of simulated sessions: their rows to calibrate are the candidates."""
+"""Pools of candidate contacts: sessions as they are planned for simulation, whose rows are the candidates."""
 
 from dataclasses import replace
 from functools import cache
@@ -9,7 +9,10 @@ from bayescal.dataset import Target
 from bayescal.model import Scene
 from bayescal.planning.information import Linearised, linearised
 from bayescal.planning.pool import Pool, Setup
-from bayescal.simulation import Options, simulate
+from bayescal.robots import load_robot
+from bayescal.simulation import Options
+from bayescal.simulation.session import plan
+from bayescal.simulation.truth import distance_certificates
 
 MODEL = ("geometry", "compliance")
 
@@ -21,9 +24,11 @@ def pool_of(dataset, measured: int = 0) -> Pool:
 
 @cache
 def pool() -> Pool:
-    """A pool of the LR Mate on a cube, with spheres that are validated."""
+    """A pool of the nominal LR Mate on a nominal cube, with three spheres that are validated."""
     options = Options(contacts=600, later=0, repeats=0, placements=1, seed=3)
-    return pool_of(simulate(options).dataset)
+    dataset, scenery = plan(options, load_robot(options.robot)[0])
+    certificates = distance_certificates(options, scenery, scenery.targets)
+    return pool_of(replace(dataset, certificates=(*dataset.certificates, *certificates)))
 
 
 @cache

@@ -23,6 +23,11 @@ def only(dataset, rows):
     return replace(dataset, measurements=Measurements(**table))
 
 
+def equal(a, b) -> bool:
+    """Whether two information matrices are equal but for rounding."""
+    return bool(np.max(np.abs(a - b)) < 1e-9 * np.max(np.abs(b)))
+
+
 @pytest.mark.parametrize("of", [lambda: pool(), mixed])
 def test_covariance_is_that_of_a_model_of_the_chosen_rows(of):
     p = of()
@@ -46,7 +51,7 @@ def test_blocks_have_as_many_residuals_as_the_kind():
     assert np.array_equal(np.bincount(found.contact), np.where(tracked, 3, 1))
     assert np.all(found.blocks[~tracked, 1:] == 0)
     rows = found.jacobian[np.isin(found.contact, [5, 9, 11])]
-    assert np.allclose(found.selected([5, 9, 11]), rows.T @ rows)
+    assert equal(found.selected([5, 9, 11]), rows.T @ rows)
 
 
 def test_rows_measured_already_count():
@@ -55,8 +60,8 @@ def test_rows_measured_already_count():
     continued = linearised(pool_of(p.session, measured=100), MODEL)
     assert continued.count == 500
     assert continued.residuals == 100
-    assert np.allclose(continued.information([]), linear().information(first))
-    assert np.allclose(continued.information(every(continued)), linear().information(np.append(first, rest)))
+    assert equal(continued.information([]), linear().information(first))
+    assert equal(continued.information(every(continued)), linear().information(np.append(first, rest)))
 
 
 def test_order_and_noise():
@@ -67,9 +72,9 @@ def test_order_and_noise():
     chosen = np.arange(0, 600, 5)
     same = np.searchsorted(shuffled.candidates, where[chosen])
     again = linearised(shuffled, MODEL)
-    assert np.allclose(again.information(same), found.information(chosen))
+    assert equal(again.information(same), found.information(chosen))
     noisy = replace(p.session, noise=Noise(contact=2 * p.session.noise.contact))
-    assert np.allclose(4 * linearised(pool_of(noisy), MODEL).selected(chosen), found.selected(chosen))
+    assert equal(4 * linearised(pool_of(noisy), MODEL).selected(chosen), found.selected(chosen))
 
 
 def test_joint_noise_lowers_the_information():

@@ -1,0 +1,225 @@
+"""Selection of contacts for accurate distances: a D-optimal start, then exchanges by the I criterion.
+
+From nothing, the I criterion is blind: a face that is new has three unknowns, and its first three contacts
+do not improve any distance. The determinant rewards them. A selection therefore begins with contacts that
+maximise the determinant, and exchanges then minimise the mean variance of the distances (Fedorov 1972; Cook
+and Nachtsheim, Technometrics 22, 1980).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from bayescal.planning.goals import Goal
+from bayescal.planning.information import Linearised, inverse
+
+FRESH = 25
+"""Changes of a selection after which its covariance is computed anew, against rounding."""
+BETTER = 1e-9
+"""Relative improvement below which an exchange is rounding error."""
+SWEEPS = 4
+"""Maximum number of rounds in which every contact of a plan is replaced by the best candidate."""
+COORDINATES = 120
+"""Number of contacts up to which plans are improved in this way; larger plans only by adding and dropping."""
+
+Rate = Callable[["Selection"], np.ndarray]
+"""Benefit (C,) of adding each candidate to a selection."""
+
+
+class Selection:
+    """Chosen candidates, the covariance of z, and what every candidate would change.
+
+    The criterion is tr(B'CB), with the covariance C (D, D) and the weighted slopes B' (k, D) of the goals.
+    For the block J of a candidate, S = J C J' and H = J C B: adding it lowers the criterion by
+    tr((I + S)^-1 H H'), dropping it raises it by tr((I - S)^-1 H H').
+    """
+
+    def __init__(self, linear: Linearised, chosen: Sequence[int] | np.ndarray, root: np.ndarray) -> None:
+        """Begin with `chosen` (M,), and `root`, B (D, k)."""
+        self.linear, self.root = linear, root
+        self.blocks = linear.blocks
+        self.chosen = [int(k) for k in chosen]
+        self.changes = 0
+        self._refresh()
+
+    def _refresh(self) -> None:
+        count, r, size = self.blocks.shape
+        flat = self.blocks.reshape(count * r, size)
+        self.covariance = self.linear.covariance(self.chosen)
+        across = flat @ self.covariance
+        self.spread = across.reshape(count, r, size) @ np.swapaxes(self.blocks, 1, 2)  # S, (C, r, r)
+        self.moved = (across @ self.root).reshape(count, r, -1)  # H, (C, r, k)
+
+    @property
+    def value(self) -> float:
+        """The criterion."""
+        return float(np.sum((self.covariance @ self.root) * self.root))
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which candidates are not chosen, (C,)."""
+        out = np.ones(len(self.blocks), bool)
+        out[self.chosen] = False
+        return out
+
+    def gains(self) -> np.ndarray:
+        """By how much each candidate would lower the criterion, (C,)."""
+        return _shared(np.eye(self.spread.shape[1]) + self.spread, self.moved)
+
+    def losses(self, chosen: Sequence[int] | np.ndarray) -> np.ndarray:
+        """By how much the criterion would rise without each of some chosen contacts, (M,)."""
+        at = np.asarray(chosen, int)
+        return _shared(np.eye(self.spread.shape[1]) - self.spread[at], self.moved[at])
+
+    def determinants(self) -> np.ndarray:
+        """By how much each candidate would raise the log determinant of the information, (C,) nats."""
+        return np.asarray(np.linalg.slogdet(np.eye(self.spread.shape[1]) + self.spread)[1])
+
+    def change(self, k: int, sign: float) -> None:
+        """Add (1) or drop (-1) a candidate."""
+        if sign > 0:
+            self.chosen.append(k)
+        else:
+            self.chosen.remove(k)
+        self.changes += 1
+        if self.changes % FRESH == 0:
+            self._refresh()
+            return
+        j = self.blocks[k]
+        gain = self.covariance @ j.T  # (D, r)
+        inside = np.linalg.inv(np.eye(len(j)) + sign * (j @ gain))
+        across = self.blocks @ gain  # (C, r, r)
+        weighted = sign * (across @ inside)
+        self.covariance = self.covariance - sign * (gain @ inside @ gain.T)
+        self.spread = self.spread - weighted @ np.swapaxes(across, 1, 2)
+        self.moved = self.moved - weighted @ (gain.T @ self.root)
+
+
+def _shared(inside: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """tr(A^-1 H H') (C,), of A (C, r, r) and H (C, r, k); infinite where A is not positive."""
+    if inside.shape[1] == 1:
+        with np.errstate(divide="ignore"):
+            out = np.sum(moved[:, 0] ** 2, axis=1) / inside[:, 0, 0]
+    else:
+        out = np.sum(np.linalg.solve(inside, moved) * moved, axis=(1, 2))
+    return np.where(np.linalg.det(inside) > 0, out, np.inf)
+
+
+def grow(selection: Selection, count: int, rate: Rate) -> None:
+    """Add the candidate of the largest benefit until `count` contacts are chosen."""
+    while len(selection.chosen) < count:
+        benefit = np.where(selection.free, rate(selection), -np.inf)
+        selection.change(int(np.argmax(benefit)), 1.0)
+
+
+def shrink(selection: Selection, count: int, kept: Sequence[int] = ()) -> None:
+    """Drop the contact that matters least, none of those kept, until `count` are chosen."""
+    while len(selection.chosen) > max(count, len(kept)):
+        droppable = np.setdiff1d(selection.chosen, kept)
+        selection.change(int(droppable[np.argmin(selection.losses(droppable))]), -1.0)
+
+
+def exchange(selection: Selection, kept: Sequence[int], rng: np.random.Generator) -> None:
+    """Exchange contacts, none of those kept, until no exchange lowers the criterion.
+
+    First the best candidate is added and the contact that then matters least is dropped, repeatedly; in
+    small plans each contact in turn is then replaced by the best candidate.
+    """
+    count = len(selection.chosen)
+    _add_and_drop(selection, kept)
+    for _ in range(SWEEPS if count <= COORDINATES else 0):
+        before = selection.value
+        for k in rng.permutation(np.setdiff1d(selection.chosen, kept)):
+            selection.change(int(k), -1.0)
+            grow(selection, count, Selection.gains)
+        if selection.value > before * (1 - 1e-4):
+            break
+    _add_and_drop(selection, kept)
+
+
+def _add_and_drop(selection: Selection, kept: Sequence[int]) -> None:
+    count = len(selection.chosen)
+    if count == len(selection.blocks) or count == len(kept):
+        return
+    for _ in range(10 * count):  # each lowers the criterion: an end is certain, the limit is for rounding
+        before = selection.value
+        grow(selection, count + 1, Selection.gains)
+        added = selection.chosen[-1]
+        shrink(selection, count, kept)
+        if added not in selection.chosen or selection.value > before * (1 - BETTER):
+            break
+
+
+def root_of(linear: Linearised, goals: Sequence[Goal], reference: np.ndarray) -> np.ndarray:
+    """Weighted slopes B (D, k), so that tr(B'CB) is the mean over goals of their relative variances.
+
+    Parameters
+    ----------
+    linear : Linearised
+    goals : sequence of Goal
+    reference : np.ndarray, shape (D, D)
+        Covariance of z of a selection; the variance of each goal is relative to that of this selection.
+    """
+    square = np.zeros_like(reference)
+    for goal in goals:
+        mean = goal.slopes.T @ goal.slopes / len(goal.slopes)
+        square += mean / (float(np.sum(mean * reference)) + goal.known) / len(goals)
+    values, vectors = np.linalg.eigh(square)
+    used = values > 1e-12 * values[-1]
+    return np.asarray(vectors[:, used] * np.sqrt(values[used]))
+
+
+def select(
+    linear: Linearised,
+    goals: Sequence[Goal],
+    count: int,
+    rng: np.random.Generator,
+    start: Sequence[int] | np.ndarray = (),
+    starts: int = 3,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> np.ndarray:
+    """Choose contacts so that the distances of all goals are accurate.
+
+    Parameters
+    ----------
+    linear : Linearised
+    goals : sequence of Goal
+        Each has the same weight: its mean variance, relative to that of a D-optimal selection.
+    count : int
+        Number of contacts, including those of `start`.
+    rng : np.random.Generator
+    start : sequence of int
+        Candidates that belong to the selection.
+    starts : int
+        Number of searches. The first begins with a D-optimal selection, the others with random contacts
+        that are completed to the largest determinant.
+    progress : callable
+        Called with the completed fraction.
+
+    Returns
+    -------
+    np.ndarray, shape (count,)
+        Numbers of the candidates: those of `start`, then the others in ascending order.
+    """
+    kept = list(dict.fromkeys(int(k) for k in start))
+    first = Selection(linear, kept, np.zeros((len(linear.z), 0)))
+    grow(first, count, Selection.determinants)
+    root = root_of(linear, goals, inverse(linear.information(first.chosen)))
+    best: tuple[float, list[int]] | None = None
+    for k in range(max(starts, 1)):
+        chosen = first.chosen
+        if k:
+            others = np.setdiff1d(np.arange(linear.count), kept)
+            some = rng.choice(others, (count - len(kept)) // 2, replace=False)
+            begun = Selection(linear, [*kept, *some], np.zeros((len(linear.z), 0)))
+            grow(begun, count, Selection.determinants)
+            chosen = begun.chosen
+        selection = Selection(linear, chosen, root)
+        exchange(selection, kept, rng)
+        if best is None or selection.value < best[0]:
+            best = selection.value, selection.chosen
+        progress((k + 1) / max(starts, 1))
+    assert best is not None
+    return np.array([*kept, *sorted(set(best[1]) - set(kept))], int)
