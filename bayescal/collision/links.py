@@ -1,10 +1,11 @@
 """Capsules of an arm and its tool, from the lengths of the kinematic table.
 
 The body of a link follows the table: from the origin of its frame along the common normal to the next joint
-axis, and along that axis to the next origin. A link with both lengths is therefore an L of two capsules. If
-the two joint axes are parallel, the table does not say where between them the link lies: the upper arm of a
-UR5 stands 0.14 m beside its common normal. The centre of mass, if it is stated, says it (UR5, UR10, PUMA 560:
-within 25 mm of the joint offsets that their descriptions give).
+axis, and along that axis to the next origin. A link with both lengths is therefore an L of two capsules. The
+part along the next axis houses that joint, and has the radius of the next link. If the two joint axes are
+parallel, the table does not say where between them the link lies: the upper arm of a UR5 stands 0.14 m beside
+its common normal. The centre of mass, if it is stated, says it (UR5, UR10, PUMA 560: within 25 mm of the
+joint offsets that their descriptions give).
 
 Assumed: the radius decreases linearly along the arm from `BASE` to `WRIST`, as fractions of the length of the
 arm from axis 2 to the flange. Published capsules, as the same fractions, of upper arm, forearm and wrist:
@@ -47,6 +48,9 @@ TIP = 4.0
 of place by 1 mm, or a deflected arm, then is no collision."""
 
 PARALLEL = 1e-6  # rad, between joint axes
+ALONG = (
+    0.95  # cosine: a part of a link along the next joint axis, of which merged corners may turn it a little
+)
 
 
 def arm_capsules(robot: Robot, tool: Tool, stand: float = 0.0) -> tuple[Capsule, ...]:
@@ -72,9 +76,10 @@ def arm_capsules(robot: Robot, tool: Tool, stand: float = 0.0) -> tuple[Capsule,
         out.append(Capsule(0, foot, np.zeros(3), float(radii[0]), "base"))
     for link in range(robot.n + 1):
         name = "base" if link == 0 else f"link {link}"
-        corners = _corners(robot, chain, link, MERGED * radii[link])
-        ends = pairwise(corners)
-        out += [Capsule(link, a, b, float(radii[link]), name) for a, b in ends]
+        for a, b in pairwise(_corners(robot, chain, link, MERGED * radii[link])):
+            along = abs((b - a) @ chain.link[link, :3, 2]) > ALONG * np.linalg.norm(b - a)
+            housing = along and link < robot.n and np.allclose(b, _step(chain, link))
+            out.append(Capsule(link, a, b, float(radii[link + housing]), name))
     return (*out, *_tool(robot.n + 1, tool))
 
 

@@ -76,8 +76,8 @@ def test_an_upper_arm_stands_beside_its_common_normal(name, beside):
 
 PUBLISHED = {  # mm, by link: see bayescal/collision/links.py
     "fanuc-lrmate200id": ({2: 130, 3: 80}, 0.5, 1.0),
-    "universal-robots-ur5e": ({1: 60, 2: 60, 3: 55, 4: 40, 5: 40}, 1.0, 1.85),
-    "universal-robots-ur10": ({1: 78, 2: 78, 3: 58, 4: 50, 5: 46}, 1.0, 1.85),
+    "universal-robots-ur5e": ({1: 60, 2: 60, 3: 47, 4: 40, 5: 40}, 1.0, 1.95),
+    "universal-robots-ur10": ({1: 78, 2: 78, 3: 50, 4: 50, 5: 46}, 1.0, 2.05),
     "franka-panda": ({1: 60, 2: 60, 3: 60, 4: 60, 6: 50}, 1.0, 1.6),
 }
 
@@ -99,7 +99,8 @@ def test_a_stated_radius_replaces_the_assumed_one(tmp_path):
     radii = link_radii(robot)
     assert radii[2] == pytest.approx(0.123)
     assert radii[3] < 0.123
-    assert {c.radius for c in arm_capsules(robot, PROBE) if c.frame == 2} == {radii[2]}
+    first, *_, last = (c for c in arm_capsules(robot, PROBE) if c.frame == 2)
+    assert [first.radius, last.radius] == [radii[2], radii[3]]  # the last along axis 3, about its joint
     (tmp_path / "robot.yaml").write_text(robot_to_yaml(robot), encoding="utf-8")
     assert np.array_equal(load_robot("robot.yaml", tmp_path)[0].radii, robot.radii, equal_nan=True)
 
