@@ -242,6 +242,7 @@ KINDS = {
     "angle": Kind("angle", "angle", _angle),
     "torque": Kind("torque", "gravity torque", _torque),
     "direction": Kind("approach", "direction of motion", _velocity),
+    "flank": Kind("flank", "tooth flank", _velocity),
     "joint speed": Kind("speed", "speed", _velocity),
     "remaining motion": Kind("remaining motion", "remaining motion", _remaining),
     "contact speed": Kind("speed", "speed of contact", _speed),

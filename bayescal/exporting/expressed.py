@@ -23,6 +23,7 @@ WHY = {
     "angle": "varies with the angle of a joint",
     "reading": "varies with the reading",
     "direction": "depends on the direction of motion",
+    "flank": "depends on the direction of motion and the gravity torque",
     "joint speed": "depends on the speed of a joint",
     "remaining motion": "depends on the remaining motion",
 }

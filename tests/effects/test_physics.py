@@ -90,6 +90,20 @@ def test_gear_mesh_repeats_every_tooth(dataset):
     assert "reductions" in EFFECTS["gear-mesh"].missing(circumstances(none))
 
 
+@pytest.mark.parametrize("share", [0.3, 0.6])
+def test_gravity_or_motion_decides_the_flank(dataset, share):
+    """Above the friction a lag (a negative value) is along the torque, below it along the motion."""
+    c = circumstances(dataset)
+    (p,) = (p for p in EFFECTS["backlash"].at(c, f"held-{100 * share:.0f}") if p.name == "backlash J3")
+    lag = -np.asarray(p.terms[0].driver)
+    torque, speed = c.torques[:, 2], c.velocity @ c.robot.link_from_reading[2]
+    pull = torque / usual(c, torque)
+    heavy, light = np.abs(pull) > share + 0.15, np.abs(pull) < share - 0.12
+    np.testing.assert_allclose(lag[heavy], np.sign(torque[heavy]), atol=1e-3)
+    np.testing.assert_allclose(lag[light], -np.sign(speed[light]), atol=1e-3)
+    assert not EFFECTS["backlash"].at(replace(c, loads=None), "held-30")
+
+
 def test_backlash_turns_with_the_velocity(dataset):
     now = drivers(dataset, "backlash")
     velocity = dataset.measurements.velocity

@@ -57,14 +57,31 @@ def test_the_side_of_a_coupled_axis_is_found(bench, effect, joint, side):
     )
 
 
+@pytest.mark.parametrize("joint", [4, 5])
+def test_gravity_holds_a_joint_on_one_flank(bench, joint):
+    """Neither motion alone nor torque alone decides: backlash, where it was hardening of both joints."""
+    c = bench.circumstances
+    torque = c.torques[:, joint - 1]
+    friction = 0.3 * np.quantile(np.abs(torque[c.fitted]), 0.9)
+    way = np.sign(c.velocity @ c.robot.link_from_reading[joint - 1])
+    flank = np.sign(friction * way - torque)
+    assert 0.1 < np.mean(flank != way) < 0.9
+    truth = Parameter("truth", "rad", (Term(joint, "rz", flank),), 1e-4)
+    decision, _ = bench.decided(bench.made_up(1, bench.visible(bench.slopes.columns([truth]), 200.0, 1)))
+    (member,) = decision.members
+    found = (decision.kind, member.effect, member.variant.site, member.variant.setting)
+    assert found == ("named", "backlash", f"joint {joint}", "held-30")
+    assert model_name(member, bench.known).startswith(f"backlash@held-30 at joint {joint}")
+
+
 def test_other_forms_share_a_part_of_the_prior(bench):
     """At all joints, and at each joint where the axes are coupled; none where no axes are."""
-    for effect in ("backlash", "encoder-scale"):
+    for effect, forms in (("backlash", 3), ("encoder-scale", 1)):
         variants = bench.known.variants[effect]
         assert sum(np.exp(v.log_prior) for v in variants) == pytest.approx(1.0)
         other = [v for v in variants if v.setting == "reading"]
         assert [v.site for v in other] == ["", "joint 2", "joint 3"]
-        assert sum(np.exp(v.log_prior) for v in other) == pytest.approx(SEARCH.other_forms)
+        assert sum(np.exp(v.log_prior) for v in other) == pytest.approx(SEARCH.other_forms / forms)
         assert not [v for v in variants if v.setting == "link"]
 
 
@@ -75,7 +92,8 @@ def test_uncoupled_axes_have_one_form(bench, cube):
     c = scene.circumstances(scene.rows("calibrate"))
     known = candidates(c, BASELINE)
     for effect in ("backlash", "encoder-scale"):
-        assert {v.setting for v in known.variants[effect]} == {None}
+        held = {"held-30", "held-60"} if effect == "backlash" else set()
+        assert {v.setting for v in known.variants[effect]} == {None} | held
         assert sum(np.exp(v.log_prior) for v in known.variants[effect]) == pytest.approx(1.0)
     assert all(
         len(cell.sets) == 1 for cell in cells(c) if str(cell.driver) in ("angle 2", "approach 2", "angle 3")

@@ -245,7 +245,7 @@ def _undirected(
     The joint rests on either side of its lost motion: one standard deviation from the middle.
     """
     out = np.zeros((len(readings), 3, 3))
-    if not any(p.driver.kind == "direction" for p in arm.model.parameters):
+    if not any(p.driver.kind in ("direction", "flank") for p in arm.model.parameters):
         return out
     for j, axis in enumerate(np.eye(readings.shape[1])):
         rows = np.flatnonzero(velocity[:, j] == 0)

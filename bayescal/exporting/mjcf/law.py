@@ -8,7 +8,7 @@ import numpy as np
 
 from bayescal.effects import named
 from bayescal.effects.backlash import BACKLASH, STANDSTILL
-from bayescal.effects.joints import READING, side_of
+from bayescal.effects.joints import READING, SIDES, side_of
 from bayescal.effects.selection import Selection
 from bayescal.effects.vocabulary import Parameter
 from bayescal.exporting.mjcf.content import Content
@@ -95,7 +95,7 @@ def bare(law: Law) -> Law:
 
 def _side(content: Content) -> str:
     asked = [s.setting for s in map(Selection.read, content.arm.effects) if s.effect == BACKLASH.name]
-    return asked[0] if asked and asked[0] else side_of(content.arm.model.scene.dataset.robot)
+    return asked[0] if asked and asked[0] in SIDES else side_of(content.arm.model.scene.dataset.robot)
 
 
 def _linear(content: Content) -> np.ndarray:
