@@ -204,6 +204,7 @@ _TOLD: dict[str, Callable[[str, dict[str, Any], Any], tuple[str, str]]] = {
     "finite_number": lambda key, ctx, value: (f"{key} is {value}, not a finite number", "write a number"),
     "greater_than": lambda key, ctx, value: (f"{key} is {value}", f"must be more than {ctx['gt']:g}"),
     "greater_than_equal": lambda key, ctx, value: (f"{key} is {value}", f"must be at least {ctx['ge']:g}"),
+    "less_than_equal": lambda key, ctx, value: (f"{key} is {value}", f"must be at most {ctx['le']:g}"),
     "literal_error": lambda key, ctx, value: (f"{key} is {value!r}", f"must be {ctx['expected']}"),
     "union_tag_invalid": lambda key, ctx, value: (
         f"unknown kind {ctx['tag']!r} of {key}",

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from bayescal.dataset.types import ROLES, Certificate, Dataset, Measurements, Noise, Target, Tool
+from bayescal.dataset.types import (
+    ROLES,
+    Box,
+    Certificate,
+    Dataset,
+    Measurements,
+    Noise,
+    Patch,
+    PlanSettings,
+    Target,
+    Tool,
+)
 
 if TYPE_CHECKING:
     from bayescal.dataset.read import read_dataset
@@ -12,10 +23,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ROLES",
+    "Box",
     "Certificate",
     "Dataset",
     "Measurements",
     "Noise",
+    "Patch",
+    "PlanSettings",
     "Target",
     "Tool",
     "read_dataset",

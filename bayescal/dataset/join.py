@@ -64,6 +64,7 @@ def joined(sessions: Sequence[Dataset], remounted: bool = False, own_noise: bool
         measurements=measurements(sessions, rows, tool_of),
         temperature_of=temperature_of(sessions),
         source=None,
+        plan=None,
         sha256=sha256(" ".join(s.sha256 for s in sessions).encode()).hexdigest(),
         sessions=tuple(sessions),
     )

@@ -92,6 +92,7 @@ def read_settings(path: Path, allow_xacro: bool = False) -> tuple[Dataset, Docum
         measurements=no_rows(robot.n),
         temperature_of=file.temperature_of,
         torques=file.torques,
+        plan=session.plan_of(document, file, targets),
         source=file.source,
     )
     return dataset, document, robot_content

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Union
 from pydantic import Field, create_model
 
 from bayescal.dataset.target_kinds import KINDS, TargetKind
-from bayescal.files import Keys, NotNegative, Positive, Vector
+from bayescal.files import Keys, NotNegative, Number, Positive, Vector
 
 SCHEMA = "bayescal-dataset/1"
 
@@ -87,6 +87,31 @@ class Flat(Keys):
     u_form_mm: Positive
 
 
+class VolumeEntry(Keys):
+    """A box with edges along the axes of F0."""
+
+    centre_mm: Vector
+    size_mm: tuple[Positive, Positive, Positive]
+
+
+class RegionEntry(Keys):
+    """Where contacts may be: a rectangle of a face, or a length of a cylinder."""
+
+    centre_mm: Vector
+    size_mm: Annotated[list[Positive], Field(min_length=1, max_length=2)]
+    along: Vector | None = None
+
+
+class PlanEntry(Keys):
+    """What `bayescal plan` needs beyond the targets."""
+
+    volume_of_interest: VolumeEntry | None = None
+    regions: dict[str, RegionEntry] = Field(default={})
+    table_mm: Number | None = None
+    payload_kg: tuple[Positive, ...] = ()
+    cone_deg: Annotated[float, Field(gt=0, le=90)] | None = None
+
+
 AnyCertificate = Annotated[Parallel | Perpendicular | Between | Diameter | Flat, Field(discriminator="kind")]
 
 
@@ -104,6 +129,7 @@ class DatasetFile(Keys):
     certificates: tuple[AnyCertificate, ...] = ()
     temperature_of: Literal["arm", "air", "artefact"] | None = None
     torques: Literal["computed", "measured"] = "computed"
+    plan: PlanEntry | None = None
     source: str | None = None
 
 

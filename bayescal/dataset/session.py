@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayescal.dataset import joins
+from bayescal.dataset import joins, patches
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.dataset.types import Certificate, Noise, Target, Tool
+from bayescal.dataset.types import Box, Certificate, Noise, Patch, PlanSettings, Target, Tool
 from bayescal.errors import BayescalError
 from bayescal.files import Document, si, stem_of, unknown
 
@@ -74,7 +74,7 @@ def targets_of(document: Document, file: schema.DatasetFile) -> tuple[Target, ..
             given = getattr(entry, key)
             value = np.nan if given is None else given
             if key == KINDS[entry.kind].direction:
-                value = _direction(document, name, key, np.array(value))
+                value = _direction(document, ("targets", name), key, np.array(value))
             scaled = np.array(value, float) * si(key)
             values[stem_of(key)[0]] = scaled if scaled.ndim else float(scaled)
         targets.append(Target(name, entry.kind, values, _scaled(entry.u_mm, 1e-3), entry.u_rad))
@@ -123,12 +123,40 @@ def gravity_of(document: Document, file: schema.DatasetFile) -> np.ndarray:
     return gravity
 
 
-def _direction(document: Document, name: str, key: str, vector: np.ndarray) -> np.ndarray:
+def plan_of(document: Document, file: schema.DatasetFile, targets: tuple[Target, ...]) -> PlanSettings | None:
+    """What is stated under `plan`; every region is that of a target, and on it."""
+    stated = file.plan
+    if stated is None:
+        return None
+    by_name = {t.name: t for t in targets}
+    regions = {}
+    for name, entry in stated.regions.items():
+        path = ("plan", "regions", name)
+        if name not in by_name:
+            _, remedy = unknown("target", name, by_name)
+            raise BayescalError(f"a region of `{name}`, which is no target", document.where(path), remedy)
+        along = None if entry.along is None else _direction(document, path, "along", np.array(entry.along))
+        regions[name] = Patch(np.array(entry.centre_mm) * 1e-3, np.array(entry.size_mm) * 1e-3, along)
+        if reason := patches.reason_against(by_name[name], regions[name]):
+            raise BayescalError(f"the region of `{name}` {reason[0]}", document.where(path), reason[1])
+    volume, box = stated.volume_of_interest, None
+    if volume is not None:
+        box = Box(np.array(volume.centre_mm) * 1e-3, np.array(volume.size_mm) * 1e-3)
+    return PlanSettings(
+        volume=box,
+        regions=regions,
+        table=_scaled(stated.table_mm, 1e-3),
+        payloads=stated.payload_kg,
+        cone=_scaled(stated.cone_deg, si("cone_deg")),
+    )
+
+
+def _direction(document: Document, path: tuple[str, ...], key: str, vector: np.ndarray) -> np.ndarray:
     length = float(np.linalg.norm(vector))
     if abs(length - 1) <= 0.01:
         return vector / length
     unit = ", ".join(f"{c:.6g}" for c in vector / length) if length else "x, y, z"
-    where = document.where(("targets", name, key))
+    name, where = path[-1], document.where((*path, key))
     raise BayescalError(f"the {key} of `{name}` has length {length:.4g}, not 1", where, f"write [{unit}]")
 
 

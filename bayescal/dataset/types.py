@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +79,52 @@ class Noise:
 
 
 @dataclass(frozen=True)
+class Box:
+    """A box with edges along the axes of F0: its centre (3,) and its edge lengths (3,), m."""
+
+    centre: np.ndarray
+    size: np.ndarray
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Where contacts may be on a target, as stated: about `centre` (3,), m, in F0.
+
+    Of a face a rectangle of `size` (2,), m, whose first edge is nearest to `along` (3,), a unit vector, or to
+    an axis of F0 without it. Of a cylinder a length `size` (1,), m, of its axis.
+    """
+
+    centre: np.ndarray
+    size: np.ndarray
+    along: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """What a session states for the choice of its contacts (`plan:` in dataset.yaml).
+
+    Attributes
+    ----------
+    volume : Box or None
+        Volume of interest, in which distances shall be accurate.
+    regions : mapping of str to Patch
+        By the name of their target.
+    table : float or None
+        Height of the table in F0, m, against gravity.
+    payloads : tuple of float
+        Masses, kg, that can be attached in addition to the tool.
+    cone : float or None
+        Greatest angle, rad, between the axis of the tool and the inward normal.
+    """
+
+    volume: Box | None = None
+    regions: Mapping[str, Patch] = field(default_factory=dict)
+    table: float | None = None
+    payloads: tuple[float, ...] = ()
+    cone: float | None = None
+
+
+@dataclass(frozen=True)
 class Measurements:
     """N rows in order of time. Optional columns are None where the file has no such column."""
 
@@ -119,5 +166,6 @@ class Dataset:
     temperature_of: str | None = None
     torques: str = "computed"  # of the joints: "computed" from the masses, or "measured"
     source: str | None = None
+    plan: PlanSettings | None = None  # for `bayescal plan`; no other computation depends on it
     sha256: str = ""  # of dataset.yaml, measurements.csv and the robot file
     sessions: tuple[Dataset, ...] = ()  # those joined in this one, each as it was read

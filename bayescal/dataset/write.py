@@ -14,7 +14,7 @@ from bayescal.dataset.schema import CERTIFICATES, SCHEMA, ToolEntry
 from bayescal.dataset.session import FIELDS, NAMES
 from bayescal.dataset.table import JOINT, RPY, XYZ, joint_columns
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.dataset.types import Certificate, Dataset, Target, Tool
+from bayescal.dataset.types import Certificate, Dataset, PlanSettings, Target, Tool
 from bayescal.errors import BayescalError
 from bayescal.files import si, stem_of
 from bayescal.folders import whole
@@ -140,6 +140,28 @@ def _certificate(certificate: Certificate) -> str:
     return _flow(items())
 
 
+def _plan(plan: PlanSettings) -> Iterator[str]:
+    """The lines of `plan`, in the order of its model."""
+    yield "plan:" if plan != PlanSettings() else "plan: {}"
+    if plan.volume is not None:
+        keys = {"centre_mm": plan.volume.centre, "size_mm": plan.volume.size}
+        yield f"  volume_of_interest: {_flow((k, _text(k, v)) for k, v in keys.items())}"
+    if plan.regions:
+        yield "  regions:"
+    for name, patch in plan.regions.items():
+        keys = {"centre_mm": patch.centre, "size_mm": patch.size}
+        items = [(key, _text(key, value)) for key, value in keys.items()]
+        if patch.along is not None:
+            items.append(("along", _text("along", patch.along)))
+        yield f"    {scalar(name)}: {_flow(items)}"
+    if plan.table is not None:
+        yield f"  table_mm: {_text('table_mm', plan.table)}"
+    if plan.payloads:
+        yield f"  payload_kg: {_text('payload_kg', np.array(plan.payloads))}"
+    if plan.cone is not None:
+        yield f"  cone_deg: {_text('cone_deg', plan.cone)}"
+
+
 def _settings(dataset: Dataset, robot: str) -> str:
     """dataset.yaml, in the contract's order."""
     noise = {
@@ -167,6 +189,8 @@ def _settings(dataset: Dataset, robot: str) -> str:
         lines.append(f"temperature_of: {dataset.temperature_of}")
     if dataset.torques != "computed":
         lines.append(f"torques: {dataset.torques}")
+    if dataset.plan is not None:
+        lines += _plan(dataset.plan)
     if dataset.source is not None:
         lines.append(f"source: {scalar(dataset.source)}")
     return "\n".join(lines) + "\n"

@@ -8,23 +8,22 @@ from functools import cached_property
 
 import numpy as np
 
-from bayescal.dataset import Dataset
+from bayescal.dataset import Box, Dataset
 
+__all__ = ["Box", "Pool", "Region", "Setup"]
 
-@dataclass(frozen=True)
-class Box:
-    """A box with edges along the axes of F0: its centre (3,) and its edge lengths (3,), m."""
-
-    centre: np.ndarray
-    size: np.ndarray
+CONE = np.radians(60.0)
+"""rad: working cone of a probe that states none, of its axis about the inward normal (assumed)."""
 
 
 @dataclass(frozen=True)
 class Region:
     """The part of a target where contacts may be.
 
-    Of a face: a rectangle with `centre` (3,), m, in F0, and half edges `half` (2, 3), m. Of a sphere: a cap
-    about `up` (3,), a unit vector, to `widest`, rad, from it; `centre` is that of the sphere.
+    Of a face: a rectangle with `centre` (3,), m, in F0, and half edges `half` (2, 3), m. Of a cylinder: half
+    of its axis, `half` (1, 3). Of a sphere, or of a ball bar about its pivot: a cap about `up` (3,), a unit
+    vector, to `widest`, rad, from it; `centre` is that of the sphere. Of a seat: its `centre`, which is left
+    along `up`.
     """
 
     centre: np.ndarray
@@ -42,13 +41,19 @@ class Setup:
     dataset : Dataset
         Robot, tools, targets, certificates and noise; its rows are those that were measured already.
     regions : mapping of str to Region
-        Of every target that can be touched, by its name.
+        Of every target with a place of its own, by its name: all but instruments.
     volume : Box or None
         Volume of interest, in which distances shall be accurate.
     payloads : tuple of float
         Masses, kg, that can be attached in addition to the tool.
     table : float or None
-        Height, m, of the table in F0; None if there is none.
+        Height, m, of the table in F0, against gravity; None if none is stated.
+    cone : float
+        Greatest angle, rad, between the axis of the tool and the inward normal.
+    validated : frozenset of str
+        Targets that are not calibrated on: spheres of certified distances, which validate.
+    notes : tuple of str
+        What the user should know about the setup.
     """
 
     dataset: Dataset
@@ -56,6 +61,9 @@ class Setup:
     volume: Box | None = None
     payloads: tuple[float, ...] = ()
     table: float | None = None
+    cone: float = CONE
+    validated: frozenset[str] = frozenset()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,9 +81,11 @@ class Pool:
     measured : int
     approach : np.ndarray, shape (N, n)
         Readings, rad, from which the tool moves straight to each contact, and to which it retracts; those
-        of the row itself where nothing is touched.
+        of the row itself where nothing is touched, or that was measured already.
     dropped : mapping of str to int
         Reasons why contacts were not candidates, with their number.
+    warnings : tuple of str
+        Targets with few candidates or none, and why.
     """
 
     setup: Setup
@@ -83,6 +93,7 @@ class Pool:
     measured: int
     approach: np.ndarray
     dropped: Mapping[str, int]
+    warnings: tuple[str, ...] = ()
 
     @cached_property
     def candidates(self) -> np.ndarray:

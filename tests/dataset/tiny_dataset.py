@@ -33,6 +33,13 @@ certificates:
   - {kind: diameter, target: ball.A, u_diameter_mm: 0.001}
   - {kind: flat, target: top, u_form_mm: 0.002}
 temperature_of: arm
+plan:
+  volume_of_interest: {centre_mm: [450, 0, 150], size_mm: [300, 300, 200]}
+  regions:
+    side: {centre_mm: [700, 10, 100], size_mm: [200, 120], along: [0, 1, 0]}
+  table_mm: -250
+  payload_kg: [2, 4.5]
+  cone_deg: 45
 source: made up
 """
 

@@ -1,0 +1,124 @@
+"""The setup of a session that is to be planned: read from a folder, or continued from a measured session."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from bayescal.dataset import Dataset, PlanSettings
+from bayescal.dataset.read import SETTINGS, TABLE, read_settings
+from bayescal.dataset.target_kinds import KINDS
+from bayescal.errors import BayescalError
+from bayescal.planning.pool import CONE, Setup
+from bayescal.planning.regions import regions_of
+
+SHARE = 3
+"""Where all targets are spheres of certified distances, one placement of this number is for validation."""
+
+
+def read_setup(folder: Path | str, allow_xacro: bool = False) -> Setup:
+    """Read the setup of a session: a dataset folder, of which the measurements are ignored.
+
+    Parameters
+    ----------
+    folder : Path or str
+        Holds ``dataset.yaml`` and, unless it is a built-in one, the robot.
+    allow_xacro : bool
+        Whether a robot in a xacro file, which is a program, may be executed; refused otherwise.
+
+    Raises
+    ------
+    BayescalError
+        If the folder breaks the contract, a noise or a ball is missing, or it is not known where a face can
+        be probed.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        remedy = "give the folder, not a file in it" if folder.exists() else "check the path"
+        raise BayescalError("no such folder", str(folder), remedy)
+    dataset, _, _ = read_settings(folder / SETTINGS, allow_xacro)
+    rows = _rows_in(folder / TABLE)
+    notes = (f"the {rows} rows of {TABLE} are ignored: `--after` continues a session",) if rows else ()
+    return _setup(dataset, notes)
+
+
+def continued(dataset: Dataset) -> Setup:
+    """The setup that continues a measured session: its rows count, and its targets are probed again.
+
+    Raises
+    ------
+    BayescalError
+        If the rows are of several sessions, or as in `read_setup`.
+    """
+    if dataset.sessions:
+        what = "several sessions joined cannot be continued"
+        raise BayescalError(what, dataset.name, "continue one of them")
+    return _setup(dataset, ())
+
+
+def _setup(dataset: Dataset, notes: tuple[str, ...]) -> Setup:
+    plan = dataset.plan or PlanSettings()
+    _check(dataset)
+    return Setup(
+        dataset=dataset,
+        regions=regions_of(dataset),
+        volume=plan.volume,
+        payloads=plan.payloads,
+        table=plan.table,
+        cone=CONE if plan.cone is None else plan.cone,
+        validated=_validated(dataset),
+        notes=notes,
+    )
+
+
+def _rows_in(path: Path) -> int:
+    """Number of rows of a table, without its header; 0 where there is no file."""
+    if not path.is_file():
+        return 0
+    with path.open(encoding="utf-8", errors="replace") as lines:
+        return max(0, sum(1 for line in lines if line.strip()) - 1)
+
+
+def _check(dataset: Dataset) -> None:
+    """Refuse a setup without the noise or the ball that its targets need."""
+    for target in dataset.targets:
+        kind = KINDS[target.kind]
+        if getattr(dataset.noise, kind.noise) is None:
+            what = f"no noise of a {kind.noise} is stated, which `{target.name}` needs"
+            raise BayescalError(what, SETTINGS, f"add `noise: {{{kind.noise}_mm: ...}}`")
+        if kind.touched and all(tool.ball_radius is None for tool in dataset.tools):
+            what = f"no tool has a ball that could touch `{target.name}`"
+            raise BayescalError(what, SETTINGS, "add `ball_radius_mm` to a tool")
+
+
+def _validated(dataset: Dataset) -> frozenset[str]:
+    """Spheres of certified distances that are not calibrated on.
+
+    Of a measured session those without rows to calibrate on. Otherwise all if there are other targets, else
+    those of the last placements, a third of all.
+    """
+    named = {t.name: t for t in dataset.targets}
+    pairs = [c.targets for c in dataset.certificates if c.kind == "distance"]
+    spheres = [p for p in pairs if all(KINDS[named[name].kind].found for name in p)]
+    certified = frozenset(name for pair in spheres for name in pair)
+    m = dataset.measurements
+    if len(m.ids):
+        fitted = {dataset.targets[k].name for k in np.unique(m.target[m.role == "calibrate"])}
+        return certified - fitted
+    if certified != set(named):
+        return certified
+    placements = connected(list(named), spheres)
+    last = len(placements) // SHARE or len(placements) // 2
+    return frozenset(name for group in placements[len(placements) - last :] for name in group)
+
+
+def connected(names: Iterable[str], pairs: Iterable[tuple[str, ...]]) -> list[list[str]]:
+    """Groups of names that pairs connect, in the order of their first names."""
+    group = {name: [name] for name in names}
+    for a, b in pairs:
+        if group[a] is not group[b]:
+            group[a].extend(group[b])
+            group |= dict.fromkeys(group[b], group[a])
+    return list({id(own): own for own in group.values()}.values())
