@@ -89,12 +89,12 @@ def to_points(arm: NominalArm, points: np.ndarray) -> Task:
 
 
 def to_axes(arm: NominalArm, points: np.ndarray, axes: np.ndarray) -> Task:
-    """The task of `to_points` with the z axis of the flange along `axes` (M, 3); its roll is free."""
+    """The task of `to_points` with the z axis of the tool's frame along `axes` (M, 3); its roll is free."""
 
     def task(angles: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         pose = arm.frames(arm.readings_of(angles))
         away = points[which] - arm.ball(pose)
-        own = pose[:, -1, :3, 2]
+        own = arm.tool_axis(pose)
         turn = _turn(own, axes[which])
         j = arm.jacobian(pose)
         j[:, 3:] -= own[:, :, None] * np.einsum("mi,mij->mj", own, j[:, 3:])[:, None]

@@ -55,6 +55,10 @@ class NominalArm:
         """Tool points (N, 3), m, of the poses of `frames`."""
         return pose[:, -1, :3, :3] @ self.tool + pose[:, -1, :3, 3]
 
+    def tool_axis(self, pose: np.ndarray) -> np.ndarray:
+        """Directions (N, 3) in F0 of the z axis of the tool's frame, of the poses of `frames`."""
+        return pose[:, -1, :3, :3] @ self.tool_axes[:, 2]
+
     def tool_poses(self, pose: np.ndarray) -> np.ndarray:
         """Poses of the tool's frame in F0, (N, 4, 4), of the poses of `frames`."""
         out = np.zeros((len(pose), 4, 4))

@@ -1,0 +1,140 @@
+"""Candidate contacts: reachable, free of collisions, distributed over all targets."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from bayescal.errors import BayescalError
+from bayescal.planning.hand import TURNING, Hand, Reached
+from bayescal.planning.obstacles import scene
+from bayescal.planning.pool import Pool, Setup
+from bayescal.planning.rows import Possible, session_of
+from bayescal.planning.search import Search, chosen, goals, tools_for, tried_once
+from bayescal.planning.spheres import EACH, located
+
+COUNT = 5000
+"""Candidates of a pool."""
+ROUNDS = 12  # of tries; each tries as many places as seem to be needed
+FEW = 0.5  # of its share of the candidates: a target with fewer is reported
+LOCATED = 6
+"""Measured contacts on a sphere from which on it is not probed again for validation."""
+
+
+def candidates(
+    setup: Setup,
+    count: int = COUNT,
+    seed: int = 0,
+    progress: Callable[[str, float], None] = lambda stage, fraction: None,
+    turning: float = TURNING,
+) -> Pool:
+    """Possible contacts of a setup.
+
+    Parameters
+    ----------
+    setup : Setup
+    count : int
+        Number of candidates, equally many on every target that is calibrated on, where they can be reached.
+    seed : int
+        The same seed gives the same candidates.
+    progress : callable
+        Called with a stage and the fraction done.
+    turning : float
+        Rotation of the tool during the approach, rad, by which joints come to a contact from both sides.
+
+    Returns
+    -------
+    Pool
+        Half of its candidates carry one of the payloads of the setup.
+
+    Raises
+    ------
+    BayescalError
+        If no candidate is reached on any target.
+    """
+    rng = np.random.default_rng(seed)
+    searches = _searches(setup)
+    fitted = [s for s in searches if setup.dataset.targets[s.target].name not in setup.validated]
+    for k in range(ROUNDS):
+        if not tried_once(setup, fitted, count, turning, rng):
+            break
+        progress("candidates", 0.9 * max(min(1.0, sum(s.have for s in fitted) / count), k / ROUNDS))
+    if not any(s.have for s in fitted):
+        what = f"no contact is reached: {_reasons(sum((s.dropped for s in fitted), Counter()))}"
+        raise BayescalError(
+            what, setup.dataset.name, "check the places of the targets, and the cone of the tool"
+        )
+    found = [
+        ("calibrate", s, *chosen(s, goal, rng))
+        for s, goal in zip(fitted, goals(fitted, count), strict=True)
+        if s.have
+    ]
+    warnings = [_few(setup, s, count / len(fitted)) for s in fitted if s.have < FEW * count / len(fitted)]
+    missing = _unlocated(setup, searches)
+    for tool in sorted({min(s.hands) for s in missing}):
+        own = [s for s in missing if min(s.hands) == tool]
+        for s, reached in zip(own, located(setup, own, tool, own[0].hands[tool], rng), strict=True):
+            found.append(("validate", s, np.full(len(reached), tool), reached))
+            if not len(reached):
+                warnings.append(_few(setup, s, EACH))
+    progress("candidates", 1.0)
+    return _pool(setup, found, sum((s.dropped for s in searches), Counter()), tuple(warnings), rng)
+
+
+def _searches(setup: Setup) -> list[Search]:
+    """A search for every target, with the tools that measure it."""
+    dataset, around = setup.dataset, scene(setup)
+    tools = [tools_for(dataset, k) for k in range(len(dataset.targets))]
+    hands = {k: Hand.of(dataset, k, around, setup.cone) for k in sorted({k for own in tools for k in own})}
+    solids = around.touched([t.name for t in dataset.targets])
+    return [
+        Search(k, {tool: hands[tool] for tool in own}, int(solid))
+        for k, (own, solid) in enumerate(zip(tools, solids, strict=True))
+    ]
+
+
+def _unlocated(setup: Setup, searches: list[Search]) -> list[Search]:
+    """Searches of the spheres that validate, and were not located yet."""
+    m, targets = setup.dataset.measurements, setup.dataset.targets
+    done = np.bincount(m.target[m.role == "validate"], minlength=len(targets))
+    return [s for s in searches if targets[s.target].name in setup.validated and done[s.target] < LOCATED]
+
+
+def _reasons(dropped: Mapping[str, int], most: int = 3) -> str:
+    """The most frequent reasons, with their share."""
+    total = sum(dropped.values())
+    return ", ".join(f"{w} ({n / total:.0%})" for w, n in Counter(dropped).most_common(most))
+
+
+def _few(setup: Setup, search: Search, wanted: float) -> str:
+    name = setup.dataset.targets[search.target].name
+    number = f"{search.have} of {wanted:.0f}" if search.have else "no"
+    return f"{number} possible contacts on {name}: {_reasons(search.dropped)}"
+
+
+def _pool(
+    setup: Setup,
+    found: list[tuple[str, Search, np.ndarray, Reached]],
+    dropped: Mapping[str, int],
+    warnings: tuple[str, ...],
+    rng: np.random.Generator,
+) -> Pool:
+    """All contacts found as rows; candidates are in random order, validation contacts behind them."""
+    reached = Reached.join([own for *_, own in found])
+    role, target = (
+        np.concatenate([np.full(len(own), value) for value, own in pairs])
+        for pairs in ([(role, own) for role, _, _, own in found], [(s.target, own) for _, s, _, own in found])
+    )
+    tool = np.concatenate([tools for _, _, tools, _ in found])
+    fitted = np.flatnonzero(role == "calibrate")
+    order = np.concatenate([rng.permutation(fitted), np.flatnonzero(role == "validate")])
+    loaded = (rng.random(len(role)) < 0.5) & (role == "calibrate")
+    payload = np.where(loaded, rng.choice(setup.payloads or (0.0,), len(role)), 0.0)
+    rows = Possible(role, target, tool, reached.readings, reached.velocity, payload)[order]
+    session = session_of(setup.dataset, rows, rng)
+    before = len(setup.dataset.measurements.ids)
+    shift = session.measurements.readings[before:] - rows.readings
+    approach = np.concatenate([setup.dataset.measurements.readings, reached.approach[order] + shift])
+    return Pool(setup, session, before, approach, dict(Counter(dropped).most_common()), warnings)
