@@ -32,6 +32,11 @@ def import_(
     template: Path | None = typer.Option(
         None, help="dataset.yaml, or its folder, with tools, targets and noise of the session."
     ),
+    plan: Path | None = typer.Option(
+        None,
+        help="Run folder of bayescal plan: rows of the log are its contacts, by id. A log with columns of "
+        "measurements.csv (j1_deg, x_mm, ...) needs no map.",
+    ),
     tool: str = typer.Option(
         "", help='Position of the reflector on the flange, "0 0 31 mm" [default: estimated].'
     ),
@@ -57,6 +62,7 @@ def import_(
         points_map=points_map,
         pair=pair,
         template=template,
+        plan=plan,
         tool=tool,
         noise=noise,
         readings=readings,

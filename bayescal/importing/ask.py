@@ -12,6 +12,7 @@ from bayescal.dataset import Dataset, Noise, Target, Tool
 from bayescal.dataset.read import SETTINGS, no_rows, read_settings
 from bayescal.errors import BayescalError
 from bayescal.importing.log import Columns, read_log
+from bayescal.importing.onto import files_of
 from bayescal.importing.pair import PAIRS
 from bayescal.importing.rows import names, points
 from bayescal.importing.units import quantity
@@ -37,11 +38,17 @@ class Request:
     points_map: str = ""
     pair: str = "row"
     template: Path | None = None
+    plan: Path | None = None
     tool: str = ""
     noise: str = ""
     readings: str = "encoder"
     name: str = ""
     allow_xacro: bool = False
+
+    @property
+    def source(self) -> Path | None:
+        """The dataset.yaml, or its folder, with tools and targets; None if there is none."""
+        return self.template if self.plan is None else files_of(self.plan)[1]
 
     def check(self) -> None:
         """Refuse missing and invalid options."""
@@ -49,13 +56,17 @@ class Request:
             if getattr(self, option) not in known:
                 what = f"'{getattr(self, option)}' is not known"
                 raise BayescalError(what, f"--{option}", f"must be {' or '.join(known)}")
-        if not self.robot and self.template is None:
+        if self.plan is not None and (self.robot or self.template is not None):
+            option = "--robot" if self.robot else "--template"
+            what = "the plan states robot, tools and targets already"
+            raise BayescalError(what, option, f"remove {option} or --plan")
+        if not self.robot and self.source is None:
             raise BayescalError(
                 "the robot is not stated", "--robot", "give its name or file, or a --template"
             )
-        if self.template is not None and self.tool:
+        if self.source is not None and self.tool:
             raise BayescalError("the template states the tools already", "--tool", "remove one of the two")
-        if self.format == "csv" and not self.map:
+        if self.format == "csv" and not self.map and self.plan is None:
             columns = ", ".join(read_log(self.log).header) or "#1, #2, ... (without names)"
             remedy = f'write --map "j*=A* deg, x=X mm, ..."; the columns are {columns}'
             raise BayescalError("the contents and units of the columns are not stated", self.log.name, remedy)
@@ -66,8 +77,7 @@ class Request:
 
 def base_of(request: Request) -> Dataset:
     """A session of no rows: the template's (with another robot where one is named), or a bare one."""
-    if request.template is not None:
-        path = request.template
+    if (path := request.source) is not None:
         base, _, _ = read_settings(path / SETTINGS if path.is_dir() else path, request.allow_xacro)
         if request.robot:
             robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
@@ -106,7 +116,7 @@ def furnished(
     tuple of Dataset and Loose
         Still of no rows; and the names of what is to be found from them.
     """
-    if request.template is not None:
+    if request.source is not None:
         return base, Loose()
     if points(columns) is None:
         what = "no points, and no template with targets"

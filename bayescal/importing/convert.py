@@ -15,8 +15,9 @@ from bayescal.errors import BayescalError
 from bayescal.importing import formats
 from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.log import Columns, columns_of, read_log
-from bayescal.importing.mapping import Map, read_map
+from bayescal.importing.mapping import Map, own_map, read_map
 from bayescal.importing.messages import accusation, found_words
+from bayescal.importing.onto import files_of, onto
 from bayescal.importing.pair import PAIRS
 from bayescal.importing.rows import measurements, readings
 from bayescal.importing.units import is_unit
@@ -54,6 +55,13 @@ def convert(request: Request) -> Draft:
     request.check()
     base = base_of(request)
     columns, centres, notes = _columns(request, base.robot.n)
+    joined = None
+    if request.plan is not None:
+        joined = onto(columns, files_of(request.plan)[0], base.targets, base.robot.n)
+        columns, notes = joined.columns, (*notes, *joined.notes)
+        if joined.commanded:
+            base = replace(base, readings="command")
+            notes = (*notes, "joint readings are those of the plan, as commanded")
     joints = readings(columns, base.robot.n)
     base, loose = furnished(base, request, columns, centres)
     rows = measurements(columns, joints, base.tools, base.targets)
@@ -62,6 +70,8 @@ def convert(request: Request) -> Draft:
     dataset = loose.settled(dataset)
     found = suspicion(dataset, loose.settled)
     wrong = "" if found is None else accusation(found, columns)
+    if joined is not None and not wrong:
+        joined.check()
     return Draft(dataset, (*notes, *found_words(dataset, loose)), wrong, columns.name, columns.line)
 
 
@@ -105,7 +115,10 @@ def _columns(request: Request, n: int) -> tuple[Columns, dict[str, np.ndarray], 
     """All rows by quantity, tool points that the log itself holds, and what was left out, in words."""
     centres: dict[str, np.ndarray] = {}
     notes: list[str] = []
-    if request.map:
+    if request.format == "csv" and not request.map:
+        log = read_log(request.log, headed=True)
+        columns = columns_of(log, own_map(log.header, n, log.name))
+    elif request.map:
         columns = _mapped(request.log, read_map(request.map, n))
     else:
         log = read_log(request.log)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bayescal.dataset.table import JOINT as JOINTS
+from bayescal.dataset.table import PLAIN, joint_columns
 from bayescal.errors import BayescalError
-from bayescal.files import read_document, unknown
+from bayescal.files import read_document, stem_of, unknown
 from bayescal.importing.units import Unit, is_unit, listed, unit_of
 
 DIMENSIONS = {
@@ -23,6 +25,12 @@ DIMENSIONS = {
 
 JOINT = {"": "angle", "_velocity": "rate", "_command": "angle", "_torque": "torque"}
 """Of a joint: ``j1``, ``j1_velocity`` and so on."""
+
+OF_UNIT = {"degps": "_velocity", "nm": "_torque"}
+"""Quantities of a joint that a column of measurements.csv names by its unit alone."""
+
+SPELLED = {"c": "C"}
+"""Units whose name in measurements.csv is another."""
 
 TEXTS = ("id", "role", "target", "tool", "stop", "repeat")
 """Quantities that are text."""
@@ -69,6 +77,30 @@ def read_map(text: str, n: int) -> Map:
             if name in out:
                 raise BayescalError(f"`{name}` is given twice", where, "keep a single entry")
             out[name] = _column(name, said, where, n)
+    return out
+
+
+def own_map(header: Sequence[str], n: int, where: str) -> Map:
+    """The map of a table with columns of measurements.csv, whose units are in their names.
+
+    Raises
+    ------
+    BayescalError
+        For a column that measurements.csv does not have.
+    """
+    every = [*PLAIN, *(c for kind in JOINTS for c in joint_columns(kind, n))]
+    out: dict[str, Column] = {}
+    for name in header:
+        if name not in every:
+            what, remedy = unknown("column", name, every)
+            raise BayescalError(what, f"{where}:1", f"{remedy}, or state the columns by --map")
+        stem, unit = stem_of(name)
+        key = stem + OF_UNIT.get(unit, "")
+        out[key] = (
+            Column(name, unit_of(SPELLED.get(unit, unit), dimension_of(key, n, where), where))
+            if unit
+            else Column(name)
+        )
     return out
 
 

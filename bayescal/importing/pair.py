@@ -28,7 +28,7 @@ def by_id(log: Columns, points: Columns) -> tuple[Columns, str]:
         The rows, and the excluded rows as text, or "".
     """
     for columns in (log, points):
-        _check_ids(columns)
+        check_ids(columns)
     place = {name: row for row, name in enumerate(points.texts["id"].tolist())}
     known = np.array([name in place for name in log.texts["id"].tolist()])
     if not known.any():
@@ -46,7 +46,7 @@ def by_id(log: Columns, points: Columns) -> tuple[Columns, str]:
     return _joined(log, partners), " and ".join(excluded)
 
 
-def _check_ids(columns: Columns) -> None:
+def check_ids(columns: Columns) -> None:
     """Refuse a file without ids, or with one twice."""
     if "id" not in columns.texts:
         raise BayescalError("no column holds `id`", columns.name, "map it (`id=Name`), or pair by row")

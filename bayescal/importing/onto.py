@@ -1,0 +1,211 @@
+"""Rows of a log as the contacts of a plan: what was measured from the log, all else from the plan, by id."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bayescal.dataset import Target
+from bayescal.dataset.read import SETTINGS
+from bayescal.dataset.target_kinds import KINDS
+from bayescal.errors import BayescalError
+from bayescal.importing.log import Columns, columns_of, first, read_log
+from bayescal.importing.mapping import own_map
+from bayescal.importing.pair import check_ids
+
+PLAN = "plan.csv"
+UNTOUCHED = 1e-6
+"""rad: a contact whose joints all read what was planned, to this, was not made: an arm is not so exact."""
+FAR = np.radians(5.0)
+"""rad: a contact this far from the plan, at any joint, is another contact (assumed)."""
+SHOWN = 4
+"""Ids in a message."""
+SAME = ("target", "tool", "role")
+"""Texts that a log may repeat, but not change."""
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Rows of a log with what was planned for them.
+
+    Attributes
+    ----------
+    columns : Columns
+        The rows that were measured, in the order of the log.
+    notes : tuple of str
+        What is missing or left out.
+    commanded : bool
+        The log has no joint readings: they are those of the plan.
+    far : np.ndarray, shape (N,)
+        Rows that are far from their plan.
+    by_order : bool
+        The log has no ids: its rows are those of the plan, in their order.
+    """
+
+    columns: Columns
+    notes: tuple[str, ...]
+    commanded: bool
+    far: np.ndarray
+    by_order: bool
+
+    def check(self) -> None:
+        """Refuse rows that are far from their plan where only their order says which contact they are."""
+        if self.by_order:
+            ids = self.columns.texts["id"]
+            first(
+                self.columns,
+                self.far,
+                lambda row: f"not at the readings of `{ids[row]}`, the contact at this place of the plan",
+                "map `id`, so that rows are assigned by id",
+            )
+
+
+def files_of(plan: Path) -> tuple[Path, Path]:
+    """The table of a plan and its dataset.yaml; `plan` is a run folder or the table in it.
+
+    Raises
+    ------
+    BayescalError
+        If one of them does not exist.
+    """
+    table = plan / PLAN if plan.is_dir() else plan
+    files = table, table.parent / SETTINGS
+    for path in files:
+        if not path.is_file():
+            remedy = "give a run folder of bayescal plan"
+            raise BayescalError(f"there is no {path.name}", str(path.parent), remedy)
+    return files
+
+
+def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
+    """Assign the rows of a log to the contacts of a plan.
+
+    Parameters
+    ----------
+    log : Columns
+        What was measured; with the column `id`, or a row for each contact of the plan in its order.
+    plan : Path
+        The table of the plan.
+    targets : sequence of Target
+        Of the plan.
+    n : int
+        Number of joints.
+
+    Raises
+    ------
+    BayescalError
+        For ids that are not in the plan, are given twice or contradict it, and for a log without the joint
+        readings of contacts or in which nothing was measured.
+    """
+    table = read_log(plan, headed=True)
+    planned = columns_of(table, own_map(table.header, n, table.name))
+    by_order = "id" not in log.texts
+    if by_order:
+        log = _in_order(log, planned)
+    check_ids(log)
+    check_ids(planned)
+    log, planned, notes = _by_id(log, planned)
+    _contradictions(log, planned)
+    joints = [f"j{i + 1}" for i in range(n)]
+    commanded = not any(key in log.numbers for key in joints)
+    reads = _reads(planned.texts["target"], targets)
+    if commanded:
+        first(
+            log,
+            reads == "",
+            lambda row: f"`{log.texts['id'][row]}` needs the joint readings at which it was measured",
+            f"map j1 to j{n}",
+        )
+    missing = [key for key in joints if key not in log.numbers and not commanded]
+    if missing:
+        raise BayescalError(f"no column holds `{missing[0]}`", log.name, f"map j1 to j{n}")
+    stated = np.column_stack([planned.numbers[key] for key in joints])
+    read = stated if commanded else np.column_stack([log.numbers[key] for key in joints])
+    away = np.max(np.abs(read - stated), axis=1)
+    made = np.where(reads == "", away >= UNTOUCHED, _given(log, reads)) & np.isfinite(away)
+    if not made.any():
+        what = "nothing was measured: its rows are empty or state what was planned"
+        raise BayescalError(what, log.name, "write the readings at which each contact was made")
+    notes += _counted(log.texts["id"][~made], f"of {log.name} without a measurement (empty, or as planned)")
+    log, planned, away = log.take(made), planned.take(made), away[made]
+    far = away > FAR
+    notes += _counted(log.texts["id"][far], f"more than {np.degrees(FAR):.0f} deg from the plan")
+    return Joined(_joined(log, planned), tuple(notes), commanded, far, by_order)
+
+
+def _in_order(log: Columns, planned: Columns) -> Columns:
+    if log.count != planned.count:
+        what = f"{log.count} rows without ids, but {planned.count} contacts in {planned.name}"
+        raise BayescalError(what, log.name, "map `id`, so that rows are assigned by id")
+    return replace(log, texts=log.texts | {"id": planned.texts["id"]})
+
+
+def _by_id(log: Columns, planned: Columns) -> tuple[Columns, Columns, list[str]]:
+    """Rows of both with the same id, in the log's order, and what is missing in either."""
+    place = {name: row for row, name in enumerate(planned.texts["id"].tolist())}
+    ids = log.texts["id"]
+    known = np.isin(ids, list(place))
+    if not known.any():
+        what = f"no id of {log.name} is in {planned.name}"
+        examples = f"`{ids[0]}` and `{planned.texts['id'][0]}` are the first ids"
+        raise BayescalError(what, log.name, f"{examples}; map the column of the ids")
+    notes = _counted(ids[~known], f"of {log.name} excluded: not in the plan")
+    absent = planned.texts["id"][~np.isin(planned.texts["id"], ids)]
+    notes += _counted(absent, f"of the plan missing in {log.name}")
+    return log.take(known), planned.take(np.array([place[name] for name in ids[known].tolist()])), notes
+
+
+def _contradictions(log: Columns, planned: Columns) -> None:
+    """Refuse a target, tool or role that is not the planned one."""
+    for key in SAME:
+        if key in log.texts and key in planned.texts:
+            said, told, ids = log.texts[key], planned.texts[key], log.texts["id"]
+            first(
+                log,
+                (said != "") & (said != told),
+                lambda row, k=key, s=said, t=told, i=ids: (  # type: ignore[misc]
+                    f"{k} `{s[row]}`, but `{t[row]}` in the plan of `{i[row]}`"
+                ),
+                "correct the cell, or the id",
+            )
+
+
+def _reads(names: np.ndarray, targets: Sequence[Target]) -> np.ndarray:
+    """What an instrument reads at the named targets (N,): xyz, length, or "" where the arm measures."""
+    stated = {t.name for t in targets if np.isfinite(t.values.get("length", np.nan))}
+    of = {t.name: "" if t.name in stated else KINDS[t.kind].reads for t in targets}
+    return np.array([of.get(name, "") for name in names.tolist()])
+
+
+def _given(log: Columns, reads: np.ndarray) -> np.ndarray:
+    """Rows (N,) that have what an instrument reads: coordinates or a length."""
+    out = np.ones(log.count, bool)
+    for kind, keys in (("xyz", ("x", "y", "z")), ("length", ("length",))):
+        for key in keys:
+            column = log.numbers.get(key, np.full(log.count, np.nan))
+            out &= (reads != kind) | np.isfinite(column)
+    return out
+
+
+def _joined(log: Columns, planned: Columns) -> Columns:
+    """What the log states; where it is silent, what was planned."""
+    numbers = dict(planned.numbers)
+    for key, column in log.numbers.items():
+        before = planned.numbers.get(key, np.full(log.count, np.nan))
+        numbers[key] = np.where(np.isfinite(column), column, before)
+    texts = dict(planned.texts)
+    for key, cells in log.texts.items():
+        texts[key] = np.where(cells != "", cells, planned.texts.get(key, cells))
+    return replace(log, numbers=numbers, texts=texts, said=planned.said | log.said)
+
+
+def _counted(ids: Iterable[str], what: str) -> list[str]:
+    """A note on some rows, with their first ids; nothing for none."""
+    names = [str(name) for name in ids]
+    if not names:
+        return []
+    more = ", ..." if len(names) > SHOWN else ""
+    return [f"{len(names)} row{'s' * (len(names) > 1)} {what}: {', '.join(names[:SHOWN])}{more}"]
