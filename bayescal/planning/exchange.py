@@ -108,9 +108,9 @@ def _shared(inside: np.ndarray, moved: np.ndarray) -> np.ndarray:
 
 
 def grow(selection: Selection, count: int, rate: Rate) -> None:
-    """Add the candidate of the largest benefit until `count` contacts are chosen."""
-    while len(selection.chosen) < count:
-        benefit = np.where(selection.free, rate(selection), -np.inf)
+    """Add the candidate of the largest benefit until `count` contacts are chosen, or all candidates."""
+    while len(selection.chosen) < count and np.any(free := selection.free):
+        benefit = np.where(free, rate(selection), -np.inf)
         selection.change(int(np.argmax(benefit)), 1.0)
 
 
