@@ -12,7 +12,7 @@ from bayescal.estimate import Estimate, check_enough
 from bayescal.estimate.discrepancy import stated
 from bayescal.gap.design.advise import advise
 from bayescal.gap.design.blind_spots import blind_spots, unseen
-from bayescal.gap.examine import Examined
+from bayescal.gap.design.undecided import rivals, undecided
 from bayescal.gap.explain import Explained, Progress, explain
 from bayescal.gap.level_fits import fitted_levels
 from bayescal.gap.linear.problem import without_nuisance
@@ -25,9 +25,8 @@ from bayescal.gap.outcome.margins import margins
 from bayescal.gap.outcome.notes import warnings
 from bayescal.gap.outcome.shrinkage import shrinkage
 from bayescal.gap.result import Gap
-from bayescal.gap.search.beam import COMPLIANCE, Hypothesis
+from bayescal.gap.search.beam import COMPLIANCE
 from bayescal.gap.search.refit import refit, still_without
-from bayescal.gap.settings import VERDICT
 from bayescal.model import check_asked
 from bayescal.model.length_blocks import length_blocks
 from bayescal.model.parts import Part, parts_of
@@ -90,7 +89,7 @@ def diagnose(
     spots = blind_spots(last.fitted, last.candidates, plain, again(chosen.state, plain), named)
     pairs = [
         (replace(a, state=again(a.state, plain)), replace(b, state=again(b.state, plain)))
-        for a, b in _rivals(last)
+        for a, b in rivals(last)
     ]
     verdict = found.verdict
     reduction = shrinkage(before, after, noise.sd, of_shrinkage, noise.dof) if changed else ()
@@ -119,6 +118,7 @@ def diagnose(
         still_without=tuple(map(str, still_without(parts, members))),
         robust=robust,
         prior_width=prior_width,
+        undecided=undecided(last),
         arm=_confirmed(found, robust, prior_width, parts),
     )
 
@@ -130,18 +130,6 @@ def _confirmed(found: Explained, robust: bool, width: float, without: Sequence[P
     if len(members) == len(d.members):
         return found.final
     return refit(found.last.fitted, found.last.candidates, members, robust, width, without)
-
-
-def _rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:
-    """Pairs of hypotheses that the data do not distinguish: the most probable and its alternatives."""
-    named = [w for w in e.decision.weighed if w.cell is None]
-    leader = named[0]
-    rivals = [
-        w
-        for w in named[1:]
-        if w.probability > VERDICT.doubt and w.hypothesis.names != leader.hypothesis.names
-    ]
-    return [(leader.hypothesis, w.hypothesis) for w in rivals[: VERDICT.advised]]
 
 
 def _residuals(before: Estimate, after: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

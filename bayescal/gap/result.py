@@ -6,12 +6,13 @@ All values are in SI (m, rad), except the coordinates of curves. `Gap` contains 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects.location import Driver, Site, words_of
+from bayescal.effects.selection import Selection
 from bayescal.estimate import Estimate
 
 VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
@@ -194,6 +195,45 @@ class Advice:
 
 
 @dataclass(frozen=True)
+class Suspect:
+    """An effect that may be true: in the form of --model, "bending at link 3", with its fitted parameters.
+
+    `values` are deviations from nominal by the name of the parameter, SI, and `units` their SI units. Without
+    values any plausible value may be true: a random draw of the prior.
+    """
+
+    model: str
+    values: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def selection(self) -> Selection:
+        """Effect, setting and sites."""
+        return Selection.read(self.model)
+
+
+Side = tuple[Suspect, ...]
+"""Effects that are true together; () is noise only."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two explanations between which the data do not decide, and the effects that both contain.
+
+    Without effects in `b`, those of `a` are to be confirmed.
+    """
+
+    a: Side
+    b: Side = ()
+    common: Side = ()
+
+    @property
+    def reversed(self) -> Pair:
+        """The same with exchanged sides."""
+        return Pair(self.b, self.a, self.common)
+
+
+@dataclass(frozen=True)
 class BlindSpot:
     """An effect of plausible amplitude that these data would not detect."""
 
@@ -230,4 +270,5 @@ class Gap:
     still_without: tuple[str, ...] = ()  # parts that the refitted model lacks
     robust: bool = True  # whether outliers were excluded
     prior_width: float = 1.0
+    undecided: tuple[Pair, ...] = ()
     arm: Estimate | None = None  # with the named effects that are confirmed: what an export is made of

@@ -12,17 +12,18 @@ where G is the information of `Projection`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from bayescal.estimate import Estimate
+from bayescal.gap.result import Pair
 from bayescal.model.parts import Part
 from bayescal.planning.pool import Pool
 from bayescal.planning.projection import CandidateColumns, Projection
-from bayescal.planning.vocabulary import Side, Vocabulary, vocabulary
+from bayescal.planning.vocabulary import Vocabulary, vocabulary
 
 NONE = np.empty(0, int)
 
@@ -55,8 +56,10 @@ class Contrasts:
 
     @classmethod
     def of(cls, found: Vocabulary, items: Sequence[Contrast]) -> Contrasts:
-        """Contrasts with equal weights of all groups."""
-        return cls(found, tuple(items), np.ones(1 + max(item.group for item in items)))
+        """Contrasts with equal weights of all groups, which are numbered anew."""
+        _, group = np.unique([item.group for item in items], return_inverse=True)
+        own = tuple(replace(item, group=int(k)) for item, k in zip(items, group, strict=True))
+        return cls(found, own, np.ones(int(group.max()) + 1))
 
     @property
     def columns(self) -> CandidateColumns:
@@ -140,14 +143,6 @@ def _together(items: Sequence[Contrast], own: np.ndarray) -> _Together:
     )
 
 
-@dataclass(frozen=True)
-class Pair:
-    """Two explanations of a gap of which the data do not decide; without `b`, a name to be confirmed."""
-
-    a: Side
-    b: Side = ()
-
-
 def contrasts(
     pool: Pool, fitted: Estimate, pairs: Sequence[Pair] = (), without: Sequence[Part] = ()
 ) -> Contrasts:
@@ -168,7 +163,7 @@ def contrasts(
     BayescalError
         If a pair names an effect or a site that the session cannot show.
     """
-    sides = [side for pair in pairs for side in (pair.a, pair.b)]
+    sides = [side for pair in pairs for side in (pair.a, pair.b, pair.common)]
     found = vocabulary(pool, fitted, [one for side in sides for one in side], without)
     return of_pairs(found, pairs) if pairs else of_effects(found)
 
@@ -191,10 +186,18 @@ def of_effects(found: Vocabulary) -> Contrasts:
 
 def of_pairs(found: Vocabulary, pairs: Sequence[Pair]) -> Contrasts:
     """Each side of every pair beside the other: neither may be able to replace the other."""
-    items = []
-    for group, pair in enumerate(pairs):
-        for own, other in ((pair.a, pair.b), (pair.b, pair.a)):
-            if own:
-                truth, mix = found.side(own)
-                items.append(Contrast(truth, found.side(other)[0], group, mix))
+    items = [
+        item
+        for group, pair in enumerate(pairs)
+        for item in (beside(found, pair, group), beside(found, pair.reversed, group))
+        if item is not None
+    ]
     return Contrasts.of(found, items)
+
+
+def beside(found: Vocabulary, pair: Pair, group: int) -> Contrast | None:
+    """The first side of a pair as true, beside the second; None for noise only, which nothing shows."""
+    if not pair.a:
+        return None
+    truth, mix = found.side(pair.a)
+    return Contrast(truth, found.side((*pair.b, *pair.common))[0], group, mix)

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bayescal.gap.result import Pair, Side, Suspect
 from bayescal.gap.settings import DESIGN
-from bayescal.planning.contrasts import Contrast, Contrasts, Pair
+from bayescal.planning.contrasts import Contrast, Contrasts, beside
 from bayescal.planning.projection import Projection
 from bayescal.planning.result import Confusable, Detectable
-from bayescal.planning.vocabulary import Side, Suspect, Vocabulary
+from bayescal.planning.vocabulary import Vocabulary
 
 SEPARATED = 30.0
 """Lambda from which on two effects are separated (in the blind check 9 of 10 names are right from it on)."""
@@ -65,20 +66,16 @@ def confusable(
         those sites at which it is detectable. Elsewhere it need not be separated.
     """
     out = []
-    for sides in [[(p.a, p.b), (p.b, p.a)] for p in pairs] or _plausible(found, chosen):
-        sides = [(a, b) for a, b in sides if a]
-        if not sides:
+    for options in [[p, p.reversed] for p in pairs] or _plausible(found, chosen):
+        shown = [(p, x) for k, p in enumerate(options) if (x := beside(found, p, k)) is not None]
+        if not shown:
             continue
-        items = []
-        for k, (a, b) in enumerate(sides):
-            truth, mix = found.side(a)
-            items.append(Contrast(truth, found.side(b)[0], k, mix))
-        c = Contrasts.of(found, items)
+        c = Contrasts.of(found, [item for _, item in shown])
         old, new = _median(c, before), c.strengths(chosen)
         weakest = int(np.argmin(new))
-        a, b = sides[weakest]
-        names = words(a), words(b)
-        out.append((Pair(a, b), Confusable(names, float(old[weakest]), float(new[weakest]))))
+        pair = shown[weakest][0]
+        names = words(pair.a), words(pair.b)
+        out.append((pair, Confusable(names, float(old[weakest]), float(new[weakest]))))
     return tuple(sorted(out, key=lambda x: x[1].after))
 
 
@@ -87,12 +84,12 @@ def words(side: Side) -> str:
     return " and ".join(one.model for one in side) or NOISE
 
 
-def _plausible(found: Vocabulary, chosen: Projection) -> list[list[tuple[Side, Side]]]:
+def _plausible(found: Vocabulary, chosen: Projection) -> list[list[Pair]]:
     """Of every pair of confusable effects, each at each site where it is detectable, beside the other."""
     pairs = {frozenset((a, b)): (a, b) for a in found.names for b in found.confusable(a)}
     seats = {a: _detected(found, a, chosen) for a in found.names}
     return [
-        [((Suspect(own),), (Suspect(y),)) for x, y in ((a, b), (b, a)) for own in seats[x]]
+        [Pair((Suspect(own),), (Suspect(y),)) for x, y in ((a, b), (b, a)) for own in seats[x]]
         for a, b in pairs.values()
     ]
 

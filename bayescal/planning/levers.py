@@ -14,10 +14,11 @@ import numpy as np
 from bayescal.dataset.append import taken
 from bayescal.estimate import Estimate
 from bayescal.gap.design.interventions import widened
+from bayescal.gap.result import Pair
 from bayescal.gap.settings import DESIGN
 from bayescal.model import Scene
 from bayescal.model.parts import Part
-from bayescal.planning.contrasts import Pair, contrasts
+from bayescal.planning.contrasts import contrasts
 from bayescal.planning.detectable import SEPARATED
 from bayescal.planning.pool import Pool
 from bayescal.planning.projection import Projection

@@ -3,45 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Circumstances, Parameter, named
-from bayescal.effects.selection import Selection
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.gap.design.blind_spots import Seat, seats
 from bayescal.gap.linear.known import with_compliances
 from bayescal.gap.linear.masses import masses
 from bayescal.gap.linear.slopes import problem
+from bayescal.gap.result import Side, Suspect
 from bayescal.gap.search.beam import COMPLIANCE
 from bayescal.gap.search.candidates import Candidates, candidates, extended, wide
 from bayescal.model import Scene, build
 from bayescal.model.parts import Part
 from bayescal.planning.pool import Pool
 from bayescal.planning.projection import CandidateColumns
-
-
-@dataclass(frozen=True)
-class Suspect:
-    """An effect that may be true: the form of --model, "bending at link 3", and values of its parameters, SI.
-
-    Without values they are a random draw of their priors.
-    """
-
-    model: str
-    values: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def selection(self) -> Selection:
-        """Effect, setting and sites."""
-        return Selection.read(self.model)
-
-
-Side = tuple[Suspect, ...]
-"""Effects that are true together; () is noise only."""
 
 
 @dataclass(frozen=True)

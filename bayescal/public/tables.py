@@ -118,6 +118,12 @@ class GapTables:
         return DataFrame(ranked, columns=["effect", "probability"]).set_index("effect")
 
     @property
+    def undecided(self) -> bool:
+        """Whether further contacts could decide: effects not separated, not confirmed or not known."""
+        unexplained = self.verdict in ("ambiguous", "unknown", "named+unexplained")
+        return unexplained or bool(self.record.get("undecided"))
+
+    @property
     def amplitudes(self) -> DataFrame:
         """Named effects, site by site: `what`, `value`, `u` (standard uncertainty) and `unit`; see gap.md."""
         from pandas import DataFrame

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from gap_pools import MODEL, nominal, pool
 
+from bayescal.gap.result import Pair, Suspect
 from bayescal.gap.settings import DESIGN
 from bayescal.model.parts import parts_of
-from bayescal.planning.contrasts import Pair, contrasts
+from bayescal.planning.contrasts import contrasts
 from bayescal.planning.detectable import SEPARATED, confusable, detectable
 from bayescal.planning.levers import NO_LEVER, with_levers
 from bayescal.planning.projection import Projection
-from bayescal.planning.vocabulary import Suspect
 
 RNG = np.random.default_rng(0)
 CHOSEN = np.arange(0, 150, 2)

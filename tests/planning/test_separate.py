@@ -5,11 +5,12 @@ import pytest
 from gap_pools import nominal, pool
 
 from bayescal.errors import BayescalError
+from bayescal.gap.result import Pair, Suspect
 from bayescal.model.parts import parts_of
-from bayescal.planning.contrasts import Contrast, Contrasts, Pair, contrasts, of_effects
+from bayescal.planning.contrasts import Contrast, Contrasts, contrasts, of_effects
 from bayescal.planning.projection import CandidateColumns, Projection
 from bayescal.planning.separate import choose, repeated
-from bayescal.planning.vocabulary import Suspect, Vocabulary
+from bayescal.planning.vocabulary import Vocabulary
 
 BENDING = "bending at link 3"
 COMPLIANCE = "compliance at joint 3"

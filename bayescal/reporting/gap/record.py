@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.gap.result import Advice, BlindSpot, Gap, Magnitude, Margin, Place, Shrinkage, Verdict
-from bayescal.reporting.gap import amplitudes, contacts
+from bayescal.reporting.gap import amplitudes, contacts, undecided
 from bayescal.reporting.gap.lengths import as_lengths, length, main
 from bayescal.reporting.gap.phrases import headline, warnings
 from bayescal.reporting.shared.origin import origin
@@ -76,6 +76,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
             for step in gap.levels
         ],
         "next": [_advice(a) | {"contacts": contacts.records(gap, a)} for a in gap.advice],
+        "undecided": undecided.records(gap),
         "blind_spots": [_blind(b) for b in gap.blind_spots],
         "curves": [_curve(gap, w) for w in gap.where[:CURVES]],
         "residuals": _residuals(gap),
