@@ -15,7 +15,7 @@ from bayescal.gap.search.refit import refit
 from bayescal.gap.settings import GATE, VERDICT
 from bayescal.model.parts import Part
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import validation_errors
+from bayescal.predict.crossvalidation import BLOCKED, VALIDATED, validation_errors
 from bayescal.predict.errors import ValidationErrors
 
 Progress = Callable[[str, float], None]
@@ -55,7 +55,7 @@ def explain(
         last = examine(scene, (*effects, COMPLIANCE), robust, prior_width, without, further=True)
     progress("refit", 0.6)
     before = validation_errors(first.fitted)
-    alone = validation_errors(last.fitted) if promoted else before
+    alone = _judging(last.fitted)
 
     known: dict[tuple[int, ...], tuple[Estimate, ValidationErrors]] = {(): (last.fitted, alone)}
 
@@ -63,11 +63,17 @@ def explain(
         key = tuple(map(id, members))
         if key not in known:
             final = refit(last.fitted, last.candidates, members, robust, prior_width, without)
-            known[key] = final, validation_errors(final)
+            known[key] = final, _judging(final)
         return known[key]
 
     confirmed_last, final, after = _confirmed(last, alone, fitted)
+    after = after if after.how == VALIDATED else validation_errors(final)
     return Explained(first, confirmed_last, promoted, before, final, after)
+
+
+def _judging(estimate: Estimate) -> ValidationErrors:
+    """Validation errors that judge names: without validation rows, of rows left out in blocks."""
+    return validation_errors(estimate, without=BLOCKED)
 
 
 def _confirmed(

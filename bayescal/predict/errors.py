@@ -33,7 +33,7 @@ class Joint:
 class ValidationErrors:
     """R residuals of validation contacts, three for a point, in the order of rows, and the distances."""
 
-    how: str  # VALIDATED or LEFT_OUT
+    how: str  # VALIDATED, LEFT_OUT or BLOCKED
     main: str  # noise group that the gap is compared with: "contact" where contacts are fitted, else "point"
     residual: np.ndarray  # (R,) m
     noise: np.ndarray  # (R,) m, of one residual, by the noise scale of the fit
@@ -46,6 +46,7 @@ class ValidationErrors:
     distances: CentreDistances
     own: np.ndarray | None = None  # (R, K) m2, `noise` of each with the K residuals of its row; None: alone
     dof: Mapping[str, float] = field(default_factory=dict)  # of the noise scale of each group; else known
+    fold: np.ndarray | None = None  # (R,) block of a blocked cross-validation; None: one fit predicts all
 
     @property
     def sd(self) -> np.ndarray:

@@ -8,9 +8,9 @@ import pytest
 from made_up_errors import NOISE, held
 from scipy.stats import chi2, multivariate_normal
 
-from bayescal.gap.search.gate import contradiction, gain
+from bayescal.gap.search.gate import contradiction, gain, share
 from bayescal.gap.settings import GATE
-from bayescal.predict.crossvalidation import LEFT_OUT
+from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT
 
 COUNT = 60
 RNG = np.random.default_rng(0)
@@ -98,6 +98,38 @@ def test_fitted_contacts_do_not_judge_a_refit():
     before = replace(before, distances=replace(before.distances, by_noise=2 * NOISE * np.eye(6)))
     spoilt = replace(before, distances=replace(before.distances, error=8 * DISTANCES))
     assert gain(before, before, spoilt) < -3
+
+
+def blocked(residual, by, fold):
+    return replace(held(residual), how=BLOCKED, by_parameters=by, fold=fold)
+
+
+def test_blocks_that_are_left_out_judge_a_refit():
+    """Each block has a fit of its own, so that blocks are independent; fitted contacts contradict nothing."""
+    fold = np.repeat(np.arange(4), COUNT // 4)
+    by = NOISE * np.random.default_rng(3).standard_normal((COUNT, 3))
+    before, after = (blocked(k * RESIDUAL, by, fold) for k in (1, 3))
+    each = [
+        gain(*(replace(held(h.residual[own]), by_parameters=by[own]) for h in (before, before, after)))
+        for own in (fold == k for k in range(4))
+    ]
+    assert gain(before, before, after) == pytest.approx(sum(each))
+    assert gain(before, before, after) < -3
+    assert contradiction(before, after) == 1.0
+
+
+def test_a_direction_that_the_other_blocks_do_not_determine_is_no_evidence():
+    """Large residuals along it do not decide whether the change of a name is there."""
+    rng = np.random.default_rng(4)
+    fold = np.repeat(np.arange(4), COUNT // 4)
+    change = 2 * NOISE * np.sign(rng.standard_normal(COUNT))
+    loose = rng.standard_normal(COUNT)
+    by = 1e-2 * loose[:, None]
+    lost = 200 * NOISE * loose * np.array([1, -1, 1, -1])[fold]
+    less, more = (blocked(lost + r, by, fold) for r in (RESIDUAL / 3 + change, RESIDUAL / 3))
+    found = share(less, more)
+    assert found.value == pytest.approx(1.0, abs=0.1)
+    assert found.u < 0.1
 
 
 def test_distances_contradict_as_their_chi_square_says():

@@ -12,8 +12,9 @@ from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.predict import validate
-from bayescal.predict.crossvalidation import LEFT_OUT, VALIDATED, validation_errors
+from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED, validation_errors
 from bayescal.predict.errors import kept
+from bayescal.predict.folds import folds
 from bayescal.predict.rows import predicted_rows
 
 FULL = ("geometry", "compliance")
@@ -154,6 +155,53 @@ def test_leaving_out_is_refitting_without(maker, request):
         mine = h.rows == row
         scale = h.noise[mine]
         assert np.max(np.abs(h.residual[mine] - expected) / scale) < 0.05
+
+
+@pytest.mark.parametrize("maker", ["cube", "tracker"])
+def test_leaving_out_a_block_is_refitting_without_it(maker, request):
+    """Residuals and their covariance, of the session of which one block is only predicted."""
+    session = request.getfixturevalue(maker)(seed=1, count=60)
+    found = estimate(build(Scene(session.dataset), FULL), robust=False)
+    h = validation_errors(found, without=BLOCKED)
+    assert h.how == BLOCKED
+    fold = h.fold == 3
+    rows = np.unique(h.rows[fold])
+    assert 3 <= len(rows) <= 9
+    role = session.dataset.measurements.role.copy()
+    role[rows] = "validate"
+    left = replace(session.dataset, measurements=replace(session.dataset.measurements, role=role))
+    model = build(Scene(left), FULL)
+    sigma, counts = {}, {}
+    for b, old in zip(model.blocks, found.model.blocks, strict=True):
+        keep = np.isin(old.rows, b.rows)
+        sigma[b.target] = found.weights.sigma[b.target][np.tile(keep, old.kind.rows)]
+        counts[b.target] = found.weights.row[b.target][keep]
+    z, covariance, _ = solve(model, replace(found.weights, sigma=sigma, row=counts), found.z)
+    again = replace(found, model=model, z=z, covariance=covariance())
+    for t in np.unique(session.dataset.measurements.target[rows]):
+        block = model.block(int(t), rows[session.dataset.measurements.target[rows] == t])
+        new = predicted_rows(again, block)
+        # the pivot of a surface moves with its rows: only what contacts leave can be compared
+        mine = np.concatenate([np.flatnonzero(fold & (h.rows == r)) for r in block.rows])
+        mine = mine.reshape(len(block.rows), -1).T.ravel()
+        sd = np.sqrt(new.noise**2 + np.einsum("rd,de,re->r", new.by_z, again.covariance, new.by_z))
+        assert np.max(np.abs(h.residual[mine] - new.residual) / h.sd[mine]) < 0.05
+        np.testing.assert_allclose(h.sd[mine], sd, rtol=0.02)
+
+
+def test_blocks_are_of_time_and_poses(tracker):
+    """Ten stretches of every target; rows of one pose and residuals of one row are never apart."""
+    d = tracker(seed=1, count=60).dataset
+    readings = d.measurements.readings.copy()
+    readings[40] = readings[3]
+    m = replace(d.measurements, readings=readings, target=np.repeat([0, 1], [40, 20]))
+    rows = np.tile(np.arange(60), 3)
+    found = folds(m, rows).reshape(3, 60)
+    assert np.all(found == found[0])
+    assert found[0, 3] == found[0, 40] == 0
+    for own in (found[0, :40], found[0, 41:]):
+        assert np.all(np.diff(own) >= 0)
+        assert np.array_equal(np.unique(own), np.arange(10))
 
 
 def test_a_rejected_contact_is_as_uncertain_as_a_new_one(cube):

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bayescal.distributions import chi2_sf, f_sf
 from bayescal.gap.outcome.levels import log_predictive
 from bayescal.gap.settings import GATE
-from bayescal.predict.crossvalidation import LEFT_OUT
+from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED
 from bayescal.predict.distances import CentreDistances
 from bayescal.predict.errors import ValidationErrors
 
@@ -41,15 +41,18 @@ class Aside(Generic[M]):
     member: M
     cost: float  # nats that the validation data lose by it
     share: Share
+    how: str = VALIDATED  # as of `ValidationErrors`
 
     @property
     def words(self) -> str:
         """The failed test."""
-        text = "explains the calibration rows but "
+        text, blocked = "explains the calibration rows but ", self.how == BLOCKED
         if self.cost > GATE.loss or not self.share.missing:
-            return f"{text}makes the validation data less probable, by {self.cost:.1f} nats"
+            data = "blocks of poses and time that are left out" if blocked else "the validation data"
+            return f"{text}makes {data} less probable, by {self.cost:.1f} nats"
         found = f"{self.share.value:.2f} +- {self.share.u:.2f}"
-        return f"{text}validation contacts show {found} of the change that it predicts"
+        contacts = "contacts of blocks that are left out" if blocked else "validation contacts"
+        return f"{text}{contacts} show {found} of the change that it predicts"
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,7 @@ def confirmed(
         rest = [tested[:k] + tested[k + 1 :] for k in range(len(tested))]
         without = [refit(own)[1] for own in rest]
         alone = [
-            Aside(m, -gain(before, other, errors), share(other, errors))
+            Aside(m, -gain(before, other, errors), share(other, errors), errors.how)
             for m, other in zip(tested, without, strict=True)
         ]
         all_of_them = -gain(before, before, errors)
@@ -129,7 +132,7 @@ def gain(before: ValidationErrors, less: ValidationErrors, more: ValidationError
     steps = (before, less), (before, less, more)
     old, new = (_distances([h.distances for h in way]) for way in steps)
     total = new - old
-    if before.how != LEFT_OUT:
+    if before.how != LEFT_OUT:  # contacts that are left out one by one share errors with their neighbours
         odd = less.gross | more.gross
         old, new = (_contacts(way, ~odd) for way in steps)
         alone = np.isin(less.joint.rows, less.rows[odd])
@@ -154,6 +157,8 @@ def share(less: ValidationErrors, more: ValidationErrors) -> Share:
     noise = less.noise[use]
     r = less.residual[use] / noise
     change = r - more.residual[use] / noise
+    if less.how == BLOCKED:
+        r, change = _whitened(less, use, np.stack([r, change]))
     size = float(change @ change)
     _, block = np.unique(less.block[use], return_inverse=True)
     count = len(np.unique(block))
@@ -175,7 +180,7 @@ def contradiction(before: ValidationErrors, after: ValidationErrors) -> float:
         covariance = _covariance([before.distances, after.distances])
         p.append(float(chi2_sf(_square(covariance, after.distances.error), len(after.distances.error))))
     fair = ~(before.gross | after.gross)
-    if before.how != LEFT_OUT and np.any(fair):
+    if before.how == VALIDATED and np.any(fair):
         chi2, _ = _low_rank((before, after), fair)
         count, dof = int(np.sum(fair)), after.dof.get(after.main, np.inf)
         p.append(float(chi2_sf(chi2, count) if np.isinf(dof) else f_sf(chi2 / count, count, dof)))
@@ -184,8 +189,30 @@ def contradiction(before: ValidationErrors, after: ValidationErrors) -> float:
 
 def _contacts(way: Sequence[ValidationErrors], mine: np.ndarray) -> float:
     """Log density of some residuals of the last of a series of refits."""
-    chi2, logdet = _low_rank(way, mine)
-    return -0.5 * (chi2 + logdet + float(np.sum(mine)) * float(np.log(2 * np.pi)))
+    total = 0.0
+    for fold in _folds(way[-1]):
+        chi2, logdet = _low_rank(way, mine & fold)
+        total -= 0.5 * (chi2 + logdet + float(np.sum(mine & fold)) * float(np.log(2 * np.pi)))
+    return total
+
+
+def _folds(h: ValidationErrors) -> list[np.ndarray]:
+    """Residuals (R,) that one fit predicts, for every fit."""
+    return [np.ones(len(h.rows), bool)] if h.fold is None else [h.fold == k for k in np.unique(h.fold)]
+
+
+def _whitened(h: ValidationErrors, use: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (K, R of `use`) in units of the noise, whitened by the covariance that the fits predict.
+
+    A fit without a block may hardly determine some directions, in which residuals of the block are large.
+    """
+    out = values.copy()
+    for fold in _folds(h):
+        mine = fold[use]
+        by = h.by_parameters[use][mine] / h.noise[use][mine, None]
+        factor = np.linalg.cholesky(np.eye(len(by)) + by @ by.T)
+        out[:, mine] = solve_triangular(factor, values[:, mine].T, lower=True).T
+    return out
 
 
 def _low_rank(way: Sequence[ValidationErrors], mine: np.ndarray) -> tuple[float, float]:
