@@ -1,0 +1,211 @@
+"""A plan: contacts chosen for distances and for the diagnosis of the gap, in the order of probing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bayescal.dataset import Dataset
+from bayescal.dataset.append import taken
+from bayescal.errors import BayescalError
+from bayescal.gap.result import Pair
+from bayescal.gap.settings import DESIGN
+from bayescal.model import check_asked
+from bayescal.model.parts import Part
+from bayescal.planning import order as orders
+from bayescal.planning.candidates import COUNT, candidates
+from bayescal.planning.contrasts import Contrasts, of_effects, of_pairs
+from bayescal.planning.criteria import observability_of
+from bayescal.planning.detectable import confusable, detectable
+from bayescal.planning.exchange import select
+from bayescal.planning.expected import Random, curves, expected, parameters
+from bayescal.planning.goals import goals
+from bayescal.planning.hand import TURNING
+from bayescal.planning.information import check_count, linearised
+from bayescal.planning.levers import with_levers
+from bayescal.planning.pool import Pool, Setup
+from bayescal.planning.projection import Projection
+from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
+from bayescal.planning.separate import choose, repeated
+from bayescal.planning.vocabulary import Vocabulary, nominal, vocabulary
+from bayescal.streams import spawned
+
+AIMS = (BOTH, DISTANCES, GAP)
+PAYLOAD, APPROACH = "payload", "approach"
+LEVERS = (PAYLOAD, APPROACH)
+"""What may be varied beside the pose: the load on the flange, and the motion that reaches a contact."""
+REPEATS = 10
+"""Contacts that are measured once more, for the noise floor."""
+SHARE = 0.1
+"""Largest share of a plan that repeats are."""
+FURTHER = 20
+"""Further contacts whose benefit is reported."""
+RANDOM = 5
+"""Random selections that a plan's detectability is compared with."""
+
+
+def plan(
+    setup: Setup,
+    contacts: int = 200,
+    aim: str = BOTH,
+    effects: tuple[str, ...] = ("geometry", "compliance"),
+    levers: Sequence[str] = LEVERS,
+    order: str = orders.SWEEPS,
+    count: int = COUNT,
+    seed: int = 0,
+    pairs: Sequence[Pair] = (),
+    without: Sequence[Part] = (),
+    progress: Callable[[str, float], None] = lambda stage, fraction: None,
+) -> Plan:
+    """Choose contacts to measure.
+
+    Parameters
+    ----------
+    setup : Setup
+        Of a session that is to be measured, or to be continued.
+    contacts : int
+        Contacts to calibrate with, including those that are measured twice. Those that validate spheres of
+        certified distances are added.
+    aim : str
+        DISTANCES, GAP or BOTH: half for each.
+    effects : tuple of str
+        The model: names of `effects.MODELS`.
+    levers : sequence of str
+        Of `LEVERS`: what may be varied beside the pose.
+    order : str
+        Of `order.ORDERS`.
+    count : int
+        Number of candidates.
+    seed : int
+        The same seed gives the same plan.
+    pairs : sequence of Pair
+        What the contacts for the gap shall decide; default: every effect that the model lacks, at each site.
+    without : sequence of Part
+        Parts that the model lacks.
+    progress : callable
+        Called with the stage and its completed fraction.
+
+    Raises
+    ------
+    BayescalError
+        If an argument is not possible, no target is reached, or the contacts are fewer than the unknowns.
+    """
+    begin = time.perf_counter()
+    _check(aim, levers, order, contacts)
+    check_asked(effects, 1.0)
+    of_pool, of_distances, of_gap, of_order = spawned(seed, 4)
+    pool = candidates(
+        _loaded(setup, levers), count, of_pool, progress, turning=TURNING if APPROACH in levers else 0.0
+    )
+    linear = linearised(pool, effects)
+    few = check_count(linear, contacts)
+    wanted = goals(pool, linear)
+    found, decide = _contrasts(pool, effects, pairs, without)
+    random = Random(pool, seed)
+
+    again = 0 if aim == DISTANCES else min(REPEATS, int(SHARE * contacts))
+    fresh = contacts - again
+    first = {DISTANCES: fresh, GAP: 0, BOTH: fresh // 2}[aim]
+    rng = np.random.default_rng(of_distances)
+    for_distances = (
+        select(linear, wanted, first, rng, progress=lambda part: progress("distances", part))
+        if first
+        else np.empty(0, int)
+    )
+    rng = np.random.default_rng(of_gap)
+    for_gap = choose(decide, fresh - first, rng, for_distances, progress=lambda part: progress("gap", part))
+    chosen = np.concatenate([for_distances, for_gap])
+    repeats = repeated(decide, chosen, rng, again)
+    every = np.concatenate([chosen, repeats])
+
+    progress("expected", 0.0)
+    selections = [Projection(found.columns, s) for s in random.selections(contacts, RANDOM)]
+    planned = Projection(found.columns, every)
+    before = [Projection(found.columns)] if pool.measured else selections
+    separated = with_levers(pool, effects, chosen, confusable(found, planned, before, pairs), rng, without)
+    curve = curves(linear, wanted, every, random)
+    purpose = [DISTANCES] * len(for_distances) + [GAP] * len(for_gap) + [REPEAT] * again
+    rows = np.concatenate([pool.candidates[every], pool.validation])
+    purpose += [VALIDATE] * len(pool.validation)
+    progress("order", 0.0)
+    at = orders.ordered(pool, rows, order, np.random.default_rng(of_order))
+    session = _session(pool, rows[at], repeats=set(pool.candidates[repeats].tolist()))
+    progress("done", 1.0)
+    return Plan(
+        pool=pool,
+        session=session,
+        purpose=tuple(purpose[k] for k in at),
+        approach=pool.approach[rows[at]],
+        effects=effects,
+        expected=expected(linear, wanted, every, random),
+        parameters=parameters(linear, every),
+        observability=observability_of(linear, every),
+        observability_random=_median(
+            [observability_of(linear, s) for s in random.selections(contacts, RANDOM)]
+        ),
+        curve=curve.plan,
+        curve_random=curve.random,
+        equals_random=curve.equals_random,
+        next_u=curve.next_u,
+        detectable=detectable(found, planned, selections),
+        confusable=separated,
+        travel=orders.travel(pool, rows[at]),
+        seconds=time.perf_counter() - begin,
+        warnings=(*setup.notes, *pool.warnings, *([few] if few else [])),
+        aim=aim,
+        order=order,
+        seed=seed,
+    )
+
+
+def _check(aim: str, levers: Sequence[str], order: str, contacts: int) -> None:
+    """Refuse arguments that are not possible."""
+    for value, known, option in ((aim, AIMS, "--for"), (order, orders.ORDERS, "--order")):
+        if value not in known:
+            raise BayescalError(f"'{value}' is not known", option, f"give one of {', '.join(known)}")
+    for lever in levers:
+        if lever not in LEVERS:
+            raise BayescalError(f"'{lever}' is not known", "--levers", f"give some of {', '.join(LEVERS)}")
+    if contacts < 1:
+        raise BayescalError(f"{contacts} contacts are no plan", "--contacts", "give 1 or more")
+
+
+def _loaded(setup: Setup, levers: Sequence[str]) -> Setup:
+    """The setup with the payloads that the levers permit: its own, else the usual one if masses are known."""
+    robot = setup.dataset.robot
+    if PAYLOAD not in levers or robot.masses is None:
+        return replace(setup, payloads=())
+    return setup if setup.payloads else replace(setup, payloads=(DESIGN.payload,))
+
+
+def _contrasts(
+    pool: Pool, effects: tuple[str, ...], pairs: Sequence[Pair], without: Sequence[Part]
+) -> tuple[Vocabulary, Contrasts]:
+    """Effects that the model lacks, and what the contacts for the gap shall decide."""
+    fitted = nominal(pool.session, effects, without)
+    suspects = [one for pair in pairs for side in (pair.a, pair.b) for one in side]
+    found = vocabulary(pool, fitted, suspects, without)
+    return found, of_pairs(found, pairs) if pairs else of_effects(found)
+
+
+def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:
+    """The planned rows as a session, in order; both measurements of a repeated contact share its name."""
+    m = taken(pool.session.measurements, rows)
+    width = len(str(len(rows)))
+    twice = [row for row in dict.fromkeys(rows.tolist()) if row in repeats]
+    groups = {row: f"r{k + 1:02d}" for k, row in enumerate(twice)}
+    m = replace(
+        m,
+        ids=tuple(f"p{k + 1:0{width}d}" for k in range(len(rows))),
+        line=np.arange(len(rows)) + 2,
+        time=None if m.time is None else np.sort(m.time),
+        repeat=np.array([groups.get(row, "") for row in rows.tolist()]),
+    )
+    return replace(pool.session, measurements=m)
+
+
+def _median(each: Sequence[dict[str, float]]) -> dict[str, float]:
+    return {key: float(np.median([one[key] for one in each])) for key in each[0]}
