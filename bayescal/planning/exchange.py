@@ -12,17 +12,20 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from bayescal.planning.criteria import mean_variance
 from bayescal.planning.goals import Goal
-from bayescal.planning.information import Linearised, inverse
+from bayescal.planning.information import Linearised
 
 FRESH = 25
 """Changes of a selection after which its covariance is computed anew, against rounding."""
 BETTER = 1e-9
 """Relative improvement below which an exchange is rounding error."""
-SWEEPS = 4
+SWEEPS = 3
 """Maximum number of rounds in which every contact of a plan is replaced by the best candidate."""
 COORDINATES = 120
 """Number of contacts up to which plans are improved in this way; larger plans only by adding and dropping."""
+POWER = 4
+"""Power of the relative variances of several goals whose sum is minimised: the largest counts most."""
 
 Rate = Callable[["Selection"], np.ndarray]
 """Benefit (C,) of adding each candidate to a selection."""
@@ -50,7 +53,7 @@ class Selection:
         self.covariance = self.linear.covariance(self.chosen)
         across = flat @ self.covariance
         self.spread = across.reshape(count, r, size) @ np.swapaxes(self.blocks, 1, 2)  # S, (C, r, r)
-        self.moved = (across @ self.root).reshape(count, r, -1)  # H, (C, r, k)
+        self.moved = across @ self.root  # H, (C r, k)
 
     @property
     def value(self) -> float:
@@ -66,12 +69,24 @@ class Selection:
 
     def gains(self) -> np.ndarray:
         """By how much each candidate would lower the criterion, (C,)."""
-        return _shared(np.eye(self.spread.shape[1]) + self.spread, self.moved)
+        return self._traces(np.arange(len(self.blocks)), 1.0)
 
     def losses(self, chosen: Sequence[int] | np.ndarray) -> np.ndarray:
         """By how much the criterion would rise without each of some chosen contacts, (M,)."""
-        at = np.asarray(chosen, int)
-        return _shared(np.eye(self.spread.shape[1]) - self.spread[at], self.moved[at])
+        return self._traces(np.asarray(chosen, int), -1.0)
+
+    def _traces(self, at: np.ndarray, sign: float) -> np.ndarray:
+        """tr((I + sign S)^-1 H H') of some candidates, (M,); infinite where I + sign S is not positive."""
+        r = self.spread.shape[1]
+        inside = np.eye(r) + sign * self.spread[at]
+        moved = self.moved.reshape(len(self.spread), r, -1)[at]
+        size = np.linalg.det(inside) if r > 1 else inside[:, 0, 0]
+        if r > 1:
+            moved = moved * np.linalg.solve(inside, moved)
+            return np.where(size > 0, np.sum(moved, axis=(1, 2)), np.inf)
+        return np.where(
+            size > 0, np.einsum("crk,crk->c", moved, moved) / np.where(size > 0, size, 1.0), np.inf
+        )
 
     def determinants(self) -> np.ndarray:
         """By how much each candidate would raise the log determinant of the information, (C,) nats."""
@@ -90,21 +105,12 @@ class Selection:
         j = self.blocks[k]
         gain = self.covariance @ j.T  # (D, r)
         inside = np.linalg.inv(np.eye(len(j)) + sign * (j @ gain))
-        across = self.blocks @ gain  # (C, r, r)
+        count, r, size = self.blocks.shape
+        across = self.blocks.reshape(count * r, size) @ gain
         weighted = sign * (across @ inside)
-        self.covariance = self.covariance - sign * (gain @ inside @ gain.T)
-        self.spread = self.spread - weighted @ np.swapaxes(across, 1, 2)
-        self.moved = self.moved - weighted @ (gain.T @ self.root)
-
-
-def _shared(inside: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """tr(A^-1 H H') (C,), of A (C, r, r) and H (C, r, k); infinite where A is not positive."""
-    if inside.shape[1] == 1:
-        with np.errstate(divide="ignore"):
-            out = np.sum(moved[:, 0] ** 2, axis=1) / inside[:, 0, 0]
-    else:
-        out = np.sum(np.linalg.solve(inside, moved) * moved, axis=(1, 2))
-    return np.where(np.linalg.det(inside) > 0, out, np.inf)
+        self.covariance -= sign * (gain @ inside @ gain.T)
+        self.moved -= weighted @ (gain.T @ self.root)
+        self.spread -= weighted.reshape(count, r, r) @ np.swapaxes(across.reshape(count, r, r), 1, 2)
 
 
 def grow(selection: Selection, count: int, rate: Rate) -> None:
@@ -152,20 +158,31 @@ def _add_and_drop(selection: Selection, kept: Sequence[int]) -> None:
             break
 
 
-def root_of(linear: Linearised, goals: Sequence[Goal], reference: np.ndarray) -> np.ndarray:
-    """Weighted slopes B (D, k), so that tr(B'CB) is the mean over goals of their relative variances.
+def relative(goals: Sequence[Goal], covariance: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Mean variance of each goal by the arm, (G,), at a covariance (D, D), relative to a reference (D, D)."""
+    both = [[mean_variance(g.slopes, c) for c in (covariance, reference)] for g in goals]
+    return np.array([now / max(before, 1e-30) for now, before in both])
+
+
+def root_of(goals: Sequence[Goal], reference: np.ndarray, covariance: np.ndarray | None = None) -> np.ndarray:
+    """Weighted slopes B (D, k), so that tr(B'CB) is a weighted mean of the relative variances of the goals.
 
     Parameters
     ----------
-    linear : Linearised
     goals : sequence of Goal
     reference : np.ndarray, shape (D, D)
         Covariance of z of a selection; the variance of each goal is relative to that of this selection.
+    covariance : np.ndarray, shape (D, D), optional
+        Of the selection that shall be improved: a goal that is behind gets a larger weight, by the slope of
+        the sum over goals of (relative variance)^`POWER`. Equal weights if not given.
     """
+    weights = np.ones(len(goals))
+    if covariance is not None:
+        weights = relative(goals, covariance, reference) ** (POWER - 1)
     square = np.zeros_like(reference)
-    for goal in goals:
+    for goal, weight in zip(goals, weights / weights.sum(), strict=True):
         mean = goal.slopes.T @ goal.slopes / len(goal.slopes)
-        square += mean / (float(np.sum(mean * reference)) + goal.known) / len(goals)
+        square += weight * mean / max(float(np.sum(mean * reference)), 1e-30)
     values, vectors = np.linalg.eigh(square)
     used = values > 1e-12 * values[-1]
     return np.asarray(vectors[:, used] * np.sqrt(values[used]))
@@ -186,7 +203,7 @@ def select(
     ----------
     linear : Linearised
     goals : sequence of Goal
-        Each has the same weight: its mean variance, relative to that of a D-optimal selection.
+        Their variances, relative to those of a D-optimal selection, become small and about equal.
     count : int
         Number of contacts, including those of `start`.
     rng : np.random.Generator
@@ -204,22 +221,25 @@ def select(
         Numbers of the candidates: those of `start`, then the others in ascending order.
     """
     kept = list(dict.fromkeys(int(k) for k in start))
-    first = Selection(linear, kept, np.zeros((len(linear.z), 0)))
-    grow(first, count, Selection.determinants)
-    root = root_of(linear, goals, inverse(linear.information(first.chosen)))
+    others = np.setdiff1d(np.arange(linear.count), kept)
+    rounds = 2 if len(goals) > 1 else 1
+    reference: np.ndarray | None = None
     best: tuple[float, list[int]] | None = None
     for k in range(max(starts, 1)):
-        chosen = first.chosen
-        if k:
-            others = np.setdiff1d(np.arange(linear.count), kept)
-            some = rng.choice(others, (count - len(kept)) // 2, replace=False)
-            begun = Selection(linear, [*kept, *some], np.zeros((len(linear.z), 0)))
-            grow(begun, count, Selection.determinants)
-            chosen = begun.chosen
-        selection = Selection(linear, chosen, root)
-        exchange(selection, kept, rng)
-        if best is None or selection.value < best[0]:
-            best = selection.value, selection.chosen
-        progress((k + 1) / max(starts, 1))
+        some = rng.choice(others, (count - len(kept)) // 2 if k else 0, replace=False)
+        begun = Selection(linear, [*kept, *some], np.zeros((len(linear.z), 0)))
+        grow(begun, count, Selection.determinants)
+        chosen = begun.chosen
+        covariance = linear.covariance(chosen)
+        reference = covariance if reference is None else reference
+        for n in range(rounds):
+            selection = Selection(linear, chosen, root_of(goals, reference, covariance if n else None))
+            exchange(selection, kept, rng)
+            chosen = selection.chosen
+            covariance = linear.covariance(chosen)
+            value = float(np.sum(relative(goals, covariance, reference) ** POWER))
+            if best is None or value < best[0]:
+                best = value, list(chosen)
+            progress((k * rounds + n + 1) / (max(starts, 1) * rounds))
     assert best is not None
     return np.array([*kept, *sorted(set(best[1]) - set(kept))], int)

@@ -143,7 +143,7 @@ def curves(
     count, first = len(chosen), goals[0]
     counts = sorted({round(part * count) for part in PARTS})
     counts = [n for n in counts if max(FEWEST, linear.model.size - linear.residuals) < n <= linear.count]
-    root = root_of(linear, goals, linear.covariance(chosen))
+    root = root_of(goals, linear.covariance(chosen))
     u = {count: u_of(linear, first, chosen)}
     fewer = Selection(linear, chosen, root)
     for n in sorted((n for n in counts if n < count), reverse=True):
