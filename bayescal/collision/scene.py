@@ -66,6 +66,12 @@ def table(solids: tuple[Solid, ...], up: np.ndarray) -> Solid:
     return Solid("table", (HalfSpace(up, height),), carries=True)
 
 
+def up_of(dataset: Dataset) -> np.ndarray:
+    """The unit vector (3,) against gravity; z of F0 where gravity is not modelled."""
+    length = float(np.linalg.norm(dataset.gravity))
+    return -dataset.gravity / length if length else np.array([0.0, 0.0, 1.0])
+
+
 def scene_of(dataset: Dataset, with_table: bool = True) -> Scene:
     """The solids that the targets of a session state.
 
@@ -80,7 +86,7 @@ def scene_of(dataset: Dataset, with_table: bool = True) -> Scene:
     with_table : bool
         Add a table below all solids.
     """
-    up = -dataset.gravity / np.linalg.norm(dataset.gravity)
+    up = up_of(dataset)
     solids: list[Solid] = []
     of: dict[str, int] = {}
     faces: dict[str, list[Target]] = {}

@@ -8,32 +8,41 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.collision import FIXED, Box, Capsule, HalfSpace, Scene, Shape, Solid, scene_of
+from bayescal.collision.scene import STEM, up_of
 from bayescal.dataset import Target
 from bayescal.planning.pool import Region, Setup
-from bayescal.planning.regions import up_of
 
 THICK = 0.01
 """m: half of the thickness of a wall, of which only the probed face is known (assumed)."""
+POST, CLEAR = 0.01, 0.015
+"""m: radius of the post of a seat, and its distance below the centre of the ball (assumed)."""
 
 
 def scene(setup: Setup) -> Scene:
-    """The solids of a setup: boxes and spheres (`scene_of`), walls behind other faces, cylinders, the table.
+    """The solids of a setup: boxes and spheres (`scene_of`), walls, cylinders, posts of seats, the table.
 
     Without a stated table it is below the lowest solid. A single placement of spheres is there all the time.
     """
-    dataset = setup.dataset
-    known = scene_of(dataset, with_table=setup.table is None)
+    dataset, up = setup.dataset, up_of(setup.dataset)
+    known = scene_of(dataset, with_table=False)
     solids, of = list(known.solids), dict(known.of)
     for target in dataset.targets:
-        if target.name in known.unknown and target.kind in _SOLIDS:
+        if target.name in known.unknown:
             of[target.name] = len(solids)
             shape = _SOLIDS[target.kind](target, setup.regions[target.name])
             solids.append(Solid(target.name, (shape,), target.name.partition("@")[2]))
     if len({solid.placement for solid in solids} - {""}) == 1:
         solids = [replace(solid, placement="") for solid in solids]
-    if setup.table is not None:
-        solids.append(Solid("table", (HalfSpace(up_of(dataset), setup.table),), carries=True))
+    lowest = min((shape.lowest(up) for solid in solids for shape in solid.shapes), default=None)
+    if (height := lowest if setup.table is None else setup.table) is not None:
+        solids.append(Solid("table", (HalfSpace(up, height),), carries=True))
     return Scene(tuple(solids), of)
+
+
+def table_height(around: Scene) -> float | None:
+    """Height of the table, m, against gravity; None where there is none."""
+    shapes = [solid.shapes[0] for solid in around.solids if solid.carries]
+    return next((shape.offset for shape in shapes if isinstance(shape, HalfSpace)), None)
 
 
 def _wall(target: Target, region: Region) -> Box:
@@ -52,4 +61,16 @@ def _pin(target: Target, region: Region) -> Capsule:
     return Capsule(FIXED, region.centre - region.half[0], region.centre + region.half[0], radius, target.name)
 
 
-_SOLIDS: dict[str, Callable[[Target, Region], Shape]] = {"plane": _wall, "cylinder": _pin}
+def _post(target: Target, region: Region) -> Capsule:
+    """Below a seat, or the pivot of a ball bar."""
+    assert region.up is not None
+    below = region.centre - (CLEAR + POST) * region.up
+    return Capsule(FIXED, below, below - STEM * region.up, POST, target.name)
+
+
+_SOLIDS: dict[str, Callable[[Target, Region], Shape]] = {
+    "plane": _wall,
+    "cylinder": _pin,
+    "fixed-point": _post,
+    "distance": _post,
+}

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from bayescal.collision.scene import box_of
+from bayescal.collision.scene import box_of, up_of
 from bayescal.collision.shapes import Box as Solid
 from bayescal.dataset import Dataset, Patch, Target
 from bayescal.errors import BayescalError
@@ -19,12 +19,6 @@ LOWEST = np.radians(88.0)
 """rad: greatest angle from the top of a sphere to a contact; its stem is below."""
 ENOUGH = 8
 """Contacts that show where a face can be probed (assumed)."""
-
-
-def up_of(dataset: Dataset) -> np.ndarray:
-    """The unit vector (3,) against gravity; z of F0 where gravity is not modelled."""
-    length = float(np.linalg.norm(dataset.gravity))
-    return -dataset.gravity / length if length else np.array([0.0, 0.0, 1.0])
 
 
 def regions_of(dataset: Dataset) -> dict[str, Region]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from bayescal.dataset import Dataset, PlanSettings
 from bayescal.dataset.read import SETTINGS, TABLE, read_settings
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
+from bayescal.planning.obstacles import scene, table_height
 from bayescal.planning.pool import CONE, Setup
 from bayescal.planning.regions import regions_of
 
@@ -61,7 +63,7 @@ def continued(dataset: Dataset) -> Setup:
 def _setup(dataset: Dataset, notes: tuple[str, ...]) -> Setup:
     plan = dataset.plan or PlanSettings()
     _check(dataset)
-    return Setup(
+    setup = Setup(
         dataset=dataset,
         regions=regions_of(dataset),
         volume=plan.volume,
@@ -71,6 +73,10 @@ def _setup(dataset: Dataset, notes: tuple[str, ...]) -> Setup:
         validated=_validated(dataset),
         notes=notes,
     )
+    if setup.table is None and (height := table_height(scene(setup))) is not None:
+        text = f"no table is stated; assumed: `plan: {{table_mm: {height * 1e3:.0f}}}`, below all targets"
+        setup = replace(setup, notes=(*notes, text))
+    return setup
 
 
 def _rows_in(path: Path) -> int:

@@ -28,7 +28,7 @@ EXTRA = 1.6  # times as many contacts as are taken, to choose those far from eac
 WEAKEST = 0.2
 """Least spread of the normals along any direction, below which the centre is not identifiable."""
 TILT = np.radians(10.0)  # variation of the direction of the tool
-ROUNDS = 3
+ROUNDS = 6
 
 
 def located(

@@ -17,9 +17,10 @@ from bayescal.planning.candidates import candidates
 from bayescal.planning.hand import RETRACT
 from bayescal.planning.obstacles import scene
 from bayescal.planning.pool import Pool, Setup
+from bayescal.planning.regions import LOWEST
 from bayescal.planning.rows import session_of
 from bayescal.planning.setup import continued, read_setup
-from bayescal.planning.spheres import EACH
+from bayescal.planning.spheres import EACH, TILT
 from bayescal.simulation.probing import FASTEST
 from bayescal.simulation.reach import Arm
 
@@ -154,12 +155,18 @@ def test_several_branches_of_the_arm_are_found(pool):
     assert 0.2 < np.mean(wrist > 0) < 0.8
 
 
-def test_a_sphere_is_located_in_one_configuration(pool):
-    m = pool.session.measurements
+def test_a_sphere_is_located_in_one_configuration(pool, setup):
+    """The wrist does not flip, and the tool leaves one direction only as far as its cone makes it."""
+    m, flange = pool.session.measurements, Scene(pool.session).flange
+    arm = NominalArm(pool.session.robot, pool.session.tools[0].centre)
+    most = 2 * (LOWEST - 0.98 * setup.cone + TILT)
     for t in np.unique(m.target[pool.validation]):
-        own = m.readings[pool.validation[m.target[pool.validation] == t]]
-        assert np.ptp(own, axis=0).max() < np.radians(180)
-        assert np.ptp(own, axis=0)[:3].max() < np.radians(45)
+        rows = pool.validation[m.target[pool.validation] == t]
+        wrist = arm.angles_of(m.readings[rows])[:, 4]
+        assert np.all(wrist > 0) or np.all(wrist < 0)
+        assert np.ptp(m.readings[rows, :3], axis=0).max() < np.radians(90)
+        axes = flange[rows, :, 2]
+        assert np.arccos(np.clip(axes @ axes.T, -1, 1)).max() < most
 
 
 def test_the_seed_decides(setup):

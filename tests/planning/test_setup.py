@@ -9,6 +9,7 @@ import pytest
 from bayescal.dataset import Certificate, Patch, PlanSettings, Target, read_dataset
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
+from bayescal.planning.obstacles import scene
 from bayescal.planning.regions import EDGE, regions_of
 from bayescal.planning.setup import connected, continued, read_setup
 
@@ -64,7 +65,6 @@ def test_contacts_of_the_example_lie_in_their_regions(example):
 
 def test_rows_of_a_setup_are_ignored_with_a_note():
     setup = read_setup(EXAMPLE)
-    assert len(setup.notes) == 1
     assert "745 rows" in setup.notes[0]
     assert "--after" in setup.notes[0]
 
@@ -83,7 +83,7 @@ def test_of_spheres_alone_the_last_placements_validate(tmp_path, example):
     (tmp_path / "measurements.csv").unlink()
     setup = read_setup(tmp_path)
     assert setup.validated == {"ball.A@5", "ball.B@5", "ball.C@5"}
-    assert not setup.notes
+    assert [note.partition(";")[0] for note in setup.notes] == ["no table is stated"]
 
 
 def test_groups_that_pairs_connect():
@@ -163,3 +163,38 @@ def test_distances_of_planes_do_not_validate(example):
     patch = Patch(np.array([0.45, 0, 0.2643]), np.array([0.1, 0.1]))
     dataset = replace(dataset, plan=PlanSettings(regions={"cube.+z": patch}))
     assert continued(dataset).validated == frozenset()
+
+
+def heights(setup):
+    return [s.shapes[0].offset for s in scene(setup).solids if s.carries]
+
+
+def test_the_table_is_the_stated_one_or_below_all_targets(example):
+    dataset = only(example, "cube.+y", "cube.-y", "cube.-x", "cube.+z")
+    assumed = continued(dataset)
+    assert heights(assumed) == [pytest.approx(0.15 - HALF)]
+    assert "`plan: {table_mm: 36}`" in assumed.notes[0]
+    stated = continued(replace(dataset, plan=PlanSettings(table=-0.33)))
+    assert heights(stated) == [-0.33]
+    assert not stated.notes
+    still = continued(replace(dataset, gravity=np.zeros(3)))
+    assert heights(still) == heights(assumed)
+
+
+def test_what_is_probed_is_an_obstacle(example):
+    """A face that is stated alone is a wall, a seat has a post; a contact is on the surface of its solid."""
+    seat = Target("seat", "fixed-point", {"centre": np.array([0.4, 0.2, 0.1])})
+    patch = Patch(np.array([0.3357, 0.02, 0.1]), np.array([0.2, 0.1]))
+    dataset = only(example, "cube.-x", "ball.A@1")
+    targets = (*dataset.targets, seat)
+    setup = continued(replace(dataset, targets=targets, plan=PlanSettings(regions={"cube.-x": patch})))
+    around = scene(setup)
+    assert set(around.of) == {"cube.-x", "ball.A@1", "seat"}
+    assert {solid.placement for solid in around.solids} == {""}  # a single placement stays
+    wall, region = around.solids[around.of["cube.-x"]].shapes[0], setup.regions["cube.-x"]
+    corners = region.centre + np.array([[1, 1], [1, -1], [-1, 0.3]]) @ region.half
+    assert np.allclose(wall.distance(corners), 0, atol=1e-12)
+    assert np.allclose(wall.distance(corners - 0.02 * np.eye(3)[0]), 0.02)
+    assert np.allclose(np.linalg.det(wall.pose[:3, :3]), 1)
+    post = around.solids[around.of["seat"]].shapes[0]
+    assert 0 < post.distance(seat.values["centre"]) < 0.02
