@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -206,7 +207,7 @@ class Suspect:
     values: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def selection(self) -> Selection:
         """Effect, setting and sites."""
         return Selection.read(self.model)
