@@ -5,7 +5,7 @@
 True
 
 Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `verify`, `compensate`,
-`load`; packages: `robots`, `effects`. All are imported when first used.
+`plan`, `load`; packages: `robots`, `effects`. All are imported when first used.
 """
 
 from importlib import import_module
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from bayescal.public.compensating import compensate
     from bayescal.public.exports import export
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
+    from bayescal.public.planning import plan
     from bayescal.public.saved import load
     from bayescal.public.verifying import verify
 
@@ -31,6 +32,7 @@ __all__ = [
     "export",
     "fit",
     "load",
+    "plan",
     "read_dataset",
     "robots",
     "simulate",
@@ -42,6 +44,7 @@ _FROM |= {
     "compensate": "bayescal.public.compensating",
     "export": "bayescal.public.exports",
     "load": "bayescal.public.saved",
+    "plan": "bayescal.public.planning",
     "verify": "bayescal.public.verifying",
     "BayescalError": "bayescal.errors",
 }

@@ -127,7 +127,7 @@ def fit(
     from bayescal.assess.agreement import agreement
     from bayescal.calibration import fit as run
 
-    effects, session = names(model), _session(dataset, remounted, True, allow_xacro)
+    effects, session = names(model), session_of(dataset, remounted, True, allow_xacro)
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
     options = (samples, seed, robust, prior_width, latent_joints, progress, tolerance, names(without))
     found = run(session, effects, *options)
@@ -183,7 +183,7 @@ def diagnose(
     from bayescal.model.scene import Scene
 
     # the sessions share a noise scale, so that their residuals are comparable
-    effects, session = names(model), _session(dataset, remounted, False, allow_xacro)
+    effects, session = names(model), session_of(dataset, remounted, False, allow_xacro)
     found = run(session, effects, seed, robust, prior_width, progress, names(without))
     if not session.sessions:
         return GapResult(found)
@@ -280,11 +280,11 @@ def compare(
     """
     from bayescal.methods import compare as run
 
-    session = _session(dataset, allow_xacro=allow_xacro)
+    session = session_of(dataset, allow_xacro=allow_xacro)
     return ComparisonResult(run(session, names(model), seed, progress=progress))
 
 
-def _session(
+def session_of(
     source: Source | Sequence[Source],
     remounted: bool = False,
     own_noise: bool = True,

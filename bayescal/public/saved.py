@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
-from bayescal.public.tables import FitTables, GapTables, Json, fit_line, gap_line
+from bayescal.public.tables import FitTables, GapTables, Json, PlanTables, fit_line, gap_line, plan_line
 
-SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1"}
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1", "plan.json": "bayescal-plan/1"}
 
 
 @dataclass(frozen=True, repr=False)
@@ -63,17 +67,54 @@ class SavedGap(GapTables):
         return gap_line(self.record)
 
 
-def load(run: str | PathLike[str]) -> SavedFit | SavedGap:
-    """Read a run folder of `fit` or `diagnose` back.
+@dataclass(frozen=True, repr=False)
+class SavedPlan(PlanTables):
+    """A plan read from a run folder: the same tables as those of a `PlanResult`."""
+
+    folder: Path
+    content: Json
+
+    @property
+    def record(self) -> Json:
+        """The content of plan.json."""
+        return self.content
+
+    @property
+    def contacts(self) -> DataFrame:
+        """The content of plan.csv, by id, and `purpose`."""
+        path = self.folder / "plan.csv"
+        if not path.is_file():
+            raise BayescalError("there is no such file", str(path), "repeat the command")
+        return self.contacts_of(path)
+
+    def __str__(self) -> str:
+        warnings = "".join(f"\nwarning: {warning}" for warning in self.warnings)
+        return f"{self!r}\n{self.distances.to_string(float_format='%.3g')}{warnings}"
+
+    def __repr__(self) -> str:
+        return plan_line(self.record)
+
+
+Saved = SavedFit | SavedGap | SavedPlan
+READ: dict[str, Callable[[Path, Json], Saved]] = {
+    "fit.json": SavedFit,
+    "gap.json": SavedGap,
+    "plan.json": SavedPlan,
+}
+"""Results by the file that identifies them."""
+
+
+def load(run: str | PathLike[str]) -> Saved:
+    """Read a run folder of `fit`, `diagnose` or `plan` back.
 
     Parameters
     ----------
     run : path
-        Folder with fit.json (and posterior.nc) or gap.json.
+        Folder with fit.json (and posterior.nc), gap.json or plan.json.
 
     Returns
     -------
-    SavedFit or SavedGap
+    SavedFit, SavedGap or SavedPlan
         With the tables of the result that was saved.
 
     Raises
@@ -95,7 +136,7 @@ def load(run: str | PathLike[str]) -> SavedFit | SavedGap:
     folder = Path(run)
     there = [name for name in SCHEMAS if (folder / name).is_file()]
     if not there:
-        remedy = "give a run folder of bayescal fit or gap"
+        remedy = "give a run folder of bayescal fit, gap or plan"
         raise BayescalError(f"there is no {' or '.join(SCHEMAS)}", str(folder), remedy)
     path = folder / there[0]
     try:
@@ -106,4 +147,4 @@ def load(run: str | PathLike[str]) -> SavedFit | SavedGap:
     if schema != SCHEMAS[path.name]:
         what = f"the schema is {schema}, not {SCHEMAS[path.name]}"
         raise BayescalError(what, str(path), "repeat the command with this version")
-    return SavedFit(folder, content) if path.name == "fit.json" else SavedGap(folder, content)
+    return READ[path.name](folder, content)

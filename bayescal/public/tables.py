@@ -154,6 +154,79 @@ class GapTables:
         return f"<p>{_escaped(repr(self))}</p>{self.probability.to_html(float_format='%.3g')}"
 
 
+class PlanTables:
+    """Tables of a plan, made of the content of plan.json."""
+
+    @property
+    def record(self) -> Json:
+        """The content of plan.json."""
+        raise NotImplementedError
+
+    @property
+    def distances(self) -> DataFrame:
+        """Expected standard uncertainty of distances, µm, of the plan and of a random selection; shares."""
+        from pandas import DataFrame
+
+        rows = [
+            {key: value for key, value in d.items() if key != "shares"} | d["shares"]
+            for d in self.record["expected"]["distances"]
+        ]
+        return DataFrame(rows, columns=None if rows else ["over"]).set_index("over")
+
+    @property
+    def parameters(self) -> DataFrame:
+        """Expected standard uncertainty `u` of the parameters, by name, and that of their prior."""
+        from pandas import DataFrame
+
+        columns = ["name", "unit", "u", "prior_u"]
+        return DataFrame(list(self.record["expected"]["parameters"]), columns=columns).set_index("name")
+
+    @property
+    def detectable(self) -> DataFrame:
+        """Smallest detectable amplitude of each effect and site, of the plan and of a random selection."""
+        from pandas import DataFrame
+
+        return DataFrame(list(self.record["detectable"]))
+
+    @property
+    def confusable(self) -> DataFrame:
+        """Pairs of effects: detectability before and with the plan, and what would separate them."""
+        from pandas import DataFrame
+
+        return DataFrame(list(self.record["confusable"]))
+
+    @property
+    def curve(self) -> DataFrame:
+        """Expected standard uncertainty of distances, µm, by number of contacts: `plan` and `random`."""
+        from pandas import DataFrame
+
+        both = {"plan": self.record["curve"], "random": self.record["curve_random"]}
+        return DataFrame(
+            {
+                name: {point["contacts"]: point["distance_sd_um"] for point in points}
+                for name, points in both.items()
+            }
+        ).rename_axis("contacts")
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Limitations of the plan."""
+        return tuple(self.record["warnings"])
+
+    def contacts_of(self, table: Any) -> DataFrame:
+        """The contacts of plan.csv (a path or a file) with their purpose."""
+        from pandas import read_csv
+
+        out = read_csv(
+            table, dtype={"id": str, "repeat": str, "target": str, "tool": str}, keep_default_na=True
+        )
+        out["purpose"] = out["id"].map(self.record["purpose"])
+        return out.set_index("id")
+
+    def _repr_html_(self) -> str:
+        return f"<p>{_escaped(repr(self))}</p>{self.distances.to_html(float_format='%.3g')}"
+
+
 def fit_line(record: Json) -> str:
     """A calibration in one line."""
     rms, where = record["predicted_distance"]["predicted_rms_um"], record["dataset"]["name"]
@@ -165,6 +238,14 @@ def gap_line(record: Json) -> str:
     """A diagnosis in one line."""
     found = ", ".join(record["effects"]) or ", ".join(record["credible_set90"])
     return f"<diagnosis of {record['dataset']['name']}: {record['verdict']}; {found}>"
+
+
+def plan_line(record: Json) -> str:
+    """A plan in one line."""
+    expected = record["expected"]
+    u = expected["distance_sd_um"]
+    size = "" if u is None else f"; expected U {2 * u:.1f} µm (k = 2) of {expected['over']}"
+    return f"<plan of {record['dataset']['name']}: {record['contacts']} contacts{size}>"
 
 
 def _escaped(text: str) -> str:

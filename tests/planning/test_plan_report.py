@@ -48,7 +48,7 @@ def test_the_summary_states_cost_and_gain(plan):
     assert "36 min of motion between contacts; order: sweeps" in text
     assert "812 beyond a joint limit; 95 arm hits the table" in text
     assert re.search(r"backlash, joint 6 +0\.0011 deg +0\.0029 deg", text)
-    assert "needs a payload of 2 kg" in text
+    assert "would be separated by a payload of 2 kg" in text
     assert "fewer contacts than unknowns + 40" in text
 
 

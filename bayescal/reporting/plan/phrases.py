@@ -73,7 +73,7 @@ def detectability(plan: Plan) -> str:
 def not_separated(plan: Plan) -> tuple[str, ...]:
     """Pairs of effects that the plan does not separate, each with what would."""
     return tuple(
-        f"{pair(c)} (detectability {c.after:.1f}): needs {c.intervention}"
+        f"{pair(c)} (detectability {c.after:.1f}); would be separated by {c.intervention}"
         for c in plan.confusable
         if c.intervention
     )

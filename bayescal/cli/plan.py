@@ -1,0 +1,80 @@
+"""`bayescal plan`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayescal.cli import app
+from bayescal.cli.options import AllowXacro, Out, Seed
+from bayescal.cli.output import run_folder, show
+from bayescal.cli.progress import progress
+
+
+@app.command()
+def plan(
+    setup: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SETUP",
+            help="Dataset folder; its dataset.yaml states robot, tools, targets and noise. Rows are ignored.",
+        ),
+    ],
+    contacts: Annotated[int, typer.Option(help="Contacts to calibrate with, repeats included.")] = 200,
+    purpose: Annotated[
+        str, typer.Option("--for", help="distances, gap (effects that the model lacks), or both.")
+    ] = "both",
+    after: Annotated[
+        Path | None,
+        typer.Option(
+            help="Continue a measured session: its dataset folder, or the run folder of its bayescal gap "
+            "(SETUP is then the session), whose open questions the contacts decide."
+        ),
+    ] = None,
+    levers: Annotated[
+        str, typer.Option(help="What may be varied beside the pose, separated by commas: payload, approach.")
+    ] = "payload,approach",
+    model: Annotated[
+        str,
+        typer.Option(
+            help="Effects of the model, separated by commas [default: geometry,compliance, or the model of "
+            "the diagnosis]."
+        ),
+    ] = "",
+    order: Annotated[
+        str, typer.Option(help="sweeps (each visits all targets), shortest, or random.")
+    ] = "sweeps",
+    candidates: Annotated[int, typer.Option(help="Possible contacts among which is chosen.")] = 5000,
+    seed: Seed = 0,
+    to: Annotated[
+        list[str] | None,
+        typer.Option(help="Format for the controller: csv, urscript, robodk or poses; repeatable."),
+    ] = None,
+    out: Out = None,
+    allow_xacro: AllowXacro = False,
+) -> None:
+    """Choose the contacts to measure, and predict the uncertainty that they give."""
+    from bayescal.exporting.plan import formats_of
+    from bayescal.public.planning import plan as work
+
+    formats = formats_of(to or [])
+    folder = run_folder(out, [setup], "plan")
+    with progress("candidates") as notify:
+        result = work(
+            setup,
+            contacts,
+            purpose,
+            model,
+            after=after,
+            levers=levers,
+            order=order,
+            candidates=candidates,
+            seed=seed,
+            allow_xacro=allow_xacro,
+            progress=notify,
+        )
+        notify("write", 1.0)
+        written = result.save(folder, [form.name for form in formats])
+    show(result.report(), folder, written)
