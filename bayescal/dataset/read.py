@@ -66,7 +66,7 @@ def read_dataset(folder: Path | str, judge: bool = True, allow_xacro: bool = Fal
 def read_settings(path: Path, allow_xacro: bool = False) -> tuple[Dataset, Document, bytes]:
     """Read a dataset.yaml and its robot: a `Dataset` of no rows, the document, the robot file's content.
 
-    `allow_xacro` as of `read_dataset`.
+    Its `sha256` is that of both files. `allow_xacro` as of `read_dataset`.
     """
     document = read_document(path)
     check_schema(document, SCHEMA)
@@ -94,6 +94,7 @@ def read_settings(path: Path, allow_xacro: bool = False) -> tuple[Dataset, Docum
         torques=file.torques,
         plan=session.plan_of(document, file, targets),
         source=file.source,
+        sha256=_digest(document.content, robot_content),
     )
     return dataset, document, robot_content
 

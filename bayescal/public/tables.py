@@ -244,7 +244,7 @@ def plan_line(record: Json) -> str:
     """A plan in one line."""
     expected = record["expected"]
     u = expected["distance_sd_um"]
-    size = "" if u is None else f"; expected U {2 * u:.1f} µm (k = 2) of {expected['over']}"
+    size = "" if u is None else f"; expected U {2 * u:.1f} µm (k = 2), {expected['over']}"
     return f"<plan of {record['dataset']['name']}: {record['contacts']} contacts{size}>"
 
 

@@ -21,6 +21,7 @@ DOCUMENTED = (
     "bayescal",
     "bayescal.public.compensating",
     "bayescal.public.functions",
+    "bayescal.public.planning",
     "bayescal.public.saved",
     "bayescal.effects",
     "bayescal.robots",

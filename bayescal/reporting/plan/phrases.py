@@ -8,7 +8,7 @@ import numpy as np
 
 from bayescal.planning.result import BOTH, DISTANCES, GAP, Confusable, Plan
 from bayescal.reporting.plan.contacts import count, payloads
-from bayescal.reporting.plan.sheets import COVERAGE, PURPOSES, dropped, gain, over
+from bayescal.reporting.plan.sheets import COVERAGE, PURPOSES, dropped, gain, over, strength
 from bayescal.reporting.shared.text import um2
 
 AIMS = {DISTANCES: "for distances", GAP: "for the gap", BOTH: "for distances and the gap"}
@@ -73,19 +73,18 @@ def detectability(plan: Plan) -> str:
 def not_separated(plan: Plan) -> tuple[str, ...]:
     """Pairs of effects that the plan does not separate, each with what would."""
     return tuple(
-        f"{pair(c)} (detectability {c.after:.1f}); would be separated by {c.intervention}"
+        f"{pair(c)} (detectability {strength(c.after)}); would be separated by {c.intervention}"
         for c in plan.confusable
         if c.intervention
     )
 
 
-def separated(plan: Plan) -> tuple[str, ...]:
-    """Pairs of confusable effects that the plan separates."""
-    return tuple(
-        f"{pair(c)} (detectability {c.before:.1f} to {c.after:.1f})"
-        for c in plan.confusable
-        if not c.intervention
-    )
+def separated(plan: Plan) -> str:
+    """How many pairs of confusable effects the plan separates, or ""."""
+    if not plan.confusable:
+        return ""
+    done = sum(not c.intervention for c in plan.confusable)
+    return f"{done} of {len(plan.confusable)} pairs of confusable effects"
 
 
 def pair(c: Confusable) -> str:

@@ -150,7 +150,10 @@ def _targets(plan: Plan, axes: Any) -> None:
     axes.set_ylim(len(shown) - max(len(shown), 4) - 0.6, len(shown) - 0.4)
     axes.set_xlabel("contacts")
     axes.set_title(f"contacts by target{f', {len(rest)} targets not shown' if rest else ''}", loc="left")
-    axes.legend(frameon=False, loc="lower right")
+    axes.legend(
+        frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(FILLS), columnspacing=0.9,
+        handletextpad=0.4, borderpad=0.0,
+    )  # fmt: skip
 
 
 def _curve(plan: Plan, axes: Any) -> None:

@@ -31,6 +31,7 @@ INDICES = {
 
 OVER = {
     "volume of interest": "distances in the volume of interest",
+    "region of the contacts": "distances in the region of the contacts",
     "given poses": "distances between the given poses",
 }
 """Goals whose name is not that of their distances."""
@@ -96,7 +97,7 @@ def detectable(plan: Plan, every_site: bool = False) -> Sheet:
     shown = plan.detectable if every_site else least_favourable(plan)
     rows = tuple(
         (
-            f"{d.effect}, {d.site}",
+            d.effect if str(d.site) == d.effect else f"{d.effect}, {d.site}",
             _amplitude(d.smallest, d),
             _amplitude(d.smallest_random, d),
             size(d.plausible, d.unit),
@@ -135,10 +136,15 @@ def _amplitude(value: float, d: Detectable) -> str:
 def confusable(plan: Plan) -> Sheet:
     """Detectability of an effect beside another that is confusable with it."""
     rows = tuple(
-        (" and ".join(c.pair), f"{c.before:.1f}", f"{c.after:.1f}", c.intervention or "-")
+        (" and ".join(c.pair), strength(c.before), strength(c.after), c.intervention or "-")
         for c in plan.confusable
     )
     return Sheet("detectability (noncentrality)", ("before", "plan", "would be separated by"), rows)
+
+
+def strength(value: float) -> str:
+    """A detectability as text."""
+    return f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
 
 
 def parameters(plan: Plan) -> Sheet:

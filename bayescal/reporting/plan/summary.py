@@ -14,7 +14,7 @@ from bayescal.reporting.shared.table import FigureTable
 from bayescal.reporting.shared.text import facts, plain_table
 
 PAIRS = 4
-"""Pairs of each list; the others are in plan.html."""
+"""Pairs that are not separated; the others are in plan.html."""
 
 Facts = Iterable[tuple[str, str, str]]
 
@@ -45,7 +45,7 @@ def _table(sheet: Sheet) -> FigureTable:
 
 def _buys(plan: Plan) -> Facts:
     if text := phrases.further(plan):
-        yield "next", text, ""
+        yield "next 20", text, ""
 
 
 def _costs(plan: Plan) -> Facts:
@@ -61,12 +61,11 @@ def _detects(plan: Plan) -> Facts:
 
 def _limits(plan: Plan) -> Facts:
     """Pairs of effects, and warnings."""
-    for heading, lines, style in (
-        ("separates", phrases.separated(plan), ""),
-        ("does not separate", phrases.not_separated(plan), "yellow"),
-    ):
-        more = [f"and {len(lines) - PAIRS} further pairs: see plan.html"] if len(lines) > PAIRS + 1 else []
-        for k, line in enumerate([*lines[:PAIRS], *more] if more else lines):
-            yield "" if k else heading, line, style
+    if text := phrases.separated(plan):
+        yield "separates", text, ""
+    lines = phrases.not_separated(plan)
+    more = [f"and {len(lines) - PAIRS} further pairs: see plan.html"] if len(lines) > PAIRS + 1 else []
+    for k, line in enumerate([*lines[:PAIRS], *more] if more else lines):
+        yield "" if k else "not separated", line, "yellow"
     for k, warning in enumerate(plan.warnings):
         yield "" if k else "warning", warning, "yellow"
