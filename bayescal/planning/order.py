@@ -82,7 +82,7 @@ def shorter(seconds: np.ndarray, first: int) -> np.ndarray:
 
 
 def nearest(seconds: np.ndarray, first: int) -> np.ndarray:
-    """The path (M,) that goes on to the nearest point that was not visited."""
+    """The path (M,) from each point to the nearest that was not visited."""
     left = np.ones(len(seconds), bool)
     out = [first]
     for _ in range(len(seconds) - 1):

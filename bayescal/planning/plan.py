@@ -38,7 +38,7 @@ PAYLOAD, APPROACH = "payload", "approach"
 LEVERS = (PAYLOAD, APPROACH)
 """What may be varied beside the pose: the load on the flange, and the motion that reaches a contact."""
 REPEATS = 10
-"""Contacts that are measured once more, for the noise floor."""
+"""Contacts that are measured once more, for the noise."""
 SHARE = 0.1
 """Largest share of a plan that repeats are."""
 FURTHER = 20

@@ -181,7 +181,7 @@ def _setup(
         remedy = "give a measured dataset, or a run folder of bayescal gap"
         raise BayescalError(f"there is no {SETTINGS} and no {GAP}", str(after), remedy)
     if isinstance(source, str | PathLike):
-        setup = read_setup(source, allow_xacro)
+        setup = read_setup(Path(source), allow_xacro)
     else:
         one = session_of(source, allow_xacro=allow_xacro)
         setup = continued(replace(one, measurements=no_rows(one.robot.n)))

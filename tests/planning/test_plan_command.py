@@ -115,7 +115,7 @@ def test_refusals_are_one_line(setup, options, words, tmp_path, command, monkeyp
     code, _, error = command("plan", setup, "--candidates", 120, *options, "--out", out)
     assert code == 1
     assert words in error
-    assert error.count("\n") == 1
+    assert "\n" not in error.strip()
     assert not out.exists()
 
 
@@ -123,6 +123,6 @@ def test_another_setup_is_not_continued(session, setup):
     other = replace(session.dataset, targets=session.dataset.targets[1:])
     with pytest.raises(bc.BayescalError, match="it has no target"):
         planned(setup, after=other)
-    robot = replace(session.dataset, robot=bc.robots.load_robot("kuka-kr6-r900")[0])
+    robot = replace(session.dataset, robot=bc.robots.load_robot("universal-robots-ur5")[0])
     with pytest.raises(bc.BayescalError, match="its robot is"):
         planned(setup, after=robot)
