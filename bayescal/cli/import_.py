@@ -71,7 +71,7 @@ def import_(
     )
     draft = convert(request)
     write(draft, out, force)
-    rows = len(draft.dataset.measurements.ids)
+    rows = len(draft.line)
     typer.echo(f"{rows} rows of {draft.dataset.robot.name} from {draft.log}")
     for note in (*draft.notes, *([f"WRITTEN DESPITE A FAILED CHECK: {draft.wrong}"] if draft.wrong else [])):
         typer.echo(note)

@@ -1,4 +1,4 @@
-"""Rows taken from a session, and rows appended to it: rows of it repeated under other conditions."""
+"""Rows taken from a session, and rows appended to it: repeated under other conditions, or measured later."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.dataset.join_rows import EMPTY, NAMED, PAUSE
 from bayescal.dataset.types import Measurements
 
 
@@ -49,3 +50,53 @@ def appended(
         table[name] = np.concatenate([column, more])
     table["role"][len(m.role) :] = "validate"
     return Measurements(**table)
+
+
+def followed(m: Measurements, later: Measurements) -> tuple[Measurements, tuple[str, ...]]:
+    """The rows of a session, followed by rows that were measured later, on the same targets.
+
+    Times that begin again continue `PAUSE` after the session. A label of the later rows that the session has
+    too is another label.
+
+    Returns
+    -------
+    Measurements
+    tuple of str
+        Columns that only one of both has and that have no empty cell: they are left out.
+    """
+    table: dict[str, Any] = {}
+    lost = []
+    for name in (f.name for f in fields(Measurements)):
+        old, new = getattr(m, name), getattr(later, name)
+        if name == "ids":
+            table[name] = (*old, *new)
+        elif old is None and new is None:
+            table[name] = None
+        elif name in NAMED or name in EMPTY:
+            table[name] = np.concatenate([_or_empty(m, old, new, name), _or_empty(later, new, old, name)])
+        elif old is None or new is None:
+            table[name] = None
+            lost.append(name)
+        else:
+            table[name] = np.concatenate([old, new])
+    for name in NAMED:
+        if table[name] is not None:
+            table[name] = _relabelled(table[name], len(m.ids))
+    if table["time"] is not None and np.min(later.time) <= np.max(m.time):  # type: ignore[arg-type]
+        table["time"][len(m.ids) :] += np.max(m.time) + PAUSE - np.min(later.time)  # type: ignore[arg-type]
+    return Measurements(**table), tuple(lost)
+
+
+def _or_empty(m: Measurements, own: np.ndarray | None, other: np.ndarray | None, name: str) -> np.ndarray:
+    """A column, or its empty cells in the shape of those of the other rows."""
+    if own is not None:
+        return own
+    assert other is not None
+    return np.full((len(m.ids), *other.shape[1:]), "" if name in NAMED else EMPTY[name])
+
+
+def _relabelled(labels: np.ndarray, before: int) -> np.ndarray:
+    """Labels (N,) of which those from a row on differ from those before it."""
+    known = set(labels[:before].tolist()) - {""}
+    later = [f"{label}.later" if label in known else label for label in labels[before:].tolist()]
+    return np.array([*labels[:before].tolist(), *later])

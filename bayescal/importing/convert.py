@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.dataset import Dataset, read_dataset, write_dataset
+from bayescal.dataset.append import followed
 from bayescal.dataset.checks.units import suspicion
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.errors import BayescalError
@@ -17,7 +18,7 @@ from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.log import Columns, columns_of, read_log
 from bayescal.importing.mapping import Map, own_map, read_map
 from bayescal.importing.messages import accusation, found_words
-from bayescal.importing.onto import files_of, onto
+from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.pair import PAIRS
 from bayescal.importing.rows import measurements, readings
 from bayescal.importing.units import is_unit
@@ -32,6 +33,7 @@ class Draft:
     wrong: str
     log: str
     line: np.ndarray  # (N,) int, of each row in the log
+    before: int = 0  # rows that were measured before those of the log
 
 
 def convert(request: Request) -> Draft:
@@ -72,7 +74,9 @@ def convert(request: Request) -> Draft:
     wrong = "" if found is None else accusation(found, columns)
     if joined is not None and not wrong:
         joined.check()
-    return Draft(dataset, (*notes, *found_words(dataset, loose)), wrong, columns.name, columns.line)
+    notes = (*notes, *found_words(dataset, loose))
+    dataset, before, notes = _continuing(request, dataset, notes)
+    return Draft(dataset, notes, wrong, columns.name, columns.line, before)
 
 
 def write(draft: Draft, folder: Path, force: bool = False) -> None:
@@ -103,11 +107,25 @@ def write(draft: Draft, folder: Path, force: bool = False) -> None:
     write_dataset(draft.dataset, folder)
 
 
+def _continuing(
+    request: Request, dataset: Dataset, notes: tuple[str, ...]
+) -> tuple[Dataset, int, tuple[str, ...]]:
+    """The dataset behind the rows of the session that its plan continues, with their number."""
+    old = None if request.plan is None else measured_before(files_of(request.plan)[0], dataset)
+    if old is None:
+        return dataset, 0, notes
+    rows, lost = followed(old, dataset.measurements)
+    notes = (*notes, f"they continue {len(old.ids)} rows that were measured before, on unmoved targets")
+    if lost:
+        notes = (*notes, f"not in all rows, left out: {', '.join(lost)}")
+    return replace(dataset, measurements=rows), len(old.ids), notes
+
+
 def _whence(draft: Draft, where: str) -> str:
     """The log's line for one of the measurements.csv that would be."""
     file, _, line = where.rpartition(":")
-    if file == TABLE and 2 <= int(line) < len(draft.line) + 2:
-        return f"{draft.log}:{draft.line[int(line) - 2]}"
+    if file == TABLE and 0 <= (row := int(line) - 2 - draft.before) < len(draft.line):
+        return f"{draft.log}:{draft.line[row]}"
     return f"{draft.log} as a dataset" if file in (SETTINGS, TABLE) else where
 
 

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bayescal.dataset import Target
+from bayescal.dataset import Dataset, Measurements, Target
 from bayescal.dataset.read import SETTINGS
+from bayescal.dataset.rows import measurements_of
+from bayescal.dataset.table import read_table
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.importing.log import Columns, columns_of, first, read_log
@@ -17,6 +19,8 @@ from bayescal.importing.mapping import own_map
 from bayescal.importing.pair import check_ids
 
 PLAN = "plan.csv"
+MEASURED = "measured.csv"
+"""Rows of the session that a plan continues, beside the plan."""
 UNTOUCHED = 1e-6
 """rad: a contact whose joints all read what was planned, to this, was not made: an arm is not so exact."""
 FAR = np.radians(5.0)
@@ -78,6 +82,23 @@ def files_of(plan: Path) -> tuple[Path, Path]:
             remedy = "give a run folder of bayescal plan"
             raise BayescalError(f"there is no {path.name}", str(path.parent), remedy)
     return files
+
+
+def measured_before(plan: Path, base: Dataset) -> Measurements | None:
+    """The rows of the session that a plan continues; None of a plan that begins one.
+
+    Parameters
+    ----------
+    plan : Path
+        The table of the plan.
+    base : Dataset
+        The setup of the plan.
+    """
+    path = plan.parent / MEASURED
+    if not path.is_file():
+        return None
+    n = base.robot.n
+    return measurements_of(read_table(path, n), n, base.tools, base.targets, base.noise)
 
 
 def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:

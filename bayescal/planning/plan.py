@@ -194,12 +194,14 @@ def _contrasts(
 def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:
     """The planned rows as a session, in order; both measurements of a repeated contact share its name."""
     m = taken(pool.session.measurements, rows)
-    width = len(str(len(rows)))
+    width, known = len(str(len(rows))), pool.session.measurements.ids[: pool.measured]
+    prefixes = ["p", *(f"p{k}-" for k in range(2, len(known) + 3))]
+    prefix = next(p for p in prefixes if not any(name.startswith(p) for name in known))
     twice = [row for row in dict.fromkeys(rows.tolist()) if row in repeats]
     groups = {row: f"r{k + 1:02d}" for k, row in enumerate(twice)}
     m = replace(
         m,
-        ids=tuple(f"p{k + 1:0{width}d}" for k in range(len(rows))),
+        ids=tuple(f"{prefix}{k + 1:0{width}d}" for k in range(len(rows))),
         line=np.arange(len(rows)) + 2,
         time=None if m.time is None else np.sort(m.time),
         repeat=np.array([groups.get(row, "") for row in rows.tolist()]),

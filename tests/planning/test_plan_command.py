@@ -79,6 +79,7 @@ def test_measured_rows_count(session, setup, tmp_path):
     more = bc.plan(setup, after=tmp_path / "measured", **options)
     assert more.data.pool.measured == len(session.dataset.measurements.ids)
     assert len(more.contacts) == 20
+    assert not set(more.contacts.index) & set(session.dataset.measurements.ids)
     with pytest.raises(bc.BayescalError, match="20 contacts are not more than"):
         bc.plan(setup, **options)
 

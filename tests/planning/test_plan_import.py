@@ -80,6 +80,30 @@ def test_from_plan_to_fit(folder, plan, probed, tmp_path, command):
     assert np.sqrt(np.mean(np.square(rms))) < 8  # 5 µm of noise
 
 
+def test_a_continued_session_is_one_session(session, plan, probed, tmp_path, command):
+    """The rows that were measured come first, with their own times and repeats; the table is read again."""
+    first = session.dataset
+    m = replace(first.measurements, repeat=np.where(np.arange(len(first.measurements.ids)) < 2, "r1", ""))
+    first = replace(first, measurements=replace(m, temperature=None))
+    pool = replace(plan.pool, setup=replace(plan.pool.setup, dataset=first), measured=len(m.ids))
+    write_plan(replace(plan, pool=pool), tmp_path / "run")
+    log = log_of(probed, tmp_path / "log.csv", slice(20))
+    code, said, error = command("import", log, "--plan", tmp_path / "run", "--out", tmp_path / "all")
+    assert code == 0, error
+    assert "20 rows of fanuc-lrmate200ic from log.csv" in said
+    assert f"they continue {len(m.ids)} rows" in said
+    rows = bc.read_dataset(tmp_path / "all").measurements
+    assert rows.ids == (*m.ids, *probed.measurements.ids[:20])
+    np.testing.assert_allclose(rows.readings[: len(m.ids)], m.readings, atol=1e-8)
+    assert np.min(np.diff(rows.time)) > 0
+    later = set(rows.repeat[len(m.ids) :].tolist())
+    assert later == {"", "r1.later"}
+    bare = log_of(probed, tmp_path / "bare.csv", slice(20), lambda t: [{**r, "time_s": ""} for r in t])
+    code, said, error = command("import", bare, "--plan", tmp_path / "run", "--out", tmp_path / "bare")
+    assert code == 1
+    assert "`time_s` is empty" in error
+
+
 def converted(folder, log, **options):
     return convert(Request(log=log, plan=folder, **options))
 

@@ -7,14 +7,16 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayescal.dataset.write import write_setup
+from bayescal.dataset.write import table_text, write_setup
 from bayescal.exporting.plan import formats_of
 from bayescal.folders import whole
+from bayescal.importing.onto import MEASURED
+from bayescal.importing.onto import PLAN as CONTACTS
 from bayescal.planning.result import Plan
 from bayescal.reporting.plan.contacts import table_of_plan
 from bayescal.reporting.plan.record import plan_record
 
-PLAN, CONTACTS, PICTURE, PAGE = "plan.json", "plan.csv", "plan.png", "plan.html"
+PLAN, PICTURE, PAGE = "plan.json", "plan.png", "plan.html"
 
 
 def commands(folder: Path) -> dict[str, str]:
@@ -52,11 +54,13 @@ def write_plan(plan: Plan, folder: Path, formats: Sequence[str] = ()) -> tuple[s
         CONTACTS: table_of_plan(plan),
         PLAN: json.dumps(plan_record(plan, later), allow_nan=False, indent=1) + "\n",
     }
+    if plan.pool.measured:
+        texts[MEASURED] = table_text(plan.pool.setup.dataset)
     texts |= {form.file: form.text(plan) for form in formats_of(formats)}
     with whole(folder, PLAN) as stage:
         save_figure(draw_plan(plan), stage / PICTURE)
         texts[PAGE] = plan_page(plan, (stage / PICTURE).read_bytes(), tuple(later.values()))
         for name, text in texts.items():
             (stage / name).write_text(text, encoding="utf-8", newline="")
-        setup = write_setup(plan.session, stage)
+        setup = write_setup(plan.pool.setup.dataset, stage)
     return (*texts, PICTURE, *setup)

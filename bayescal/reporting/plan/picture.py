@@ -31,6 +31,8 @@ AHEAD = 0.8
 """Cosine of the cone about the contacts in which the reach is shown."""
 MARGIN = 1.05
 """Width of a view over what it shows."""
+TICKS = (1.0, 1.4, 2.0, 3.0, 4.0, 5.0, 7.0)
+"""Labelled values of a decade."""
 TARGETS = 14
 """Bars at most."""
 
@@ -158,6 +160,8 @@ def _targets(plan: Plan, axes: Any) -> None:
 
 def _curve(plan: Plan, axes: Any) -> None:
     """Expected U of the first goal over the number of contacts, beside random selections."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
     first = plan.expected[0] if plan.expected else None
     drawn = [
         (plan.curve, "o", "-", ACCENT, "chosen as this plan"),
@@ -177,8 +181,9 @@ def _curve(plan: Plan, axes: Any) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=TICKS))
         axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")
+        axis.set_minor_locator(NullLocator())
     axes.set_xlabel("contacts")
     axes.set_ylabel("expected U (µm, k = 2)")
     axes.set_title(f"{first.over if first else 'distances'}, if the model is right", loc="left")
