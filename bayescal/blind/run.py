@@ -94,6 +94,12 @@ def run(
     )
 
 
+def known(folder: Path) -> Answered:
+    """Answers that are sealed already."""
+    found = [record(answer_path(folder, name)) for name in names(folder)]
+    return Answered(seal.of_text(read(folder / SEALED)), len(found), sum("error" in a for a in found), 0)
+
+
 def _stands(folder: Path, name: str) -> bool:
     """Whether an answer belongs to the present session files and the present sources."""
     answer = record(answer_path(folder, name))

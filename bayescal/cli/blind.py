@@ -29,6 +29,9 @@ Dask = Annotated[
         help="Use the workers of this Dask scheduler instead, tcp://HOST:PORT (bayescal[dask]).",
     ),
 ]
+Rounds = Annotated[
+    int, typer.Option(min=1, max=2, help="2: a second round of contacts that the diagnosis plans.")
+]
 
 
 @contextmanager
@@ -74,22 +77,30 @@ def make(
 
 
 @commands.command()
-def run(folder: Folder, workers: Workers = 1, dask: Dask = None) -> None:
+def run(folder: Folder, workers: Workers = 1, dask: Dask = None, rounds: Rounds = 1) -> None:
     """Diagnose every test session with `bayescal gap` without its ground truth, and seal the answers.
 
     A diagnosis gets a folder that holds only the dataset. An interrupted run continues. Sealed answers are
-    not changed.
+    not changed. With two rounds, the diagnosis then plans 60 further contacts of every session that its
+    answer leaves open, the simulator probes them, and the diagnosis answers again, beside 60 random ones.
     """
+    from bayescal.blind.folder import SEALED
+    from bayescal.blind.rounds import second_round
+    from bayescal.blind.run import known
     from bayescal.blind.run import run as answer
     from bayescal.cli.progress import progress
 
     with _resumable(), progress("worlds") as notify:
-        found = answer(folder, workers, dask, notify)
+        sealed = rounds > 1 and (folder / SEALED).is_file()
+        found = known(folder) if sealed else answer(folder, workers, dask, notify)
+        further = second_round(folder, workers, dask, notify) if rounds > 1 else {}
     crashed = f", {found.crashed} of them crashes" if found.crashed else ""
     typer.echo(f"{found.worlds} answers in {folder}/answers{crashed}, sealed in {folder}/answers.json")
     if found.again:
         typer.echo(f"{found.again} were computed again: the sessions or the sources of bayescal had changed")
     typer.echo(f"SHA-256 of the answers       {found.sha256}")
+    for arm, own in further.items():
+        typer.echo(f"SHA-256 after 60 {arm:<6} contacts, {own.worlds} sessions  {own.sha256}")
 
 
 @commands.command()
@@ -99,13 +110,14 @@ def score(
     page: Annotated[Path | None, typer.Option(help="Markdown page whose tables are updated.")] = None,
     note: Annotated[str, typer.Option(help="Date and commit of the frozen thresholds, for the page.")] = "",
     pictures: Annotated[bool, typer.Option(help="Write the figures.")] = True,
+    rounds: Rounds = 1,
 ) -> None:
     """Check the seals, open the ground truth, and print the score card.
 
     Refuses if the ground truth, a session or an answer differs from what was sealed.
     """
+    from bayescal.blind.card import between, terminal
     from bayescal.blind.card import page as renew
-    from bayescal.blind.card import terminal
     from bayescal.blind.files import SCORE, write_score
     from bayescal.blind.score import figures, records
     from bayescal.blind.unseal import opened
@@ -126,6 +138,14 @@ def score(
     console = Console(highlight=False)
     console.print(terminal(found))
     console.print()
+    if rounds > 1:
+        from bayescal.blind import compared
+
+        second = compared.compared(folder, truths, answers)
+        console.print(compared.terminal(second))
+        console.print()
+        if page is not None:
+            between(page, (compared.BEGIN, compared.END), compared.page(second))
     for what in ("truth", "answers", "code"):
         changed = " (sources have changed since)" if what == "code" and not about["same_code"] else ""
         console.print(f"[dim]{what:<9}[/dim]{about[f'{what}_sha256']}{changed}", soft_wrap=True)

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from bayescal.world import arm, joints, scene, session, tracker, write
-from bayescal.world.mix import FIRST_OF, GENERATORS, recipe, stage, wishes
+from bayescal.world.mix import FIRST_OF, GENERATORS, Maker, recipe, stage, wishes
 from bayescal.world.size import modest, sized
 from bayescal.world.touch import Act, World
 from bayescal.world.tracker import Tracked
@@ -46,6 +46,9 @@ class Made:
     acts: list[tuple[Act, float]]
     texts: dict[str, str]
     truth: dict
+    makers: list[tuple[Maker, dict]]  # of the effects, and the state of the generator before each
+    noise: np.ndarray  # of every row, with outliers (m)
+    sigma: float  # of the noise (m)
 
 
 def build(
@@ -131,4 +134,5 @@ def make(
         raise RuntimeError(msg)
     if kind == "outside":
         truth["effects"], truth["outside"] = ["unknown"], found[0][0].name
-    return Made(world, acts, texts, truth)
+    drawn = [(maker, note["state"]) for maker, (_, _, note) in zip(makers, found, strict=True)]
+    return Made(world, acts, texts, truth, drawn, noise + wild, float(sigma))

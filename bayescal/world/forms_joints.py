@@ -46,7 +46,7 @@ def gear_mesh(rng: np.random.Generator, _w: World) -> Act:
 
     def move(seen: Seen, size: float, m: Moved) -> None:
         load = seen.load[:, JOINT[j]]
-        share = load / np.percentile(np.abs(load), 90)
+        share = load / np.percentile(np.abs(seen.first(load)), 90)
         t = waves * REDUCTIONS[j] * seen.link[:, j] + phase + late * share
         m.joint[:, j] += size * np.sin(t) * (1 - grow / 2 + grow * np.abs(share))
 
@@ -62,8 +62,8 @@ def backlash(rng: np.random.Generator, _w: World) -> Act:
 
     def move(seen: Seen, size: float, m: Moved) -> None:
         way, load = seen.session.velocity @ LINK_FROM_READING[j], seen.load[:, JOINT[j]]
-        lean = held * load / max(float(np.percentile(np.abs(load), 90)), 1e-9)
-        m.joint[:, j] -= size * np.tanh((way / np.std(way) + lean) / soft)
+        lean = held * load / max(float(np.percentile(np.abs(seen.first(load)), 90)), 1e-9)
+        m.joint[:, j] -= size * np.tanh((way / np.std(seen.first(way)) + lean) / soft)
 
     where = place(j, f"approach {j + 1}", "backlash")
     detail = {"joint": j + 1, "soft": soft, "held": held}
@@ -76,10 +76,10 @@ def hysteresis(rng: np.random.Generator, _w: World) -> Act:
 
     def move(seen: Seen, size: float, m: Moved) -> None:
         load = seen.load[:, JOINT[j]]
-        x = load / (knee * np.std(load))
+        x = load / (knee * np.std(seen.first(load)))
         small = np.abs(x) < 1e-3
         goal = np.where(small, x / 3, 1 / np.tanh(np.where(small, 1.0, x)) - 1 / np.where(small, 1.0, x))
-        keep = np.exp(-np.abs(np.diff(load, prepend=load[0])) / (late * np.std(load)))
+        keep = np.exp(-np.abs(np.diff(load, prepend=load[0])) / (late * np.std(seen.first(load))))
         state, out = goal[0], np.empty(len(load))
         for k in range(len(load)):
             state = goal[k] + keep[k] * (state - goal[k])
@@ -97,7 +97,7 @@ def encoder_scale(rng: np.random.Generator, _w: World) -> Act:
 
     def move(seen: Seen, size: float, m: Moved) -> None:
         x = seen.readings[:, j]
-        kink = np.median(x)
+        kink = np.median(seen.first(x))
         scaled = np.where(x > kink, x, kink + share * (x - kink))
         m.joint[:] += (sign * size * scaled)[:, None] * LINK_FROM_READING[:, j]
 
@@ -114,8 +114,8 @@ def coupling(rng: np.random.Generator, _w: World) -> Act:
 
     def move(seen: Seen, size: float, m: Moved) -> None:
         x = seen.readings[:, i]
-        reach = level * np.std(x)
-        m.joint[:, j] += sign * size * reach * np.tanh((x - np.median(x)) / reach)
+        reach = level * np.std(seen.first(x))
+        m.joint[:, j] += sign * size * reach * np.tanh((x - np.median(seen.first(x))) / reach)
 
     also = tuple(f"{word}{i + 1}{arrow}{j + 1}" for word in ("joint ", "") for arrow in ("->", " -> "))
     detail = {"driver": i + 1, "driven": j + 1, "level": level, "sign": sign}
@@ -129,7 +129,7 @@ def hardening(rng: np.random.Generator, w: World) -> Act:
 
     def move(seen: Seen, size: float, m: Moved) -> None:
         load = seen.load[:, JOINT[j]]
-        most = np.percentile(np.abs(load), 90)
+        most = np.percentile(np.abs(seen.first(load)), 90)
         m.joint[:, j] += size * w.give[j] * np.clip(load, -corners[0] * most, corners[1] * most)
 
     detail = {"joint": j + 1, "corners": corners.tolist()}

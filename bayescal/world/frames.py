@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.world.arm import HINGE
+from bayescal.world.session import FURTHER
 from bayescal.world.touch import Act, Moved, Seen, World
 
 LINKS = ("column", "upper arm", "elbow", "forearm", "wrist")
@@ -89,7 +90,7 @@ def base_compliance(rng: np.random.Generator, _w: World) -> Act:
 
 def payload(rng: np.random.Generator, w: World) -> Act:
     """Return a mass that was not stated, on the tool always or with what was added."""
-    added = np.any(w.session.payload > 0) and rng.random() < 0.4
+    added = np.any(w.session.payload[w.session.phase < FURTHER] > 0) and rng.random() < 0.4
     sign = rng.choice([-1.0, 1.0])
     on = w.session.payload > 0 if added else np.ones(len(w.session.time), dtype=bool)
 

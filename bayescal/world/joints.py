@@ -104,9 +104,9 @@ def hysteresis(rng: np.random.Generator, _w: World) -> Act:
 
     def move(seen: Seen, size: float, m: Moved) -> None:
         load, way = seen.load[:, JOINT[j]], seen.session.velocity @ LINK_FROM_READING[j]
-        scale = steep * np.std(load)
+        scale = steep * np.std(seen.first(load))
         lean = np.tanh((load + friction * scale * np.sign(way)) / scale)
-        past = (load - played(load, band * np.std(load), 0.0)) / (band * np.std(load))
+        past = (load - played(load, band * np.std(seen.first(load)), 0.0)) / (band * np.std(seen.first(load)))
         m.joint[:, j] += size * ((1 - memory) * lean + memory * past)
 
     detail = {"joint": j + 1, "steep": steep, "friction": friction, "memory": memory}
@@ -162,7 +162,7 @@ def hardening(rng: np.random.Generator, w: World) -> Act:
 
     def move(seen: Seen, size: float, m: Moved) -> None:
         load = seen.load[:, JOINT[j]]
-        scale = knee * np.percentile(np.abs(load), 90)
+        scale = knee * np.percentile(np.abs(seen.first(load)), 90)
         m.joint[:, j] += size * w.give[j] * scale * np.arctan(load / scale)
 
     where = place(j, f"torque {j + 1}", "hardening")

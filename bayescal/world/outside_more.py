@@ -10,6 +10,7 @@ import numpy as np
 from bayescal.world.arm import JOINT, LINK_FROM_READING
 from bayescal.world.joints import played
 from bayescal.world.outside import place
+from bayescal.world.session import FURTHER
 from bayescal.world.touch import Act, Moved, Seen, World
 
 
@@ -17,7 +18,7 @@ def drag(rng: np.random.Generator, w: World) -> Act:
     """Return a hose over two joints: it is taut only where both are turned far, and drags one of them."""
     i, k, j = [(3, 4, 4), (4, 5, 4), (3, 5, 5), (0, 1, 1), (1, 2, 2), (2, 4, 3)][rng.integers(6)]
     ways, soft = rng.choice([-1.0, 1.0], 2), rng.uniform(0.1, 0.3)
-    x = w.session.start
+    x = w.session.start[w.session.phase < FURTHER]
     middle, wide = np.median(x[:, [i, k]], axis=0), np.std(x[:, [i, k]], axis=0)
 
     def move(seen: Seen, size: float, m: Moved) -> None:
@@ -79,7 +80,7 @@ def slipping_tip(rng: np.random.Generator, w: World) -> Act:
 def hasty_trigger(rng: np.random.Generator, w: World) -> Act:
     """Return a trigger whose travel grows with the speed, the more the further to one side it is pushed."""
     bearing, power = rng.uniform(0, 2 * np.pi), rng.uniform(0.6, 1.4)
-    speed = (w.session.speed / np.median(w.session.speed)) ** power
+    speed = (w.session.speed / np.median(w.session.speed[w.session.phase < FURTHER])) ** power
 
     def move(seen: Seen, size: float, m: Moved) -> None:
         d = seen.push()
@@ -100,7 +101,7 @@ def loose_bolt(rng: np.random.Generator, _w: World) -> Act:
 
     def move(seen: Seen, size: float, m: Moved) -> None:
         load = seen.load[:, JOINT[j]]
-        band, side, last = stick * np.std(load), np.empty(len(load)), 1.0
+        band, side, last = stick * np.std(seen.first(load)), np.empty(len(load)), 1.0
         for k, x in enumerate(load):
             last = np.sign(x) if abs(x) > band else last
             side[k] = last

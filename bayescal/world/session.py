@@ -17,6 +17,8 @@ CUBE, SPHERES, TRACKER = "cube", "spheres", "tracker"
 COUNT = {CUBE: (300, 640), SPHERES: (300, 640), TRACKER: (150, 401)}
 """Number of contacts or poses to calibrate with, from and below."""
 AT_REST = np.radians(3e-4)  # rad: how far off its target the servo of a joint comes to rest
+FURTHER = 3
+"""Phase of the contacts of a further round, which are at the end of a session and calibrate."""
 MOST = 12.0  # rad a metre of approach: no joint turns faster for a turn's sake
 
 
@@ -24,7 +26,7 @@ MOST = 12.0  # rad a metre of approach: no joint turns faster for a turn's sake
 class Session:
     """Contacts, or poses that a tracker reads, in the order of time; m, rad and s."""
 
-    phase: np.ndarray  # 0 calibrate, 1 spheres, 2 later planes or poses
+    phase: np.ndarray  # 0 calibrate, 1 spheres, 2 later planes or poses, FURTHER
     target: np.ndarray
     start: np.ndarray  # readings at the drawn place (n, 6)
     straight: np.ndarray  # readings a metre straight to the surface (n, 6)

@@ -27,6 +27,7 @@ def sized(
     goal = float(np.exp(rng.uniform(np.log(WEAKEST), np.log(STRONGEST))))
     still, best = world.gap(readings), None
     for _ in range(TRIES):
+        state = rng.bit_generator.state
         act = maker(rng, world)
         size, seen = act.size, 0.0
         for _ in range(12):
@@ -35,7 +36,11 @@ def sized(
             if abs(seen / goal - 1) < CLOSE or (size >= act.cap and seen < goal):
                 break
             size = min(act.cap, size * float(np.clip(np.sqrt(goal / max(seen, 1e-12)), 0.02, 50)))
-        found = act, size, {"goal": goal, "value": seen, "capped": bool(size >= act.cap), "shift": shift}
+        found = (
+            act,
+            size,
+            {"goal": goal, "value": seen, "capped": bool(size >= act.cap), "shift": shift, "state": state},
+        )
         if best is None or seen > best[2]["value"]:
             best = found
         if seen > max(WEAKEST, 0.3 * goal):

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayescal.world.arm import BASE, GROWTH, HINGE, JOINT, LINK_FROM_READING, SIZE, Arm
 from bayescal.world.scene import Scene
-from bayescal.world.session import TIP, Session
+from bayescal.world.session import FURTHER, TIP, Session
 
 PASSES = 4
 CLOSE = 1e-11  # m
@@ -51,6 +51,10 @@ class Seen:
     ball: np.ndarray
     turn: np.ndarray
     normal: np.ndarray
+
+    def first(self, values: np.ndarray) -> np.ndarray:
+        """Return values of contacts (n, ...) without further rounds, which change no scale of the machine."""
+        return values[self.session.phase < FURTHER]
 
     def on_face(self) -> np.ndarray:
         """Return places on the touched face, -1 to 1 from edge to edge (n, 2); 0 on balls."""

@@ -27,6 +27,8 @@ from bayescal.world.touch import World
 from bayescal.world.tracker import Tracked
 
 SCHEMA = "worlds-truth/1"
+ROLES = ("calibrate", "validate", "validate", "calibrate")
+"""Of the phases of a session."""
 
 
 def _list(values: np.ndarray, form: str = "{:g}") -> str:
@@ -112,7 +114,11 @@ def _cube_certificates() -> list[str]:
 
 
 def measurements_text(
-    s: Session, readings: np.ndarray, velocity: np.ndarray | None, points: np.ndarray | None
+    s: Session,
+    readings: np.ndarray,
+    velocity: np.ndarray | None,
+    points: np.ndarray | None,
+    first: int = 0,
 ) -> str:
     """Return measurements.csv in the order of time.
 
@@ -126,14 +132,16 @@ def measurements_text(
         Of the joints as they approach (n, 6), rad/s.
     points : numpy.ndarray, optional
         What the tracker reads (n, 3), m.
+    first : int
+        The first contact that is written.
     """
     columns = ["id", "role", "target", *(f"j{j}_deg" for j in range(1, 7))]
     columns += [f"j{j}_degps" for j in range(1, 7)] if velocity is not None else []
     columns += ["x_mm", "y_mm", "z_mm"] if points is not None else []
     columns += ["time_s", *(["temperature_c"] if s.measured_temperature else []), "payload_kg", "repeat"]
     lines = [",".join(columns)]
-    for k in range(len(readings)):
-        cells = [f"c{k:04d}", "validate" if s.phase[k] else "calibrate", NAMES[s.target[k]]]
+    for k in range(first, len(readings)):
+        cells = [f"c{k:04d}", ROLES[s.phase[k]], NAMES[s.target[k]]]
         cells += [f"{v:.7f}" for v in np.degrees(readings[k])]
         cells += [f"{v:.4f}" for v in np.degrees(velocity[k])] if velocity is not None else []
         cells += [f"{1e3 * v:.5f}" for v in points[k]] if points is not None else []
