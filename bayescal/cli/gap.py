@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import Annotated
 
 import typer
@@ -56,3 +57,16 @@ def gap(
         notify("write", 1.0)
         written = result.save(folder, pictures)
     show(result.report(), folder, written)
+    if result.undecided and len(datasets) == 1:
+        words = [
+            "bayescal",
+            "plan",
+            str(datasets[0]),
+            "--after",
+            str(folder),
+            "--for",
+            "gap",
+            "--contacts",
+            "60",
+        ]
+        typer.echo(f"to decide        {shlex.join(words)}")

@@ -17,7 +17,7 @@ from bayescal.model import check_asked
 from bayescal.model.parts import Part
 from bayescal.planning import order as orders
 from bayescal.planning.candidates import COUNT, candidates
-from bayescal.planning.contrasts import Contrasts, of_effects, of_pairs
+from bayescal.planning.contrasts import contrasts
 from bayescal.planning.criteria import observability_of
 from bayescal.planning.detectable import confusable, detectable
 from bayescal.planning.exchange import select
@@ -30,7 +30,7 @@ from bayescal.planning.pool import Pool, Setup
 from bayescal.planning.projection import Projection
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.separate import choose, repeated
-from bayescal.planning.vocabulary import Vocabulary, nominal, vocabulary
+from bayescal.planning.vocabulary import nominal
 from bayescal.streams import spawned
 
 AIMS = (BOTH, DISTANCES, GAP)
@@ -103,7 +103,8 @@ def plan(
     linear = linearised(pool, effects)
     few = check_count(linear, contacts)
     wanted = goals(pool, linear)
-    found, decide = _contrasts(pool, effects, pairs, without)
+    decide = contrasts(pool, nominal(pool.session, effects, without), pairs, without)
+    found = decide.vocabulary
     random = Random(pool, seed)
 
     again = 0 if aim == DISTANCES else min(REPEATS, int(SHARE * contacts))
@@ -179,16 +180,6 @@ def _loaded(setup: Setup, levers: Sequence[str]) -> Setup:
     if PAYLOAD not in levers or robot.masses is None:
         return replace(setup, payloads=())
     return setup if setup.payloads else replace(setup, payloads=(DESIGN.payload,))
-
-
-def _contrasts(
-    pool: Pool, effects: tuple[str, ...], pairs: Sequence[Pair], without: Sequence[Part]
-) -> tuple[Vocabulary, Contrasts]:
-    """Effects that the model lacks, and what the contacts for the gap shall decide."""
-    fitted = nominal(pool.session, effects, without)
-    suspects = [one for pair in pairs for side in (pair.a, pair.b) for one in side]
-    found = vocabulary(pool, fitted, suspects, without)
-    return found, of_pairs(found, pairs) if pairs else of_effects(found)
 
 
 def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:

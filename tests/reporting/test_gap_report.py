@@ -1,6 +1,7 @@
 """Outputs of a diagnosis: gap.json by the contract, a summary of one screen, four figures."""
 
 import json
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import typer
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -301,6 +303,30 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
     assert "joint 3 has lost motion on reversal" in done.output
     assert "gap.json" in done.output
     assert [p.name for p in (tmp_path / "run").glob("[!.]*")] == ["gap.json"]
+
+
+def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(session, tmp_path, monkeypatch):
+    import bayescal.cli.gap
+    import bayescal.cli.plan  # noqa: F401
+    from bayescal.cli import app
+
+    out = tmp_path / "a run"
+    lines = {}
+    for kind in ("ambiguous", "named"):
+        found = diagnosis(session, kind)
+        module = SimpleNamespace(diagnose=lambda *_, found=found: found)
+        monkeypatch.setitem(sys.modules, "bayescal.gap.diagnose", module)
+        done = CliRunner().invoke(app, ["gap", str(CUBE), "--no-pictures", "--out", str(out)])
+        assert done.exit_code == 0, done.output
+        lines[kind] = [line for line in done.output.splitlines() if line.startswith("to decide")]
+    assert lines["named"] == []
+    (line,) = lines["ambiguous"]
+    program, command, *arguments = shlex.split(line.removeprefix("to decide"))
+    assert (program, command) == ("bayescal", "plan")
+    plan = typer.main.get_command(app).commands["plan"]
+    asked = plan.make_context("plan", arguments).params
+    assert (asked["setup"], asked["after"], asked["purpose"]) == (CUBE, out, "gap")
+    assert (out / "gap.json").is_file()
 
 
 @pytest.mark.parametrize(
