@@ -1,9 +1,10 @@
 """Fitted arms in MuJoCo: error of every construct, by effect and arm.
 
     python -m analysis.simulators [--robots universal-robots-ur5e,...] [--poses 100]
+    python -m analysis.simulators --robots universal-robots-ur5e --into tests/exporting/mjcf/ur5e_scene.xml
 
-An arm has parameters drawn from the priors of its effects. Its file is replayed in MuJoCo, and the tool
-points are compared with the model at the readings that the simulator reached.
+An arm has parameters drawn from the priors of its effects. Its file, new or patched into a scene, is
+replayed in MuJoCo, and the tool points are compared with the model at the readings that it reached.
 """
 
 from __future__ import annotations
@@ -12,16 +13,18 @@ import argparse
 import time
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects import Parameter
+from bayescal.exporting.export import export
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.rows import standing_model
 from bayescal.exporting.verify.levels import File
 from bayescal.exporting.verify.limits import TOGETHER, TOGETHER_RMS, limit
-from bayescal.exporting.verify.replay import Machine, modelled, replayed
+from bayescal.exporting.verify.replay import Machine, Place, modelled, replayed
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
@@ -93,17 +96,27 @@ def differences(arm: FittedArm, poses: int, file: File | None = None) -> tuple[n
     return np.linalg.norm(points - model, axis=1), size
 
 
+def patched(arm: FittedArm, into: Path) -> File:
+    """The file of an arm in a scene."""
+    found = export(arm, "mjcf", into=str(into), force=True)
+    return File(str(found.written.content), into.parent, into.name, Place.of(arm, found.record(into.name)))
+
+
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__)
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     options.add_argument("--robots", default=",".join(ROBOTS))
     options.add_argument("--poses", type=int, default=100)
+    options.add_argument("--into", type=Path, help="scene (MJCF) of the arm to patch; default: a new file")
     asked = options.parse_args()
     print("| arm | effects | size of the last, µm rms | difference, µm rms | max | limit | s |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for robot in asked.robots.split(","):
         for effects in CASES:
             begin = time.perf_counter()
-            off, size = differences(drawn(robot, effects), asked.poses)
+            arm = drawn(robot, effects)
+            off, size = differences(arm, asked.poses, patched(arm, asked.into) if asked.into else None)
             rms, most = float(np.sqrt(np.mean(off**2))), float(np.max(off))
             within = most <= min(limit(effects), TOGETHER) and rms <= TOGETHER_RMS
             name = effects[-1] if len(effects) <= len(BASE) + 1 else "all together"

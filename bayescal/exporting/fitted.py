@@ -21,7 +21,6 @@ from bayescal.effects.selection import plain
 from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
-from bayescal.estimate.discrepancy import stated
 from bayescal.exporting import gate
 from bayescal.exporting.rows import Circumstance, posed_rows, standing_model
 from bayescal.model import ARM, Model
@@ -235,13 +234,14 @@ def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> 
     With `with_` or `without`, that of a fit with other effects; see `refitted`.
     """
     assert gap.arm is not None, "a diagnosis has its refit"
+    assert gap.covariance is not None, "a diagnosis states its uncertainty"
     origin = Origin("gap", gap.seed, gap.robust, gap.prior_width, gap.still_without)
     left_out = tuple(
         f"{n.model} is named, but the validation data do not confirm it: the arm is without it"
         for n in gap.verdict.named
         if not n.confirmed
     )
-    arm = of_estimate(gap.arm, stated(gap.arm).limited, origin)
+    arm = of_estimate(gap.arm, gap.covariance, origin)
     arm = replace(arm, doubts=gate.of_gap(gap), notes=left_out)
     return refitted(arm, with_, without) if with_ or without else arm
 

@@ -92,6 +92,9 @@ def diagnose(
         for a, b in rivals(last)
     ]
     verdict = found.verdict
+    arm = _confirmed(found, robust, prior_width, parts)
+    covariance = stated(arm).limited
+    of_final = covariance if arm is final else stated(final).limited
     reduction = shrinkage(before, after, noise.sd, of_shrinkage, noise.dof) if changed else ()
     if not all(n.confirmed for n in verdict.named):
         reduction = tuple(replace(s, claimed=False) for s in reduction)
@@ -113,13 +116,14 @@ def diagnose(
             *warnings(first.fitted, final, before, after),
         ),
         without=tuple(map(str, parts)),
-        amplitudes=amplitudes(final, stated(final).limited, verdict.named) if verdict.named else (),
+        amplitudes=amplitudes(final, of_final, verdict.named) if verdict.named else (),
         refit=final.model.effects,
         still_without=tuple(map(str, still_without(parts, members))),
         robust=robust,
         prior_width=prior_width,
         undecided=undecided(last),
-        arm=_confirmed(found, robust, prior_width, parts),
+        arm=arm,
+        covariance=covariance,
     )
 
 

@@ -273,3 +273,4 @@ class Gap:
     prior_width: float = 1.0
     undecided: tuple[Pair, ...] = ()
     arm: Estimate | None = None  # with the named effects that are confirmed: what an export is made of
+    covariance: np.ndarray | None = None  # (D, D) of its z, with the model discrepancy

@@ -11,12 +11,10 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
-from analysis.simulators import BASE, differences, drawn
+from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
-from bayescal.exporting.verify.levels import File
 from bayescal.exporting.verify.limits import limit
-from bayescal.exporting.verify.replay import Place
 
 SCENE = Path(__file__).with_name("ur5e_scene.xml")
 EVERY = (*BASE, "base-compliance", "hysteresis", "coupling", "eccentricity", "backlash")
@@ -31,9 +29,8 @@ def written(effects, into: Path = SCENE):
     "effects", [("geometry",), BASE, (*BASE, "base-compliance"), (*BASE, "bending"), (*EVERY, "bending")]
 )
 def test_simulator_has_the_fitted_arm(effects):
-    arm, found = written(effects)
-    file = File(found.written.content, SCENE.parent, "patched", Place.of(arm, found.record("patched")))
-    off, _ = differences(arm, 8, file)
+    arm = drawn("universal-robots-ur5e", effects)
+    off, _ = differences(arm, 8, patched(arm, SCENE))
     assert np.max(off) < limit(effects)
 
 
