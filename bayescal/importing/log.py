@@ -144,7 +144,8 @@ def _column(log: Log, key: str, column: Column) -> list[str]:
 
 
 def _number(log: Log, row: int, key: str, cell: str) -> float:
-    text = cell.replace(",", ".") if log.decimal_comma and "." not in cell else cell
+    text = cell.strip("[]")  # a list of joints, as URScript logs it
+    text = text.replace(",", ".") if log.decimal_comma and "." not in text else text
     if not cell:
         return np.nan
     if not is_number(text):

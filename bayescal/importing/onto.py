@@ -23,6 +23,8 @@ MEASURED = "measured.csv"
 """Rows of the session that a plan continues, beside the plan."""
 UNTOUCHED = 1e-6
 """rad: a contact whose joints all read what was planned, to this, was not made: an arm is not so exact."""
+NEAR = 1e-4
+"""rad: most uncalibrated arms have larger errors; contacts this close to the plan may be commanded poses."""
 FAR = np.radians(5.0)
 """rad: a contact this far from the plan, at any joint, is another contact (assumed)."""
 SHOWN = 4
@@ -152,7 +154,12 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
         raise BayescalError(what, log.name, "write the readings at which each contact was made")
     notes += _counted(log.texts["id"][~made], f"of {log.name} without a measurement (empty, or as planned)")
     log, planned, away = log.take(made), planned.take(made), away[made]
-    far = away > FAR
+    far, near = away > FAR, (away < NEAR) & (_reads(planned.texts["target"], targets) == "")
+    if 2 * np.sum(near) > log.count:
+        notes += [
+            f"{np.sum(near)} of {log.count} contacts are within {np.degrees(NEAR):.2g} deg of the plan: "
+            "check that the log has the readings at the contact, not the commanded ones"
+        ]
     notes += _counted(log.texts["id"][far], f"more than {np.degrees(FAR):.0f} deg from the plan")
     return Joined(_joined(log, planned), tuple(notes), commanded, far, by_order)
 

@@ -8,6 +8,7 @@ import pytest
 
 import bayescal as bc
 from bayescal.planning.setup import read_setup
+from bayescal.public.planning import _setup
 from bayescal.public.planning import plan as planned
 
 SMALL = {"contacts": 60, "candidates": 200}
@@ -87,10 +88,14 @@ def test_measured_rows_count(session, setup, tmp_path):
 def test_a_diagnosis_is_continued(session, setup, tmp_path):
     """Its model is taken; its dataset is SETUP."""
     session.save(tmp_path / "measured")
-    bc.diagnose(tmp_path / "measured", "geometry").save(tmp_path / "gap", pictures=False)
+    gap = bc.diagnose(tmp_path / "measured", "geometry")
+    gap.save(tmp_path / "gap", pictures=False)
     more = bc.plan(tmp_path / "measured", 12, "gap", after=tmp_path / "gap", candidates=150)
     assert more.data.effects == ("geometry",)
     assert more.data.pool.measured == len(session.dataset.measurements.ids)
+    by_path, by_result = (_setup(tmp_path / "measured", own, False) for own in (tmp_path / "gap", gap))
+    assert by_path[1] == by_result[1]
+    assert by_path[0].dataset.measurements.ids == by_result[0].dataset.measurements.ids
     session.save(tmp_path / "other")
     table = tmp_path / "other" / "measurements.csv"
     table.write_text("\n".join(table.read_text().splitlines()[:-1]) + "\n")

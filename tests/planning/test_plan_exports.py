@@ -60,9 +60,9 @@ def test_the_program_logs_each_contact_and_stops_for_each_payload(plan):
     lines = [line.strip() for line in text.splitlines()]
     ids = plan.session.measurements.ids
     assert [line for line in lines if line.startswith("textmsg")] == [
-        f'textmsg("{name} ", get_actual_joint_positions())' for name in ids
+        f'textmsg("{name}, ", get_actual_joint_positions())' for name in ids
     ]
-    logged = lines.index('textmsg("p001 ", get_actual_joint_positions())')
+    logged = lines.index('textmsg("p001, ", get_actual_joint_positions())')
     assert lines[logged - 1].endswith("# contact")
     assert lines[logged + 1].endswith("# retract")
     payload = plan.session.measurements.payload

@@ -145,6 +145,28 @@ def test_the_plan_itself_is_no_measurement(folder, probed, plan, tmp_path):
     assert any("30 rows of log.csv without a measurement" in note for note in draft.notes)
 
 
+def test_what_the_urscript_logs_is_read(folder, probed, tmp_path):
+    """Its text messages: the id and a list in rad."""
+    m = probed.measurements
+    lines = [
+        f"{name}, [{', '.join(map(repr, q.tolist()))}]" for name, q in zip(m.ids, m.readings, strict=True)
+    ]
+    log = tmp_path / "messages.txt"
+    log.write_text("\n".join(lines) + "\n")
+    draft = converted(folder, log, map="id=#1, " + ", ".join(f"j{k}=#{k + 1} rad" for k in range(1, 7)))
+    np.testing.assert_allclose(draft.dataset.measurements.readings, m.readings, rtol=0, atol=1e-15)
+
+
+def test_commanded_poses_are_noticed(folder, plan, probed, tmp_path):
+    """A controller that logs where it was sent, with fewer digits than the plan."""
+    m = plan.session.measurements
+    sent = replace(probed, measurements=replace(m, readings=np.radians(np.round(np.degrees(m.readings), 3))))
+    draft = converted(folder, log_of(sent, tmp_path / "log.csv"))
+    assert any("not the commanded ones" in note for note in draft.notes)
+    draft = converted(folder, log_of(probed, tmp_path / "log.csv"))
+    assert not any("commanded" in note for note in draft.notes)
+
+
 def test_rows_that_are_not_planned_are_said(folder, probed, tmp_path):
     def other(table):
         return [{**table[0], "id": "warm-up"}, *table[1:]]

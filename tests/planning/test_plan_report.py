@@ -12,6 +12,7 @@ from made_up_plans import made_up_plan
 from rich.console import Console
 
 from bayescal.dataset import read_dataset
+from bayescal.dataset.write import write_setup
 from bayescal.planning.result import VALIDATE
 from bayescal.reporting.plan import phrases, sheets
 from bayescal.reporting.plan.contacts import table_of_plan
@@ -118,10 +119,8 @@ def test_the_table_is_a_session_without_results(plan, tmp_path):
     joints = [f"j{k}_{kind}" for kind in ("deg", "degps") for k in range(1, 7)]
     assert header.split(",") == ["id", "role", "target", "tool", *joints, "payload_kg", "repeat"]
     assert first.startswith("p001,calibrate,cube.+z,ball,")
-    write_plan(plan, tmp_path / "plan")
     (tmp_path / "session").mkdir()
-    for name in ("dataset.yaml", "robot.yaml"):  # the robot has other reductions than the built-in one
-        (tmp_path / "session" / name).write_bytes((tmp_path / "plan" / name).read_bytes())
+    assert write_setup(plan.session, tmp_path / "session") == ("dataset.yaml", "robot.yaml")
     (tmp_path / "session" / "measurements.csv").write_text(text)
     again = read_dataset(tmp_path / "session", judge=False).measurements
     m = plan.session.measurements
@@ -196,7 +195,6 @@ def test_the_folder_is_written(plan, tmp_path):
     assert there >= {"plan.csv", "plan.json", "plan.html", "plan.png", "dataset.yaml"}
     record = json.loads((tmp_path / "my plan" / "plan.json").read_text())
     assert f"--plan '{tmp_path / 'my plan'}'" in record["commands"]["import"]
-    write_plan(plan, tmp_path / "my plan")  # an earlier plan is replaced
 
 
 def test_durations():

@@ -1,6 +1,7 @@
 """A plan as URScript: a motion by joint angles to the approach, lines to the contact and back, a log line.
 
-The contact is logged by its id and the joint positions, rad. The program stops for a change of the payload.
+The contact is logged by its id and the joint positions, ``p001, [0.1, ...]``, rad, which `bayescal import`
+reads. The program stops for a change of the payload.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def _lines(plan: Plan) -> Iterator[str]:
             yield f"# {_name(plan, row)}: {_plain(target)}"
         yield f"{MOVES[motion.kind].format(_list(motion))}  # {motion.kind}"
         if motion.kind in LOGGED:
-            yield f'textmsg("{_name(plan, row)} ", get_actual_joint_positions())'
+            yield f'textmsg("{_name(plan, row)}, ", get_actual_joint_positions())'
 
 
 def _list(motion: Motion) -> str:
