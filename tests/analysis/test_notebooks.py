@@ -3,11 +3,12 @@
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 matplotlib = pytest.importorskip("matplotlib")
 ROOT = Path(__file__).parents[2]
-FIGURES = {"first_fit": 3, "first_gap": 3}
+FIGURES = {"first_fit": 3, "first_gap": 3, "first_plan": 3}
 
 
 @pytest.fixture
@@ -26,6 +27,7 @@ def pyplot(monkeypatch):
 def test_notebook(path, pyplot, monkeypatch, capsys):
     monkeypatch.chdir(path.parent)  # where a notebook's kernel starts
     monkeypatch.setenv("BAYESCAL_NOTEBOOK_SAMPLES", "500")
+    monkeypatch.setenv("BAYESCAL_NOTEBOOK_CANDIDATES", "250")
     left = runpy.run_path(str(path))
     figures = [pyplot.figure(number) for number in pyplot.get_fignums()]
     assert len(figures) == FIGURES[path.stem]
@@ -56,4 +58,16 @@ def diagnosed(left, said):
     assert distances.after < 0.5 * distances.before
 
 
-CHECKS = {"first_fit": fitted, "first_gap": diagnosed}
+def planned(left, said):
+    """A certified distance matters most, chosen contacts beat random ones, and `both` shows more."""
+    by_faces = left["by_faces"]
+    pair = {"cube.+y", "cube.-y"}
+    assert max(u for some, u in by_faces.items() if pair <= set(some)) < 0.5 * min(
+        u for some, u in by_faces.items() if not pair <= set(some)
+    )
+    for chosen, chance in left["every"].values():
+        assert np.all(np.less(chosen, chance))
+    assert left["shown"] < 1.0 < left["cost"]
+
+
+CHECKS = {"first_fit": fitted, "first_gap": diagnosed, "first_plan": planned}
