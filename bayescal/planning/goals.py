@@ -57,6 +57,10 @@ class Goal:
         m2: variance of the certified values with which the distances are compared.
     note : str
         What a user should know of them, or "".
+    readings : np.ndarray, shape (N, n), optional
+        rad, of the poses between which they are, if they are not between centres.
+    pairs : np.ndarray, shape (K, 2), optional
+        Of these poses.
     """
 
     over: str
@@ -64,6 +68,8 @@ class Goal:
     probing: np.ndarray
     certificate: np.ndarray
     note: str = ""
+    readings: np.ndarray | None = None
+    pairs: np.ndarray | None = None
 
     @property
     def known(self) -> float:
@@ -180,7 +186,7 @@ def _between(over: str, linear: Linearised, readings: np.ndarray, note: str = ""
     by = np.zeros((len(pairs), len(linear.z)))
     by[:, linear.model.slices[ARM]] = slopes(model, motion, values, pairs)
     none = np.zeros(len(pairs))
-    return Goal(over, by, none, none, note)
+    return Goal(over, by, none, none, note, readings, pairs)
 
 
 def _at(model: Model, readings: np.ndarray) -> Model:

@@ -1,0 +1,1 @@
+"""Plans checked on simulated sessions: what they promise, and what is measured."""
