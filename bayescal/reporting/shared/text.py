@@ -64,7 +64,7 @@ def size(value: float, unit: str) -> str:
     if not np.isfinite(number):
         return "-"
     figures = f"{number:.2g}"
-    if 100 <= abs(number) < 1e6:
+    if 99.5 <= abs(number) < 1e6:
         figures = f"{float(figures):.0f}"
     return figures + ("" if name == "1" else f" {name.replace('um', 'µm').replace('urad', 'µrad')}")
 
