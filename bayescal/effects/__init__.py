@@ -148,7 +148,10 @@ def parameters_of(
         if isinstance(setting, str) and not own:
             what = f"{effect.name}@{setting} has no parameters here: {effect.words(setting)}"
             raise BayescalError(what, "--model", f"say {effect.name}")
-        out += Selection.read(name).of(own, f"--model '{name}'")
+        asked = Selection.read(name)
+        if effect.alternatives and not asked.sites:
+            own = [p for p in own if p.site == own[0].site]
+        out += asked.of(own, f"--model '{name}'")
     return (*out, *TOOL.at(circumstances))
 
 

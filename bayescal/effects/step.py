@@ -1,22 +1,31 @@
-"""Step: a sudden shift of the base at a row n.
+"""Step: a sudden shift of the base, of a tool or of an instrument at a row n.
 
 Driver: 0 before a row and 1 from this row on, for each of the six displacements of the base. The model is not
 linear in the row. It is given, as ``step@212`` for the 212th row of the session; the default is the middle of
 the fitted rows, which are in the order of time. A diagnosis scans the rows. A step ends with its session: of
 several sessions, each has a step in its middle, or only the session with the given row has one. Prior:
 0.05 mm and 0.1 mrad (assumed: 0.05 mm at half a metre; an operator would notice a larger shift).
+
+Other sites are alternatives to the base. ``step@212 at tool``: a reflector slips in its nest, with the same
+prior, and turns where its orientation is read. A stylus that is mounted anew is none: its pre-travel changes
+too. Of several reflectors, all are ``tool``, and each is ``tool of NAME``. ``step@212 at NAME``: one of
+several instruments shifts. Its parameters are those of a shift of the base in its rows only. Where all rows
+are of one instrument, that is a step of the base.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from bayescal.arm.motion import Term
-from bayescal.effects.location import BASE, Driver
-from bayescal.effects.sessions import apart, each, within
+from bayescal.arm.motion import TURN, Term
+from bayescal.effects.location import BASE, TOOL, Driver, Site, face
+from bayescal.effects.sessions import alone, apart, each, within
 from bayescal.effects.sizes import Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan, Where
 
+SHIFTS, TURNS = ("tx", "ty", "tz"), ("rx", "ry", "rz")
 SD = {"t": ("m", 5e-5), "r": ("rad", 1e-4)}
 ROWS = 48  # candidates
 EDGE = 0.03  # share of the fitted rows that must be before, and after, a step
@@ -43,17 +52,42 @@ def _at(c: Circumstances, row: float) -> list[Parameter]:
     if not c.sessions:
         return _shift(c, row)
     index = min(int(row), len(c.q)) - 1
-    return [within(p, s) for s in c.sessions if s.rows[index] for p in _shift(c, row)]
+    return [within(p, s) for s in c.sessions if s.rows[index] for p in _shift(alone(c, s), row)]
 
 
 def _shift(c: Circumstances, row: float) -> list[Parameter]:
-    since = after(c, row)
-    where: Where = {"site": BASE, "driver": Driver("event")}
-    out = []
-    for axis in ("tx", "ty", "tz", "rx", "ry", "rz"):
-        unit, sd = SD[axis[0]]
-        out.append(Parameter(f"step {axis.removeprefix('t')}", unit, (Term(0, axis, since),), sd, **where))
+    since, end = after(c, row), c.chain.n + 1
+    out = _displaced("step", BASE, since, {0: (*SHIFTS, *TURNS)})
+    own = reflectors(c)
+    tools = [("step tool", TOOL, own)] if own else []
+    if len(own) > 1:
+        tools += [(f"step tool {c.tool_names[k]}", TOOL.of(c.tool_names[k]), (k,)) for k in own]
+    for name, site, used in tools:
+        axes = {end: SHIFTS} | ({TURN: TURNS} if set(used) & set(c.turned_tools) else {})
+        out += _displaced(name, site, since * np.isin(c.tool, used), axes)
+    for name, rows in c.instruments:
+        if 0 < np.sum(rows[c.fitted]) < len(c.fitted):
+            out += _displaced(f"step {name}", face(name), since * rows, {0: (*SHIFTS, *TURNS)})
     return out
+
+
+def reflectors(c: Circumstances) -> tuple[int, ...]:
+    """Tools (numbers) that touch no surface in the fitted rows: reflectors, balls in a socket."""
+    used, touching = c.tool[c.fitted], c.touching[c.fitted]
+    return tuple(int(k) for k in np.unique(used) if not np.any(touching[used == k]))
+
+
+def _displaced(
+    name: str, site: Site, since: np.ndarray, axes: Mapping[int, tuple[str, ...]]
+) -> list[Parameter]:
+    """A displacement of some frames along some axes, by a driver (N,)."""
+    where: Where = {"site": site, "driver": Driver("event")}
+    return [
+        Parameter(f"{name} {axis.removeprefix('t')}", unit, (Term(frame, axis, since),), sd, **where)
+        for frame, own in axes.items()
+        for axis in own
+        for unit, sd in (SD[axis[0]],)
+    ]
 
 
 def _middle(c: Circumstances) -> list[Parameter]:
@@ -66,11 +100,12 @@ def _missing(c: Circumstances) -> str:
 
 STEP = Effect(
     "step",
-    "sudden shift of the base at row n",
+    "sudden shift of the base, of a tool or of an instrument at row n",
     lambda c: apart(c, _middle),
     _missing,
     Scan("first row after it", "from row {:.0f} on", moments, _at),
     sizes={"m": Size("shift", length), "rad": Size("rotation", length)},
+    alternatives=True,
     phrase=("the base", "shifted suddenly"),
     confusable_with=("thermal-drift",),
 )

@@ -99,6 +99,7 @@ class Circumstances:
     faces: tuple[Face, ...] = ()
     certified_values: tuple[CertifiedValue, ...] = ()
     sessions: tuple[Session, ...] = ()  # if several are fitted together
+    instruments: tuple[tuple[str, np.ndarray], ...] = ()  # fitted: name, 1 for its rows (N,)
     turned_tools: tuple[int, ...] = ()  # tools whose orientation fitted rows read
     tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation
     stance: Stance | None = None  # where the arm stands relative to nominal, if known
@@ -240,6 +241,8 @@ class Effect:
         A setting in which it is not linear.
     whole : bool
         It acts on the whole arm at once, not at a single site.
+    alternatives : bool
+        Its sites are alternatives: without a site, its name means the first one.
     phrase : (str, str)
         Parts of the sentence of a verdict: the subject, if the verdict has no site, and the predicate.
     confusable_with : tuple of str
@@ -260,6 +263,7 @@ class Effect:
     missing: Callable[[Circumstances], str] = lambda circumstances: ""
     scan: Scan | None = None
     whole: bool = False
+    alternatives: bool = False
     phrase: tuple[str, str] = ("the arm", "has an error")
     confusable_with: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayescal.effects import EFFECTS
 from bayescal.gap.examine import Examined
-from bayescal.gap.outcome.notes import cautions, play_or_late
+from bayescal.gap.outcome.notes import alike, cautions, play_or_late
 from bayescal.gap.result import Hypothetical, Named, Verdict
 from bayescal.gap.search.beam import COMPLIANCE
 from bayescal.gap.search.refit import model_name
@@ -46,7 +46,11 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         ),
         d.footnotes,
         e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
-        (*play_or_late(d.alone, e.pool, d.credible), *cautions(e.fitted.model.scene.dataset)),
+        (
+            *play_or_late(d.alone, e.pool, d.credible),
+            *alike(e.fitted.model.scene, d.members),
+            *cautions(e.fitted.model.scene.dataset),
+        ),
     )
 
 

@@ -196,6 +196,7 @@ class Scene:
             faces=self._faces(fitted),
             certified_values=self._certified_values({t.name for t in targets}),
             sessions=self._sessions(targets),
+            instruments=self._instruments(fitted),
             turned_tools=turned,
             tool_u_angle=tuple(tool.u_angle for tool in d.tools),
             stance=self.stance,
@@ -230,6 +231,12 @@ class Scene:
         still = np.zeros((len(self.q), self.chain.n + 2, 6))
         by = reference.wrenches(self.chain, self.q, self.tools, still, self._inward)[:, 1:-1, 0]
         return np.sum(by @ self.dataset.robot.link_from_reading * velocity, axis=1)
+
+    def _instruments(self, fitted: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
+        """Fitted instruments: name, and 1 for their rows, (N,)."""
+        d, target = self.dataset, self.dataset.measurements.target
+        own = [t for t in np.unique(target[fitted]).tolist() if d.targets[t].kind == "instrument"]
+        return tuple((d.targets[t].name, (target == t).astype(float)) for t in own)
 
     def _faces(self, fitted: np.ndarray) -> tuple[Face, ...]:
         d = self.dataset

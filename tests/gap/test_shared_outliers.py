@@ -35,9 +35,9 @@ def test_a_slipped_reflector_is_found_with_its_row_and_not_deleted(slipped):
     for h in found.search.hypotheses.values():
         used = h.state.weight[: found.problem.count] > 0
         assert np.all(used[np.isin(found.problem.rows[found.problem.contact], found.causes[0].rows)])
-    assert found.decision.kind == "unknown"
-    cell = found.pool.cells[found.decision.weighed[0].cell.cell]
-    assert (cell.site, cell.driver.kind) == (TOOL, "event")
+    (member,) = found.decision.members
+    assert (found.decision.kind, member.effect, member.variant.sites) == ("named", "step", (TOOL,))
+    assert abs(member.variant.setting - (FIRST + 1)) <= 2  # a scan of 48 rows
 
 
 def test_contacts_that_share_a_cause_are_outliers_of_no_hypothesis(tracker):

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects import Driver
+from bayescal.effects.location import BASE
 from bayescal.estimate import Estimate
 from bayescal.gap.outcome.magnitude import stated_noise
+from bayescal.gap.search.beam import Member
 from bayescal.gap.search.unknown import CellFit, Pool
 from bayescal.gap.settings import OUTCOME
+from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import LEFT_OUT
 from bayescal.predict.errors import ValidationErrors, kept
 
@@ -55,6 +58,16 @@ def cautions(dataset: Dataset) -> Iterator[str]:
             "the readings are commanded, not measured: servo errors are not distinguishable from backlash "
             "(direction of motion) and compliance (torque)"
         )
+
+
+def alike(scene: Scene, members: Sequence[Member]) -> Iterator[str]:
+    """What the data do not distinguish from a named shift of the base."""
+    d = scene.dataset
+    kinds = [d.targets[t].kind for t in np.unique(d.measurements.target[scene.rows("calibrate")])]
+    places = [place for m in members for place in m.variant.places]
+    shifted = any(site.anywhere == BASE and driver.kind == "event" for site, driver in places)
+    if shifted and kinds == ["instrument"]:
+        yield "the base or the instrument shifted: with one instrument they are not distinguishable"
 
 
 def _rms(values: np.ndarray) -> float:

@@ -5,7 +5,7 @@ If the baseline has an effect without some of its parts, these parts are the can
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from math import comb
@@ -221,9 +221,26 @@ def _subsets(
     if len(sites) == 1 or effect.whole:
         return [Variant(effect.name, value, (), every, log_prior, tuple(sites))]
     single = {place: columns for place, columns in sites.items() if not own or place[0] in own}
+    if effect.alternatives:
+        return _alternatives(effect, value, sites, log_prior)
     half = log_prior - np.log(2.0)
     alone = half - np.log(len(single))
     return [Variant(effect.name, value, (), every, half, tuple(sites))] + [
         Variant(effect.name, value, place[:1], np.array(columns), alone, (place,))
         for place, columns in single.items()
+    ]
+
+
+def _alternatives(
+    effect: Effect, value: Setting, sites: Mapping[tuple[Site, Driver], list[int]], log_prior: float
+) -> list[Variant]:
+    """An effect at its first site, or at one of the others, which share `SEARCH.other_forms` of its prior."""
+    other = log_prior + float(np.log(SEARCH.other_forms / (len(sites) - 1)))
+    out = [
+        Variant(effect.name, value, place[:1], np.array(columns), other, (place,))
+        for place, columns in sites.items()
+    ]
+    return [
+        replace(out[0], sites=(), log_prior=log_prior + float(np.log(1.0 - SEARCH.other_forms))),
+        *out[1:],
     ]

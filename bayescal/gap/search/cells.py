@@ -19,6 +19,7 @@ from bayescal.effects.joints import motion, side_of
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.effects.plane_form import shapes
 from bayescal.effects.stand import base_terms, tilts
+from bayescal.effects.step import reflectors
 from bayescal.gap.search import combined, history
 from bayescal.gap.search.cell import Cell, at_joint, moves, passes, sides_of, smooth
 from bayescal.gap.settings import CELLS
@@ -187,7 +188,8 @@ def _time(c: Circumstances) -> Iterator[Cell]:
                 site, Driver(name), tuple(tuple(p for w in waves for p in move(w)) for move in ways if waves)
             )
         steps = [tuple(move((order >= c.fitted[k]).astype(float))) for move in ways for k in at]
-        yield Cell(site, Driver("event"), tuple(steps), known=site == BASE)
+        known = site == BASE or (site == TOOL and bool(reflectors(c)))
+        yield Cell(site, Driver("event"), tuple(steps), known=known)
 
 
 def _sway(c: Circumstances) -> Iterator[Cell]:
