@@ -9,7 +9,7 @@ pytest.importorskip("pinocchio")
 
 from made_up_worlds import answer, silent, truth
 
-from bayescal.blind import compared, rounds, seal
+from bayescal.blind import compared, further, rounds, seal
 from bayescal.blind.folder import SEALED, TRUTH, answer_path, record, texts, write
 from bayescal.blind.further import ERROR, Open, planned, probed
 from bayescal.blind.make import make
@@ -84,6 +84,7 @@ def test_a_round_appends_measured_rows_and_nothing_else(folder, monkeypatch) -> 
     monkeypatch.setattr(rounds, "read", watched)
     monkeypatch.setattr(rounds, "results", one_by_one)
     monkeypatch.setattr(rounds, "run", run)
+    monkeypatch.setattr(further, "POOL", 250)
     second_round(folder)
     assert asked == list(ARMS)
     assert TRUTH in opened
@@ -110,7 +111,8 @@ def test_sessions_of_another_simulator_are_refused(folder) -> None:
         probed(task)
 
 
-def test_what_cannot_be_planned_is_left_out(folder) -> None:
+def test_what_cannot_be_planned_is_left_out(folder, monkeypatch) -> None:
+    monkeypatch.setattr(further, "POOL", 50)
     pair = PAIR | {"a": [{"model": "backlash at joint 9", "values": []}]}
     found = planned(Open("000", texts(folder, "000"), GAP | {"undecided": [pair]}))
     assert "joint 9" in found[ERROR]
