@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +18,15 @@ POST, CLEAR = 0.01, 0.015
 """m: radius of the post of a seat, and its distance below the centre of the ball (assumed)."""
 
 
+def placements(names: Sequence[str]) -> list[str]:
+    """Placement of the artefact of each target, by its name (``ball.A@1``: ``1``).
+
+    "" where the target stays; a single placement stays.
+    """
+    own = [name.partition("@")[2] for name in names]
+    return own if len({*own} - {""}) > 1 else [""] * len(own)
+
+
 def scene(setup: Setup) -> Scene:
     """The solids of a setup: boxes and spheres (`scene_of`), walls, cylinders, posts of seats, the table.
 
@@ -30,9 +39,12 @@ def scene(setup: Setup) -> Scene:
         if target.name in known.unknown:
             of[target.name] = len(solids)
             shape = _SOLIDS[target.kind](target, setup.regions[target.name])
-            solids.append(Solid(target.name, (shape,), target.name.partition("@")[2]))
-    if len({solid.placement for solid in solids} - {""}) == 1:
-        solids = [replace(solid, placement="") for solid in solids]
+            solids.append(Solid(target.name, (shape,)))
+    of_target = dict(
+        zip((t.name for t in dataset.targets), placements([t.name for t in dataset.targets]), strict=True)
+    )
+    of_solid = {solid: of_target[name] for name, solid in of.items()}
+    solids = [replace(solid, placement=of_solid.get(k, "")) for k, solid in enumerate(solids)]
     lowest = min((shape.lowest(up) for solid in solids for shape in solid.shapes), default=None)
     if (height := lowest if setup.table is None else setup.table) is not None:
         solids.append(Solid("table", (HalfSpace(up, height),), carries=True))

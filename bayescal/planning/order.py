@@ -8,51 +8,69 @@ Contacts that validate are in the middle of the session and at its end.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from bayescal.planning.hand import RETRACT
+from bayescal.planning.obstacles import placements
 from bayescal.planning.pool import Pool
+from bayescal.planning.transit import seconds_between
 from bayescal.simulation.probing import SPEED
 
 SWEEPS = "sweeps"
 """The default."""
 COUNT = 4
 """Sweeps of a session."""
-RATE = np.radians(45.0)
-"""rad/s: mean velocity of a joint between contacts (assumed: a quarter of that of a small arm)."""
+DETOUR = 3.0
+"""s: what a motion that collides is taken to be longer by (measured: 1 to 3 s for passing another point)."""
+ROUNDS = 12  # of corrections of a path by such motions
 BACK = 20e-3  # m/s: velocity of the retract (assumed)
 GAIN = 1e-9  # s: a smaller reduction of the time ends the search
 
-Path = Callable[[np.ndarray, int], np.ndarray]
-"""path(seconds (M, M), first) -> order (M,) of visiting, from `first` on."""
+Blocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""blocked(begin (M,), end (M,)) -> which motions between them collide, (M,)."""
+Path = Callable[[np.ndarray, int, Blocked], np.ndarray]
+"""path(seconds (M, M), first, blocked) -> order (M,) of visiting, from `first` on."""
 
 
-def ordered(pool: Pool, rows: np.ndarray, order: str, rng: np.random.Generator) -> np.ndarray:
-    """Positions (M,) that put rows (M,) of the pool's session in an order of `ORDERS`."""
-    return ORDERS[order](pool, np.asarray(rows, int), rng)
+def ordered(
+    pool: Pool,
+    rows: np.ndarray,
+    order: str,
+    rng: np.random.Generator,
+    blocked: Blocked = lambda begin, end: np.zeros(len(begin), bool),
+) -> np.ndarray:
+    """Positions (M,) that put rows (M,) of the pool's session in an order of `ORDERS`.
+
+    Motions between rows that are `blocked` (`transit.Transits.blocked`) are avoided where that saves time.
+    """
+    return ORDERS[order](pool, np.asarray(rows, int), rng, blocked)
 
 
-def sweeps(pool: Pool, rows: np.ndarray, rng: np.random.Generator, count: int = COUNT) -> np.ndarray:
+def sweeps(pool: Pool, rows: np.ndarray, rng: np.random.Generator, blocked: Blocked) -> np.ndarray:
     """Positions (M,) of rows (M,) in interleaved sweeps.
 
     A row that is given twice is a contact to be repeated: its measurements are in different sweeps.
     """
-    return _in_order(pool, rows, count, shorter, rng)
+    return _in_order(pool, rows, COUNT, cleared, rng, blocked)
 
 
-def shortest(pool: Pool, rows: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def shortest(pool: Pool, rows: np.ndarray, rng: np.random.Generator, blocked: Blocked) -> np.ndarray:
     """Positions (M,) of rows (M,) on a short path: nearest neighbour, then exchanges of two connections."""
-    return _in_order(pool, rows, 1, shorter, rng)
+    return _in_order(pool, rows, 1, cleared, rng, blocked)
 
 
-def random_order(pool: Pool, rows: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def random_order(pool: Pool, rows: np.ndarray, rng: np.random.Generator, blocked: Blocked) -> np.ndarray:
     """Positions (M,) of rows (M,) at random, within each placement of an artefact."""
-    return _in_order(pool, rows, 1, lambda seconds, first: rng.permutation(len(seconds)), rng, loads=False)
+
+    def path(seconds: np.ndarray, first: int, blocked: Blocked) -> np.ndarray:
+        return rng.permutation(len(seconds))
+
+    return _in_order(pool, rows, 1, path, rng, blocked, loads=False)
 
 
-ORDERS: Mapping[str, Callable[[Pool, np.ndarray, np.random.Generator], np.ndarray]] = {
+ORDERS: Mapping[str, Callable[[Pool, np.ndarray, np.random.Generator, Blocked], np.ndarray]] = {
     SWEEPS: sweeps,
     "shortest": shortest,
     "random": random_order,
@@ -60,12 +78,37 @@ ORDERS: Mapping[str, Callable[[Pool, np.ndarray, np.random.Generator], np.ndarra
 """Orders by their name."""
 
 
-def travel(pool: Pool, rows: np.ndarray) -> float:
-    """Time, s, of the motion between contacts in the given order, with approach and retract."""
+def travel(pool: Pool, rows: np.ndarray, via: Sequence[np.ndarray] = ()) -> float:
+    """Time, s, of the motion between contacts in the given order, with approach and retract.
+
+    `via` (M of (K, n)), rad, are the readings that are passed before each row.
+    """
     approach, m = pool.approach[rows], pool.session.measurements
-    moves = np.abs(np.diff(approach, axis=0)).max(axis=1, initial=0.0) / RATE
+    points = [p for k, own in enumerate(approach) for p in (*(via[k] if via else ()), own)]
+    moves = seconds_between(np.array(points[:-1]), np.array(points[1:])) if len(points) > 1 else 0.0
     touched = np.any(approach != m.readings[rows], axis=1)
     return float(np.sum(moves) + np.sum(touched) * (RETRACT / SPEED + RETRACT / BACK))
+
+
+def cleared(seconds: np.ndarray, first: int, blocked: Blocked) -> np.ndarray:
+    """A short path (M,) as `shorter` finds it, where a motion that is blocked lasts `DETOUR` longer.
+
+    Only motions of paths that are considered are checked: of all between 200 contacts there are 20,000.
+    """
+    cost, known = seconds.copy(), np.zeros(seconds.shape, bool)
+    path = shorter(cost, first)
+    for _ in range(ROUNDS):
+        begin, end = path[:-1], path[1:]
+        new = ~known[begin, end]
+        begin, end = begin[new], end[new]
+        known[begin, end] = known[end, begin] = True
+        bad = blocked(begin, end)
+        if not np.any(bad):
+            break
+        for a, b in ((begin[bad], end[bad]), (end[bad], begin[bad])):
+            cost[a, b] += DETOUR
+        path = exchanged(cost, path)
+    return path
 
 
 def shorter(seconds: np.ndarray, first: int) -> np.ndarray:
@@ -108,7 +151,13 @@ def exchanged(seconds: np.ndarray, path: np.ndarray) -> np.ndarray:
 
 
 def _in_order(
-    pool: Pool, rows: np.ndarray, count: int, path: Path, rng: np.random.Generator, loads: bool = True
+    pool: Pool,
+    rows: np.ndarray,
+    count: int,
+    path: Path,
+    rng: np.random.Generator,
+    blocked: Blocked,
+    loads: bool = True,
 ) -> np.ndarray:
     """Positions of all rows: sweeps, of which each is divided by payload, with validation between them."""
     m = pool.session.measurements
@@ -128,18 +177,22 @@ def _in_order(
     out: list[int] = []
     for part in parts:
         at = pool.approach[rows[part]]
-        seconds = np.abs(at[:, None] - at[None]).max(axis=2) / RATE
+        seconds = seconds_between(at[:, None], at[None])
         before = pool.approach[rows[out[-1]]] if out else at[0]
         first = int(np.argmin(np.abs(at - before).max(axis=1)))
-        out += part[path(seconds, first)].tolist()
+        out += part[path(seconds, first, _of(blocked, rows[part]))].tolist()
     return np.array(out, int)
 
 
+def _of(blocked: Blocked, rows: np.ndarray) -> Blocked:
+    """The same by positions in `rows` (M,)."""
+    return lambda begin, end: blocked(rows[begin], rows[end])
+
+
 def _placements(pool: Pool, rows: np.ndarray) -> np.ndarray:
-    """The placement of the target of each row, (M,); "" where it stays, or there is a single placement."""
-    names = [t.name.partition("@")[2] for t in pool.session.targets]
-    single = len({*names} - {""}) < 2
-    return np.array([("" if single else names[t]) for t in pool.session.measurements.target[rows]], object)
+    """The placement of the target of each row, (M,); "" where it stays."""
+    own = np.array(placements([t.name for t in pool.session.targets]), object)
+    return own[pool.session.measurements.target[rows]]
 
 
 def _stations(pool: Pool, rows: np.ndarray, some: np.ndarray) -> list[np.ndarray]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bayescal.planning import order as orders
+from bayescal.planning.transit import RATE
 
 TARGETS = ("cube.+x", "cube.+y", "cube.+z", "ball.A@1", "ball.A@2", "ball.A@3")
 
@@ -139,9 +140,9 @@ def test_times_of_travel():
     assert times["shortest"] < times["sweeps"] < times["random"]
     pool = made_up(2)
     pool.approach[:] = [[0.0] * 6, [0.0, 0.9, 0, 0, -0.3, 0]]
-    assert orders.travel(pool, np.array([0, 1])) == pytest.approx(0.9 / orders.RATE + 2 * (4.0 + 1.0))
+    assert orders.travel(pool, np.array([0, 1])) == pytest.approx(0.9 / RATE + 2 * (4.0 + 1.0))
     pool.session.measurements.readings[:] = pool.approach
-    assert orders.travel(pool, np.array([0, 1])) == pytest.approx(0.9 / orders.RATE)  # nothing is touched
+    assert orders.travel(pool, np.array([0, 1])) == pytest.approx(0.9 / RATE)  # nothing is touched
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])

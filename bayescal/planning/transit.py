@@ -1,0 +1,170 @@
+"""Motions between contacts: whether they are free of collisions, and where they must pass otherwise.
+
+Controllers move between approaches by joint angles, all joints at the same time. Such a motion from one face
+of an artefact to another usually passes through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayescal.collision import Clearance
+from bayescal.planning.hand import Hand
+from bayescal.planning.obstacles import placements, scene
+from bayescal.planning.pool import Pool
+
+STEP = np.radians(3.0)
+"""rad: motion of the fastest joint between configurations that are checked: some 30 mm at the ball."""
+RATE = np.radians(45.0)
+"""rad/s: mean velocity of a joint between contacts (assumed: a quarter of that of a small arm)."""
+COARSE = 4  # of these configurations one in four is checked first
+NODES = 3000  # random configurations, of which the motion may pass one or two
+AT_ONCE = 8  # of them that are tried at once, those of the shortest way first
+MOST = 96
+"""Configurations that are tried for a motion."""
+
+
+def seconds_between(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Times (...), s, of motions between readings (..., n), rad."""
+    return np.abs(end - begin).max(axis=-1, initial=0.0) / RATE
+
+
+@dataclass(frozen=True)
+class Place:
+    """An arm with its tool among the solids that are there at the same time."""
+
+    hand: Hand
+    clearance: Clearance
+
+    def free(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Which motions from `begin` to `end`, readings (M, n), rad, are free between their ends, (M,)."""
+        number = np.ceil(np.abs(end - begin).max(axis=1, initial=0.0) / STEP).astype(int) - 1
+        number = np.maximum(number, 0)
+        of = np.repeat(np.arange(len(begin)), number)
+        at = np.arange(len(of)) - np.repeat(np.cumsum(number) - number, number) + 1
+        out = np.ones(len(begin), bool)
+        first = at % COARSE == 1
+        for some in (first, ~first):  # most motions that collide do so at the first
+            rows = np.flatnonzero(some & out[of])
+            k = of[rows]
+            readings = begin[k] + (at[rows] / (number[k] + 1))[:, None] * (end[k] - begin[k])
+            if len(rows):
+                out[k[self.clearance.collides(readings) != 0]] = False
+        return out
+
+    @cached_property
+    def nodes(self) -> np.ndarray:
+        """Random readings (K, n), rad, that are free."""
+        some = self.hand.anywhere[:NODES]
+        return some[self.clearance.collides(some) == 0]
+
+    def ways(self, begin: np.ndarray, end: np.ndarray) -> list[np.ndarray | None]:
+        """Readings (K, n), rad, K = 1 or 2, to pass between readings (M, n); None if no free way is found."""
+        out: list[np.ndarray | None] = [None] * len(begin)
+        detour = seconds_between(begin[:, None], self.nodes) + seconds_between(self.nodes, end[:, None])
+        order = np.argsort(detour, axis=1, kind="stable")[:, :MOST]
+        from_begin, to_end = (np.zeros(order.shape, bool) for _ in range(2))
+        left = np.arange(len(begin))
+        for first in range(0, order.shape[1], AT_ONCE):
+            move, k = (g.ravel() for g in np.meshgrid(left, np.arange(first, first + AT_ONCE), indexing="ij"))
+            move, k = move[k < order.shape[1]], k[k < order.shape[1]]
+            some = self.nodes[order[move, k]]
+            from_begin[move, k] = self.free(begin[move], some)
+            to_end[move, k] = self.free(some, end[move])
+            for m in left:
+                if len(good := np.flatnonzero(from_begin[m] & to_end[m])):
+                    out[m] = self.nodes[order[m, good[:1]]]
+            left = np.array([m for m in left if out[m] is None], int)
+        for m in left:
+            some = self.nodes[order[m]]
+            near, far = some[from_begin[m]][:AT_ONCE], some[to_end[m]][:AT_ONCE]
+            out[m] = self._of_two(begin[m], end[m], near, far)
+        return out
+
+    def _of_two(
+        self, begin: np.ndarray, end: np.ndarray, left: np.ndarray, right: np.ndarray
+    ) -> np.ndarray | None:
+        """The shortest free way over one of `left` (K, n), free from `begin`, and one of `right`."""
+        if not (len(left) and len(right)):
+            return None
+        a, b = np.repeat(left, len(right), axis=0), np.tile(right, (len(left), 1))
+        ok = self.free(a, b)
+        if not ok.any():
+            return None
+        time = seconds_between(begin, a) + seconds_between(a, b) + seconds_between(b, end)
+        best = int(np.argmin(np.where(ok, time, np.inf)))
+        return np.stack([a[best], b[best]])
+
+
+@dataclass(frozen=True)
+class Transits:
+    """Motions between the approaches of rows of a pool."""
+
+    pool: Pool
+
+    @cached_property
+    def _places(self) -> dict[tuple[int, str], Place]:
+        return {}
+
+    @cached_property
+    def _labels(self) -> np.ndarray:
+        """Placement of each row, (N,)."""
+        session = self.pool.session
+        own = np.array(placements([t.name for t in session.targets]), object)
+        return own[session.measurements.target]
+
+    def _place(self, tool: int, label: str) -> Place:
+        """The place of a tool while a placement of the artefact is there."""
+        if (tool, label) not in self._places:
+            setup = self.pool.setup
+            around = scene(setup)
+            hand = next((p.hand for (k, _), p in self._places.items() if k == tool), None)
+            hand = hand or Hand.of(setup.dataset, tool, around, setup.cone)
+            there = [replace(s, placement="") for s in around.solids if s.placement in ("", label)]
+            self._places[tool, label] = Place(hand, hand.clearance.among(there))
+        return self._places[tool, label]
+
+    def _groups(self, begin: np.ndarray, end: np.ndarray) -> Iterator[tuple[Place, np.ndarray]]:
+        """Motions between rows (M,), by the place where they are; none where tool or artefact is changed."""
+        tool = self.pool.session.measurements.tool
+        a, b = self._labels[begin], self._labels[end]
+        label = np.where(b == "", a, b)
+        moved = (tool[begin] == tool[end]) & ((a == "") | (b == "") | (a == b))
+        for k, name in sorted(
+            {(int(t), str(n)) for t, n in zip(tool[end][moved], label[moved], strict=True)}
+        ):
+            yield self._place(k, name), np.flatnonzero(moved & (tool[end] == k) & (label == name))
+
+    def blocked(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Which straight motions between the approaches of rows (M,) collide, (M,)."""
+        out, approach = np.zeros(len(begin), bool), self.pool.approach
+        for place, some in self._groups(begin, end):
+            out[some] = ~place.free(approach[begin[some]], approach[end[some]])
+        return out
+
+    def via(self, rows: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+        """Where the arm passes between rows (M,) in the order of probing.
+
+        Returns
+        -------
+        via : tuple of np.ndarray, shape (K, n)
+            Readings, rad, that are passed before the approach of each row; most often K = 0.
+        closed : np.ndarray
+            Positions of rows to which no free way was found.
+        """
+        out = [np.empty((0, self.pool.approach.shape[1]))] * len(rows)
+        closed: list[int] = []
+        begin, end = rows[:-1], rows[1:]
+        for place, some in self._groups(begin, end):
+            a, b = self.pool.approach[begin[some]], self.pool.approach[end[some]]
+            bad = np.flatnonzero(~place.free(a, b))
+            for k, way in zip(bad, place.ways(a[bad], b[bad]), strict=True):
+                if way is None:
+                    closed.append(int(some[k]) + 1)
+                else:
+                    out[int(some[k]) + 1] = way
+        return tuple(out), np.array(sorted(closed), int)

@@ -1,0 +1,113 @@
+"""Motions between contacts: collisions are seen, ways around them are free, and orders avoid them."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayescal.collision import Clearance
+from bayescal.planning import order as orders
+from bayescal.planning.candidates import candidates
+from bayescal.planning.obstacles import placements, scene
+from bayescal.planning.setup import continued, read_setup
+from bayescal.planning.transit import Transits, seconds_between
+
+EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
+FINE = np.radians(1.3)
+DEEP = 8e-3
+"""m: how deep a corner may be cut between two configurations that are checked, some 30 mm apart."""
+
+
+@pytest.fixture(scope="module")
+def pool():
+    dataset = read_setup(EXAMPLE).dataset
+    targets = tuple(t for t in dataset.targets if t.kind == "plane")
+    certificates = tuple(c for c in dataset.certificates if c.targets[0].startswith("cube"))
+    return candidates(continued(replace(dataset, targets=targets, certificates=certificates)), 32, seed=5)
+
+
+@pytest.fixture(scope="module")
+def ordered(pool):
+    """Rows in sweeps without and with regard to collisions, and the transits."""
+    moves = Transits(pool)
+    blind = orders.ordered(pool, pool.candidates, "sweeps", np.random.default_rng(0))
+    seeing = orders.ordered(pool, pool.candidates, "sweeps", np.random.default_rng(0), moves.blocked)
+    return moves, pool.candidates[blind], pool.candidates[seeing]
+
+
+def depths(pool, points):
+    """Smallest distance, m, of anything on straight motions through readings (P, n)."""
+    setup = pool.setup
+    clearance = Clearance.of(setup.dataset.robot, setup.dataset.tools[0], scene(setup).solids)
+    out = []
+    for a, b in pairwise(points):
+        number = int(np.ceil(np.abs(b - a).max() / FINE)) + 1
+        out.append(clearance.distances(a + np.linspace(0, 1, number)[:, None] * (b - a)).min())
+    return np.array(out)
+
+
+def test_collisions_between_contacts_are_seen(pool, ordered):
+    """Against many more configurations on each motion, and distances in place of collisions."""
+    moves, blind, _ = ordered
+    blocked = moves.blocked(blind[:-1], blind[1:])
+    depth = depths(pool, pool.approach[blind])
+    assert 3 < blocked.sum() < len(blind) - 3
+    assert np.all(depth[blocked] < 0)
+    assert depth[~blocked].min() > -DEEP
+
+
+def test_orders_avoid_collisions(ordered):
+    moves, blind, seeing = ordered
+    before, after = (moves.blocked(rows[:-1], rows[1:]).sum() for rows in (blind, seeing))
+    assert after < 0.8 * before
+
+
+def test_ways_around_are_free(pool, ordered):
+    moves, _, seeing = ordered
+    via, closed = moves.via(seeing)
+    assert not len(closed)
+    blocked = moves.blocked(seeing[:-1], seeing[1:])
+    assert [len(way) > 0 for way in via[1:]] == blocked.tolist()
+    assert not len(via[0])
+    points = [p for way, row in zip(via, seeing, strict=True) for p in (*way, pool.approach[row])]
+    assert depths(pool, np.array(points)).min() > -DEEP
+    times = orders.travel(pool, seeing, via), orders.travel(pool, seeing)
+    assert times[1] < times[0] < times[1] + 10.0 * blocked.sum()
+
+
+def test_no_way_is_said(pool, ordered):
+    """An approach inside of the cube cannot be left."""
+    inside = pool.approach.copy()
+    row = int(pool.candidates[0])
+    inside[row] = pool.session.measurements.readings[row] - 2 * (
+        inside[row] - pool.session.measurements.readings[row]
+    )
+    moves = Transits(replace(pool, approach=inside))
+    other = int(pool.candidates[1])
+    via, closed = moves.via(np.array([other, row, other]))
+    assert closed.tolist() == [1, 2]
+    assert all(not len(way) for way in via)
+
+
+def test_placements_that_come_one_after_the_other_are_not_between_each_other():
+    assert placements(["cube.+x", "ball.A@1", "ball.B@2"]) == ["", "1", "2"]
+    assert placements(["cube.+x", "ball.A@1", "ball.B@1"]) == ["", "", ""]
+    setup = read_setup(EXAMPLE)
+    names = ("cube.+y", "cube.-y", "cube.-x", "cube.+z", "ball.B@1", "ball.B@3")
+    dataset = replace(
+        setup.dataset, targets=tuple(t for t in setup.dataset.targets if t.name in names), certificates=()
+    )
+    pool = candidates(replace(continued(dataset), validated=frozenset(names[4:])), 8, seed=0)
+    m, moves = pool.session.measurements, Transits(pool)
+    one, other = (np.flatnonzero(m.target == names.index(name))[0] for name in names[4:])
+    labels = {key: [s.placement for s in moves._place(*key).clearance.solids] for key in ((0, "1"), (0, ""))}
+    assert labels[0, "1"] == [""] * 3  # cube, one sphere, table
+    assert labels[0, ""] == [""] * 2
+    assert not moves.blocked(np.array([one]), np.array([other])).any()  # the artefact is moved between them
+    assert len(list(moves._groups(np.array([one]), np.array([pool.candidates[0]])))) == 1
+
+
+def test_times_between_readings():
+    assert seconds_between(np.zeros(3), np.array([0.1, -np.pi / 4, 0])) == pytest.approx(1.0)
