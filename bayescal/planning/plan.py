@@ -30,6 +30,7 @@ from bayescal.planning.pool import Pool, Setup
 from bayescal.planning.projection import Projection
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.separate import choose, repeated
+from bayescal.planning.transit import Transits
 from bayescal.planning.vocabulary import nominal
 from bayescal.streams import spawned
 
@@ -132,7 +133,10 @@ def plan(
     rows = np.concatenate([pool.candidates[every], pool.validation])
     purpose += [VALIDATE] * len(pool.validation)
     progress("order", 0.0)
-    at = orders.ordered(pool, rows, order, np.random.default_rng(of_order))
+    moves = Transits(pool)
+    at = orders.ordered(pool, rows, order, np.random.default_rng(of_order), moves.blocked)
+    progress("motions", 0.5)
+    via = moves.via(rows[at])
     session = _session(pool, rows[at], repeats=set(pool.candidates[repeats].tolist()))
     progress("done", 1.0)
     return Plan(
@@ -153,9 +157,10 @@ def plan(
         next_u=curve.next_u,
         detectable=detectable(found, planned, selections),
         confusable=separated,
-        travel=orders.travel(pool, rows[at]),
+        travel=orders.travel(pool, rows[at], via),
+        via=via,
         seconds=time.perf_counter() - begin,
-        warnings=(*setup.notes, *pool.warnings, *([few] if few else [])),
+        warnings=(*setup.notes, *pool.warnings, *([few] if few else []), *_closed(session, via)),
         aim=aim,
         order=order,
         seed=seed,
@@ -198,6 +203,13 @@ def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:
         repeat=np.array([groups.get(row, "") for row in rows.tolist()]),
     )
     return replace(pool.session, measurements=m)
+
+
+def _closed(session: Dataset, via: Sequence[np.ndarray | None]) -> list[str]:
+    """A warning of contacts to which no free way was found."""
+    ids = [name for name, way in zip(session.measurements.ids, via, strict=True) if way is None]
+    text = f"no way free of collisions was found to {', '.join(ids)} from the contact before: move by hand"
+    return [text] if ids else []
 
 
 def _median(each: Sequence[dict[str, float]]) -> dict[str, float]:

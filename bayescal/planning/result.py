@@ -107,6 +107,9 @@ class Plan:
     order : str
         Order of probing: sweeps, shortest or random.
     seed : int
+    via : tuple of np.ndarray, shape (K, n), or None
+        Readings, rad, to be passed before the approach of each row, most often none (K = 0); None where no
+        way free of collisions was found.
     """
 
     pool: Pool
@@ -130,3 +133,4 @@ class Plan:
     aim: str = BOTH
     order: str = "sweeps"
     seed: int = 0
+    via: tuple[np.ndarray | None, ...] = ()

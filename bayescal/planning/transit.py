@@ -146,25 +146,20 @@ class Transits:
             out[some] = ~place.free(approach[begin[some]], approach[end[some]])
         return out
 
-    def via(self, rows: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    def via(self, rows: np.ndarray) -> tuple[np.ndarray | None, ...]:
         """Where the arm passes between rows (M,) in the order of probing.
 
         Returns
         -------
-        via : tuple of np.ndarray, shape (K, n)
-            Readings, rad, that are passed before the approach of each row; most often K = 0.
-        closed : np.ndarray
-            Positions of rows to which no free way was found.
+        tuple of np.ndarray, shape (K, n), or None
+            Readings, rad, that are passed before the approach of each row; most often K = 0. None where no
+            free way from the row before was found.
         """
-        out = [np.empty((0, self.pool.approach.shape[1]))] * len(rows)
-        closed: list[int] = []
+        out: list[np.ndarray | None] = [np.empty((0, self.pool.approach.shape[1]))] * len(rows)
         begin, end = rows[:-1], rows[1:]
         for place, some in self._groups(begin, end):
             a, b = self.pool.approach[begin[some]], self.pool.approach[end[some]]
             bad = np.flatnonzero(~place.free(a, b))
             for k, way in zip(bad, place.ways(a[bad], b[bad]), strict=True):
-                if way is None:
-                    closed.append(int(some[k]) + 1)
-                else:
-                    out[int(some[k]) + 1] = way
-        return tuple(out), np.array(sorted(closed), int)
+                out[int(some[k]) + 1] = way
+        return tuple(out)

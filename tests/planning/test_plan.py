@@ -39,6 +39,14 @@ def test_rows(planned: Plan) -> None:
     assert np.all(np.diff(m.time) >= 0)  # type: ignore[arg-type]
 
 
+def test_ways_between_contacts(planned: Plan) -> None:
+    """Every row has a way free of collisions, of which some pass further points."""
+    numbers = [-1 if way is None else len(way) for way in planned.via]
+    assert len(numbers) == len(planned.purpose)
+    assert min(numbers) >= 0
+    assert 0 < sum(n > 0 for n in numbers) < 0.4 * len(numbers)
+
+
 def test_better_than_random(planned: Plan) -> None:
     """Distances and the detectability of effects are better than those of random selections."""
     assert all(e.u < e.u_random for e in planned.expected)

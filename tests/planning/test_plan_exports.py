@@ -71,6 +71,21 @@ def test_the_program_logs_each_contact_and_stops_for_each_payload(plan):
     assert text.index("attach 0.5 kg") < text.index("remove the payload")
 
 
+def test_points_that_are_passed_come_before_the_approach(plan):
+    """A motion without a free way stops the program."""
+    ways = [np.empty((0, 6))] * len(plan.purpose)
+    ways[2], ways[4] = plan.approach[:2] + 0.1, None
+    around = replace(plan, via=tuple(ways))
+    rows = table(around, "csv")
+    assert [r["motion"] for r in rows] == [*CYCLE * 2, "pass", "pass", *CYCLE * (len(plan.purpose) - 2)]
+    assert {r["id"] for r in rows if r["motion"] == "pass"} == {"p003"}
+    program = FORMATS["urscript"].text(around)
+    slots = PROGRAMS["urscript"].read(program, 6).slots
+    np.testing.assert_allclose([s.target.readings for s in slots[6:8]], ways[2], atol=1.1e-7)
+    assert [s.target.straight for s in slots[6:9]] == [False] * 3
+    assert program.count("move by hand to the approach of p005") == 1
+
+
 def test_names_do_not_leave_their_comment_or_string(plan):
     m = plan.session.measurements
     ids = ('a"\n  movej([0,0,0,0,0,0])', *m.ids[1:])

@@ -3,7 +3,7 @@
 Every contact is three motions: to its approach, along a line to the contact, and back. Where nothing is
 touched (a tracker's point), it is one. The contacts are those of the nominal arm with the nominal targets:
 the arm itself can touch some mm before or behind them. Motions from one approach to the next are by joint
-angles, and are not part of the plan's check for collisions.
+angles, past further points where they would collide.
 """
 
 from __future__ import annotations

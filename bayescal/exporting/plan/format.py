@@ -9,8 +9,8 @@ import numpy as np
 
 from bayescal.planning.result import Plan
 
-APPROACH, CONTACT, RETRACT, MEASURE = "approach", "contact", "retract", "measure"
-"""Motions: the first three of a contact, the last where nothing is touched."""
+PASS, APPROACH, CONTACT, RETRACT, MEASURE = "pass", "approach", "contact", "retract", "measure"
+"""Motions: past an obstacle; three of a contact; the last where nothing is touched."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,20 @@ def motions(plan: Plan) -> Iterator[Motion]:
     """All motions of a plan, in the order of probing."""
     readings = plan.session.measurements.readings
     for row, (away, at) in enumerate(zip(plan.approach, readings, strict=True)):
+        way = plan.via[row] if plan.via else ()
+        for point in () if way is None else way:
+            yield Motion(row, PASS, point)
         if np.array_equal(away, at):
             yield Motion(row, MEASURE, at)
         else:
             yield Motion(row, APPROACH, away)
             yield Motion(row, CONTACT, at)
             yield Motion(row, RETRACT, away)
+
+
+def closed(plan: Plan, row: int) -> bool:
+    """Whether no way free of collisions to a contact was found from the contact before."""
+    return bool(plan.via) and plan.via[row] is None
 
 
 def payload_of(plan: Plan, row: int) -> float:

@@ -15,9 +15,11 @@ from bayescal.exporting.plan.format import (
     APPROACH,
     CONTACT,
     MEASURE,
+    PASS,
     RETRACT,
     Format,
     Motion,
+    closed,
     motions,
     payload_of,
 )
@@ -27,6 +29,7 @@ JOINTS = 6
 """Joints of every arm that runs URScript."""
 MOVES = {
     APPROACH: "movej({}, a=1.0, v=0.5)",
+    PASS: "movej({}, a=1.0, v=0.5)",
     MEASURE: "movej({}, a=1.0, v=0.5)",
     CONTACT: "movel({}, a=0.1, v=0.005)",
     RETRACT: "movel({}, a=0.3, v=0.05)",
@@ -47,7 +50,7 @@ def _lines(plan: Plan) -> Iterator[str]:
     yield f"# {_plain(plan.session.name)}: {len(plan.purpose)} contacts in the order of probing"
     yield "# Contacts are those of the nominal arm: the arm can touch some mm before or behind them."
     yield "# Let the probe stop the motion to a contact, and log the joints where it has triggered."
-    yield "# Motions between approaches were not checked for collisions: run them slowly first."
+    yield "# Motions are free of collisions of a simplified arm with the targets: run them slowly first."
     payload, row = 0.0, -1
     for motion in motions(plan):
         if motion.row != row:
@@ -58,6 +61,9 @@ def _lines(plan: Plan) -> Iterator[str]:
                 payload = now
             target = plan.session.targets[plan.session.measurements.target[row]].name
             yield f"# {_name(plan, row)}: {_plain(target)}"
+            if closed(plan, row):
+                by_hand = f"move by hand to the approach of {_name(plan, row)}"
+                yield f'popup("{by_hand}", title="path", blocking=True)'
         yield f"{MOVES[motion.kind].format(_list(motion))}  # {motion.kind}"
         if motion.kind in LOGGED:
             yield f'textmsg("{_name(plan, row)}, ", get_actual_joint_positions())'
