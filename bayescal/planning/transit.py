@@ -24,8 +24,9 @@ RATE = np.radians(45.0)
 COARSE = 4  # of these configurations one in four is checked first
 NODES = 3000  # random configurations, of which the motion may pass one or two
 AT_ONCE = 8  # of them that are tried at once, those of the shortest way first
-MOST = 96
-"""Configurations that are tried for a motion."""
+MOST = 64
+"""Configurations that are tried for a motion before all of them are."""
+PAIRED = 12  # on each side, where two configurations must be passed
 
 
 def seconds_between(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -63,41 +64,51 @@ class Place:
         return some[self.clearance.collides(some) == 0]
 
     def ways(self, begin: np.ndarray, end: np.ndarray) -> list[np.ndarray | None]:
-        """Readings (K, n), rad, K = 1 or 2, to pass between readings (M, n); None if no free way is found."""
+        """Readings (K, n), rad, K = 1 or 2, to pass between readings (M, n); None if no free way is found.
+
+        The nodes of the shortest ways are tried for all motions at once. Where none of them will do, two of
+        them are, and then all nodes.
+        """
         out: list[np.ndarray | None] = [None] * len(begin)
         detour = seconds_between(begin[:, None], self.nodes) + seconds_between(self.nodes, end[:, None])
-        order = np.argsort(detour, axis=1, kind="stable")[:, :MOST]
-        from_begin, to_end = (np.zeros(order.shape, bool) for _ in range(2))
+        order = np.argsort(detour, axis=1, kind="stable")
+        near, far = (np.zeros(order.shape, bool) for _ in range(2))  # free from the begin, to the end
         left = np.arange(len(begin))
-        for first in range(0, order.shape[1], AT_ONCE):
-            move, k = (g.ravel() for g in np.meshgrid(left, np.arange(first, first + AT_ONCE), indexing="ij"))
-            move, k = move[k < order.shape[1]], k[k < order.shape[1]]
+        for first in range(0, MOST, AT_ONCE):
+            k = np.arange(first, min(first + AT_ONCE, order.shape[1]))
+            move, k = np.repeat(left, len(k)), np.tile(k, len(left))
             some = self.nodes[order[move, k]]
-            from_begin[move, k] = self.free(begin[move], some)
-            to_end[move, k] = self.free(some, end[move])
-            for m in left:
-                if len(good := np.flatnonzero(from_begin[m] & to_end[m])):
-                    out[m] = self.nodes[order[m, good[:1]]]
+            near[move, k], far[move, k] = self.free(begin[move], some), self.free(some, end[move])
+            for m in left[np.any(near[left] & far[left], axis=1)]:
+                out[m] = self.nodes[order[m, [int(np.argmax(near[m] & far[m]))]]]
             left = np.array([m for m in left if out[m] is None], int)
         for m in left:
-            some = self.nodes[order[m]]
-            near, far = some[from_begin[m]][:AT_ONCE], some[to_end[m]][:AT_ONCE]
-            out[m] = self._of_two(begin[m], end[m], near, far)
+            nodes = self.nodes[order[m]]
+            out[m] = self._of_two(begin[m], end[m], nodes[near[m]][:PAIRED], nodes[far[m]][:PAIRED])
+            if out[m] is None:
+                out[m] = self._of_all(begin[m], end[m], nodes[MOST:])
         return out
 
     def _of_two(
-        self, begin: np.ndarray, end: np.ndarray, left: np.ndarray, right: np.ndarray
+        self, begin: np.ndarray, end: np.ndarray, near: np.ndarray, far: np.ndarray
     ) -> np.ndarray | None:
-        """The shortest free way over one of `left` (K, n), free from `begin`, and one of `right`."""
-        if not (len(left) and len(right)):
-            return None
-        a, b = np.repeat(left, len(right), axis=0), np.tile(right, (len(left), 1))
+        """The shortest free way over one of `near` (K, n), free from `begin`, and one of `far`."""
+        a, b = np.repeat(near, len(far), axis=0), np.tile(far, (len(near), 1))
         ok = self.free(a, b)
-        if not ok.any():
+        if not np.any(ok):
             return None
         time = seconds_between(begin, a) + seconds_between(a, b) + seconds_between(b, end)
         best = int(np.argmin(np.where(ok, time, np.inf)))
         return np.stack([a[best], b[best]])
+
+    def _of_all(self, begin: np.ndarray, end: np.ndarray, nodes: np.ndarray) -> np.ndarray | None:
+        """The first of `nodes` (K, n) that is free from `begin` and to `end`, or two of them."""
+        near = nodes[self.free(np.broadcast_to(begin, nodes.shape), nodes)]
+        direct = self.free(near, np.broadcast_to(end, near.shape))
+        if np.any(direct):
+            return near[[int(np.argmax(direct))]]
+        far = nodes[self.free(nodes, np.broadcast_to(end, nodes.shape))]
+        return self._of_two(begin, end, near[:PAIRED], far[:PAIRED])
 
 
 @dataclass(frozen=True)
