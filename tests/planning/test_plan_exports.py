@@ -115,7 +115,9 @@ def test_nothing_is_approached_where_nothing_is_touched(tracker):
     plan = made_up_plan(tracker(seed=1).dataset)
     plan = replace(plan, approach=plan.session.measurements.readings)
     assert [m.kind for m in motions(plan)] == ["measure"] * len(plan.purpose)
-    assert "movel" not in FORMATS["urscript"].text(plan)
+    text = FORMATS["urscript"].text(plan)
+    assert "movel" not in text
+    assert text.count("sleep(") == len(plan.purpose)  # the instrument reads an arm at rest
 
 
 def test_an_arm_without_six_joints_has_no_urscript(plan):

@@ -35,6 +35,8 @@ MOVES = {
     RETRACT: "movel({}, a=0.3, v=0.05)",
 }
 """Moderate rates, rad/s2 and rad/s or m/s2 and m/s (assumed); contacts at the speed of candidates."""
+STANDSTILL = 2.0
+"""s at rest before an instrument reads a point (assumed)."""
 LOGGED = (CONTACT, MEASURE)
 
 
@@ -65,6 +67,8 @@ def _lines(plan: Plan) -> Iterator[str]:
                 by_hand = f"move by hand to the approach of {_name(plan, row)}"
                 yield f'popup("{by_hand}", title="path", blocking=True)'
         yield f"{MOVES[motion.kind].format(_list(motion))}  # {motion.kind}"
+        if motion.kind == MEASURE:
+            yield f"sleep({STANDSTILL})"
         if motion.kind in LOGGED:
             yield f'textmsg("{_name(plan, row)}, ", get_actual_joint_positions())'
 
