@@ -160,7 +160,12 @@ def plan(
         travel=orders.travel(pool, rows[at], via),
         via=via,
         seconds=time.perf_counter() - begin,
-        warnings=(*setup.notes, *pool.warnings, *([few] if few else []), *_closed(session, via)),
+        warnings=(
+            *setup.notes,
+            *pool.warnings,
+            *(text for text in (*(goal.note for goal in wanted), few) if text),
+            *_closed(session, via),
+        ),
         aim=aim,
         order=order,
         seed=seed,

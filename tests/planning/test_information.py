@@ -1,12 +1,13 @@
 """Information of candidate contacts against fits of the chosen rows alone, and matrices with known values."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from simulated_pools import MODEL, every, linear, mixed, pool, pool_of
 
-from bayescal.dataset import Measurements, Noise
+from bayescal.dataset import Noise
+from bayescal.dataset.append import taken
 from bayescal.errors import BayescalError
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model import Scene, build
@@ -16,11 +17,7 @@ from bayescal.planning.information import check_count, inverse, linearised
 
 def only(dataset, rows):
     """The session with some of its rows."""
-    m = dataset.measurements
-    table = {f.name: getattr(m, f.name) for f in fields(Measurements)}
-    ids = tuple(m.ids[k] for k in rows)
-    table = {k: None if v is None else ids if k == "ids" else v[rows] for k, v in table.items()}
-    return replace(dataset, measurements=Measurements(**table))
+    return replace(dataset, measurements=taken(dataset.measurements, rows))
 
 
 def equal(a, b) -> bool:

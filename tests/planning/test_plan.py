@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from bayescal.errors import BayescalError
 from bayescal.planning.plan import plan
+from bayescal.planning.pool import Box
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.setup import read_setup
 
@@ -71,8 +73,11 @@ def test_for_distances_is_more_accurate(planned: Plan) -> None:
 
 
 def test_levers() -> None:
-    """Without its lever no contact has a payload."""
-    one = plan(read_setup(EXAMPLE), 60, GAP, levers=("approach",), effects=("geometry",), count=300)
+    """Without its lever no contact has a payload; a volume that is partly out of reach is noted."""
+    setup = replace(read_setup(EXAMPLE), volume=Box(np.array([0.9, 0.0, 0.4]), np.full(3, 0.5)))
+    one = plan(setup, 60, GAP, levers=("approach",), effects=("geometry",), count=300)
+    assert one.expected[1].over == "volume of interest"
+    assert any("of the volume of interest" in w for w in one.warnings)
     payload = one.session.measurements.payload
     assert payload is None or not np.any(payload)
 
