@@ -66,7 +66,9 @@ def planned(task: Open) -> dict[str, Any]:
     try:
         pool = candidates(replace(setup.continued(dataset), payloads=(PAYLOAD,)), POOL)
         parts = parts_of(asked.without, asked.effects)
-        c = contrasts(pool, nominal(pool.session, asked.effects, parts), asked.pairs, parts)
+        c = contrasts(
+            pool, nominal(pool.session, asked.effects, parts), asked.pairs, parts, asked.probability
+        )
     except BayescalError as error:
         return {ERROR: str(error)}
     rng = np.random.default_rng(int(task.name))

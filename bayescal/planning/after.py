@@ -33,11 +33,14 @@ class Continuation:
     pairs : tuple of Pair
         Explanations between which the data do not decide, and names that are not confirmed. Without any, the
         next contacts shall show every effect.
+    probability : mapping of str to float
+        Of every effect that was assessed.
     """
 
     effects: tuple[str, ...]
     without: tuple[str, ...]
     pairs: tuple[Pair, ...]
+    probability: Mapping[str, float]
 
 
 def continuation(dataset: Dataset, gap: Path | str) -> Continuation:
@@ -83,6 +86,7 @@ def continued(record: Mapping[str, Any], where: str) -> Continuation:
     """
     try:
         effects, without = tuple(record["baseline"]), tuple(record["without"])
+        probability = {name: float(p) for name, p in record["probability"].items()}
         named = [n["effect"] for n in record["named"]]
         pairs = tuple(
             Pair(*(_side(pair[key]) for key in ("a", "b", "common"))) for pair in record["undecided"]
@@ -94,7 +98,7 @@ def continued(record: Mapping[str, Any], where: str) -> Continuation:
         pairs = tuple(
             p for p in pairs if not any(s.selection.effect == COMPLIANCE.name for s in (*p.a, *p.b))
         )
-    return Continuation(effects, without, pairs)
+    return Continuation(effects, without, pairs, probability)
 
 
 def _side(entries: list[Mapping[str, Any]]) -> Side:

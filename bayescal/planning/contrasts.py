@@ -11,7 +11,7 @@ where G is the information of `Projection`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -26,6 +26,8 @@ from bayescal.planning.projection import CandidateColumns, Projection
 from bayescal.planning.vocabulary import Vocabulary, vocabulary
 
 NONE = np.empty(0, int)
+LEAST = 1e-12
+"""Least sum of weights (rounding)."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,11 @@ def _together(items: Sequence[Contrast], own: np.ndarray) -> _Together:
 
 
 def contrasts(
-    pool: Pool, fitted: Estimate, pairs: Sequence[Pair] = (), without: Sequence[Part] = ()
+    pool: Pool,
+    fitted: Estimate,
+    pairs: Sequence[Pair] = (),
+    without: Sequence[Part] = (),
+    probability: Mapping[str, float] | None = None,
 ) -> Contrasts:
     """Contrasts of a model.
 
@@ -157,6 +163,9 @@ def contrasts(
         What the contacts shall decide; default: every effect that the model lacks, at each site.
     without : sequence of Part
         Parts that the model lacks; they are effects like others.
+    probability : mapping of str to float, optional
+        Of effects: every effect counts by it, all together as much as the pairs. What is true may be in no
+        pair. Default: the pairs alone, or all effects alike.
 
     Raises
     ------
@@ -165,14 +174,27 @@ def contrasts(
     """
     sides = [side for pair in pairs for side in (pair.a, pair.b, pair.common)]
     found = vocabulary(pool, fitted, [one for side in sides for one in side], without)
-    return of_pairs(found, pairs) if pairs else of_effects(found)
+    if not pairs:
+        return of_effects(found, probability)
+    decided = of_pairs(found, pairs)
+    return joined(decided, of_effects(found, probability)) if probability else decided
 
 
-def of_effects(found: Vocabulary) -> Contrasts:
+def joined(a: Contrasts, b: Contrasts) -> Contrasts:
+    """Contrasts of one vocabulary, of which both parts count alike."""
+    shifted = (replace(item, group=item.group + len(a.weight)) for item in b.items)
+    parts = [c.weight / max(float(np.sum(c.weight)), LEAST) for c in (a, b)]
+    return Contrasts(a.vocabulary, (*a.items, *shifted), np.concatenate(parts))
+
+
+def of_effects(found: Vocabulary, probability: Mapping[str, float] | None = None) -> Contrasts:
     """Every effect at each site, beside the model and beside the effects that are confusable with it.
 
-    Both have half of an effect's weight, and its sites equal shares.
+    Both have half of an effect's weight, and its sites equal shares. Effects count alike, or by their
+    `probability`, where any has one.
     """
+    known = probability or {}
+    alike = not any(known.get(name, 0.0) > 0 for name in found.names)
     items: list[Contrast] = []
     weight: list[float] = []
     for name in found.names:
@@ -180,7 +202,8 @@ def of_effects(found: Vocabulary) -> Contrasts:
         rivals = [found.of(other) for other in found.confusable(name)]
         for against in (NONE, *([np.concatenate(rivals)] if rivals else [])):
             items += [Contrast(columns, against, len(items) + k) for k, columns in enumerate(own)]
-            weight += [1.0 / (len(own) * (1 + bool(rivals)))] * len(own)
+            share = 1.0 if alike else known.get(name, 0.0)
+            weight += [share / (len(own) * (1 + bool(rivals)))] * len(own)
     return Contrasts(found, tuple(items), np.array(weight))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -59,6 +59,7 @@ def plan(
     seed: int = 0,
     pairs: Sequence[Pair] = (),
     without: Sequence[Part] = (),
+    probability: Mapping[str, float] | None = None,
     progress: Callable[[str, float], None] = lambda stage, fraction: None,
 ) -> Plan:
     """Choose contacts to measure.
@@ -86,6 +87,8 @@ def plan(
         What the contacts for the gap shall decide; default: every effect that the model lacks, at each site.
     without : sequence of Part
         Parts that the model lacks.
+    probability : mapping of str to float, optional
+        Of effects by a diagnosis: how much each counts beside the pairs.
     progress : callable
         Called with the stage and its completed fraction.
 
@@ -104,7 +107,7 @@ def plan(
     linear = linearised(pool, effects)
     few = check_count(linear, contacts)
     wanted = goals(pool, linear)
-    decide = contrasts(pool, nominal(pool.session, effects, without), pairs, without)
+    decide = contrasts(pool, nominal(pool.session, effects, without), pairs, without, probability)
     found = decide.vocabulary
     random = Random(pool, seed)
 

@@ -158,6 +158,7 @@ def plan(
         seed,
         pairs=open_.pairs if open_ else (),
         without=parts_of(open_.without, effects) if open_ else (),
+        probability=open_.probability if open_ else None,
         progress=progress,
     )
     return PlanResult(found)

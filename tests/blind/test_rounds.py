@@ -28,6 +28,7 @@ GAP = {
     "baseline": ["geometry", "compliance"],
     "without": [],
     "named": [],
+    "probability": {"bending": 0.5, "coupling": 0.4},
     "undecided": [PAIR],
 }
 

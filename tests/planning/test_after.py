@@ -24,6 +24,7 @@ RECORD = {
     "baseline": list(MODEL),
     "without": [],
     "named": [],
+    "probability": {"null": 0.5, "backlash": 0.2},
     "undecided": [],
 }
 

@@ -172,6 +172,31 @@ def test_an_effect_that_the_session_cannot_show_is_refused() -> None:
         contrasts(pool(), nominal(), [Pair((Suspect("backlash at joint 9"),))])
 
 
+def test_effects_count_by_their_probability_as_much_as_the_pairs() -> None:
+    pair = Pair((Suspect(BENDING),), (Suspect("coupling"),))
+    probability = {"backlash": 0.3, "lobing": 0.1, "null": 0.6}
+    alone = contrasts(pool(), nominal(), (), (), probability)
+    assert alone.weight.sum() == pytest.approx(0.4)
+    c = contrasts(pool(), nominal(), [pair], (), probability)
+    assert c.weight.sum() == pytest.approx(2.0)
+    assert c.weight[0] == pytest.approx(1.0)
+    by_effect = {
+        name: sum(
+            c.weight[item.group] for item in c.items[2:] if np.isin(item.truth, c.vocabulary.of(name)).all()
+        )
+        for name in ("backlash", "lobing", "payload")
+    }
+    assert by_effect == pytest.approx({"backlash": 0.75, "lobing": 0.25, "payload": 0.0})
+    p = Projection(c.columns, np.arange(60))
+    strengths = c.strengths(p)
+    least = {k: min(s for s, i in zip(strengths, c.items, strict=True) if i.group == k) for k in range(2)}
+    value = sum(
+        w * np.log1p(least.get(k, s))
+        for k, (w, s) in enumerate(zip(c.weight, np.r_[0.0, strengths[2:]], strict=True))
+    )
+    assert c.objective(strengths) == pytest.approx(value)
+
+
 def test_effects_have_equal_weights() -> None:
     c = of_effects(contrasts(pool(), nominal()).vocabulary)
     assert c.weight.sum() == pytest.approx(len(c.vocabulary.names))
