@@ -50,8 +50,8 @@ class Random:
         ]
 
     def selections(self, count: int, times: int = TIMES) -> list[np.ndarray]:
-        """Random candidates (count,), `times` selections."""
-        return [self._selection(count, np.random.default_rng([self.seed, count, k])) for k in range(times)]
+        """Random candidates (count,), `times` selections; larger ones contain the smaller ones."""
+        return [self._selection(count, np.random.default_rng([self.seed, k])) for k in range(times)]
 
     def _selection(self, count: int, rng: np.random.Generator) -> np.ndarray:
         order = [np.concatenate([rng.permutation(part) for part in parts]) for parts in self._of_target]
@@ -166,7 +166,6 @@ def equals_random(linear: Linearised, goal: Goal, u: float, random: Random) -> f
     """
     counts = np.unique(np.geomspace(FEWEST, linear.count, STEPS).astype(int))
     known = np.array([random.u(linear, goal, int(n)) for n in counts])
-    known = np.minimum.accumulate(known)  # medians of few selections may rise
     if u < known[-1]:
         return float("inf")
     return float(np.exp(np.interp(-np.log(u), -np.log(known), np.log(counts))))
