@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -24,6 +25,7 @@ ENOUGH = 0.4  # share of them that must be reached
 LEAST = 0.1
 
 
+@lru_cache(maxsize=64)
 def place_cube(arm: Arm, radius: float) -> tuple[Cube, tuple[str, ...]]:
     """A cube within reach, aligned with the base, and its four faces that are reached best.
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import pickle
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -17,9 +18,24 @@ MARGIN = np.radians(4.0)
 BEHIND, FLOOR = -0.05, -0.1  # relative to the reach: limits of the arm behind and below the base
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Arm(NominalArm):
-    """The nominal arm with its tool, for planning: where it can be, and where an operator would put it."""
+    """The nominal arm with its tool, for planning: where it can be, and where an operator would put it.
+
+    Arms of equal content are equal, so that positions that depend on the arm alone are searched once.
+    """
+
+    @cached_property
+    def content(self) -> bytes:
+        """All numbers of the robot and the tool."""
+        robot = [getattr(self.robot, field.name) for field in fields(self.robot)]
+        return pickle.dumps([*robot, self.tool, self.tool_axes])
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Arm) and self.content == other.content
+
+    def __hash__(self) -> int:
+        return hash(self.content)
 
     @cached_property
     def range(self) -> np.ndarray:

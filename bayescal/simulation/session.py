@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -45,8 +46,7 @@ def plan(options: Options, robot: Robot) -> tuple[Dataset, Scenery]:
     visits = [_calibrating(options, arm, cube, faces)]
     centres = np.empty((options.placements if options.spheres else 0, options.spheres, 3))
     for p in range(len(centres)):
-        rng = stream(options.seed, "spheres", str(p))
-        centres[p], balls = place_spheres(arm, cube, options.spheres, RADIUS, options.sphere_contacts, p, rng)
+        centres[p], balls = _placement(arm, options.spheres, options.sphere_contacts, options.seed, p)
         for k, ball in enumerate(balls):
             target = np.full(len(ball), len(faces) + p * options.spheres + k)
             visits.append(_visit("validate", ball, target, 0.0 if k else SET_UP))
@@ -54,6 +54,13 @@ def plan(options: Options, robot: Robot) -> tuple[Dataset, Scenery]:
     visits.append(_visit("validate", later, target, LUNCH))
     scenery = Scenery(cube, faces, centres)
     return dataset_of(options, robot, scenery, _measurements(options, visits, len(faces))), scenery
+
+
+@lru_cache(maxsize=64)
+def _placement(arm: Arm, spheres: int, count: int, seed: int, turn: int) -> tuple[np.ndarray, list[Contacts]]:
+    """Placement `turn` of the spheres; effects, noise and contacts on the cube do not change it."""
+    rng = stream(seed, "spheres", str(turn))
+    return place_spheres(arm, place_cube(arm, RADIUS)[0], spheres, RADIUS, count, turn, rng)
 
 
 def _visit(role: str, contacts: Contacts, target: np.ndarray, pause: float) -> Visit:

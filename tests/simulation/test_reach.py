@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from simulated import robot_file
 
+from bayescal.arm.transforms import rigid
 from bayescal.robots import load_robot
 from bayescal.simulation.reach import Arm, cone, inverse
 from bayescal.simulation.scenery import Cube, clear, layout
@@ -25,6 +28,20 @@ def test_inverse_reaches_what_it_says_within_the_limits(name, tmp_path):
     limited = readings @ robot.link_from_reading.T * sign  # of the FANUC's third joint, J2 + J3
     assert np.all(limited > robot.limits[:, 0])
     assert np.all(limited < robot.limits[:, 1])
+
+
+def test_arms_of_equal_content_are_equal():
+    """Whatever they are called by: one number of another arm makes it another one."""
+    robot, _ = load_robot("fanuc-lrmate200ic")
+    arm, same = Arm(robot, TOOL), Arm(load_robot("fanuc-lrmate200ic")[0], TOOL.copy())
+    assert arm == same
+    assert hash(arm) == hash(same)
+    for other in (
+        Arm(replace(robot, limits=robot.limits * 0.9), TOOL),
+        Arm(replace(robot, base=rigid(None, np.array([0.0, 0.0, 1.0]))), TOOL),
+        Arm(robot, TOOL + 1e-9),
+    ):
+        assert arm != other
 
 
 @pytest.mark.parametrize("name", ["fanuc-lrmate200ic", "standard", "seven"])

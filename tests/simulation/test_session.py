@@ -35,6 +35,32 @@ def test_counts():
     assert len(set(m.ids)) == len(m.ids)
 
 
+def test_positions_are_searched_once_for_an_arm(monkeypatch):
+    """Effects, noise and contacts do not change them; the seed and the robot do. The session is the same."""
+    from bayescal.simulation import session
+
+    def forget():
+        session._placement.cache_clear()
+        session.place_cube.cache_clear()
+
+    forget()
+    fresh = simulate(Options(**LITTLE, seed=7)).dataset
+    searched = []
+    place = session.place_spheres
+    monkeypatch.setattr(
+        session, "place_spheres", lambda arm, *more: searched.append(arm) or place(arm, *more)
+    )
+    other = {**LITTLE, "contacts": 40}
+    simulate(Options(**other, seed=7, effects=("geometry",), noise=1e-6))
+    again = simulate(Options(**LITTLE, seed=7)).dataset
+    assert not searched
+    np.testing.assert_array_equal(again.measurements.readings, fresh.measurements.readings)
+    simulate(Options(**other, seed=8))
+    forget()
+    simulate(Options(**other, seed=7))
+    assert len(searched) == 2
+
+
 def test_the_default_cube_is_that_of_the_paper():
     offsets = [t.values["offset"] for t in lrmate().dataset.targets[:4]]
     assert offsets == pytest.approx([0.1143, 0.1143, -0.3357, 0.2643], abs=1e-12)
