@@ -72,19 +72,22 @@ class Place:
         out: list[np.ndarray | None] = [None] * len(begin)
         detour = seconds_between(begin[:, None], self.nodes) + seconds_between(self.nodes, end[:, None])
         order = np.argsort(detour, axis=1, kind="stable")
-        near, far = (np.zeros(order.shape, bool) for _ in range(2))  # free from the begin, to the end
+        near = np.zeros(order.shape, bool)  # free from the begin
         left = np.arange(len(begin))
         for first in range(0, MOST, AT_ONCE):
             k = np.arange(first, min(first + AT_ONCE, order.shape[1]))
             move, k = np.repeat(left, len(k)), np.tile(k, len(left))
             some = self.nodes[order[move, k]]
-            near[move, k], far[move, k] = self.free(begin[move], some), self.free(some, end[move])
-            for m in left[np.any(near[left] & far[left], axis=1)]:
-                out[m] = self.nodes[order[m, [int(np.argmax(near[m] & far[m]))]]]
+            ok = near[move, k] = self.free(begin[move], some)
+            ok[ok] = self.free(some[ok], end[move[ok]])
+            for m in np.unique(move[ok]):
+                out[m] = some[[int(np.argmax(ok & (move == m)))]]
             left = np.array([m for m in left if out[m] is None], int)
         for m in left:
             nodes = self.nodes[order[m]]
-            out[m] = self._of_two(begin[m], end[m], nodes[near[m]][:PAIRED], nodes[far[m]][:PAIRED])
+            some = nodes[:MOST]
+            far = some[self.free(some, np.broadcast_to(end[m], some.shape))]
+            out[m] = self._of_two(begin[m], end[m], nodes[near[m]][:PAIRED], far[:PAIRED])
             if out[m] is None:
                 out[m] = self._of_all(begin[m], end[m], nodes[MOST:])
         return out
