@@ -26,6 +26,7 @@ NODES = 3000  # random configurations, of which the motion may pass one or two
 AT_ONCE = 8  # of them that are tried at once, those of the shortest way first
 MOST = 64
 """Configurations that are tried for a motion before all of them are."""
+RESERVE = 300  # of the others that are tried at once
 PAIRED = 12  # on each side, where two configurations must be passed
 
 
@@ -88,8 +89,9 @@ class Place:
             some = nodes[:MOST]
             far = some[self.free(some, np.broadcast_to(end[m], some.shape))]
             out[m] = self._of_two(begin[m], end[m], nodes[near[m]][:PAIRED], far[:PAIRED])
-            if out[m] is None:
-                out[m] = self._of_all(begin[m], end[m], nodes[MOST:])
+            for first in range(MOST, len(nodes), RESERVE):
+                if out[m] is None:
+                    out[m] = self._of_any(begin[m], end[m], nodes[first : first + RESERVE])
         return out
 
     def _of_two(
@@ -104,7 +106,7 @@ class Place:
         best = int(np.argmin(np.where(ok, time, np.inf)))
         return np.stack([a[best], b[best]])
 
-    def _of_all(self, begin: np.ndarray, end: np.ndarray, nodes: np.ndarray) -> np.ndarray | None:
+    def _of_any(self, begin: np.ndarray, end: np.ndarray, nodes: np.ndarray) -> np.ndarray | None:
         """The first of `nodes` (K, n) that is free from `begin` and to `end`, or two of them."""
         near = nodes[self.free(np.broadcast_to(begin, nodes.shape), nodes)]
         direct = self.free(near, np.broadcast_to(end, near.shape))
