@@ -15,7 +15,7 @@ arm_capsules, link_radii
 from bayescal.collision.check import Clearance
 from bayescal.collision.links import arm_capsules, link_radii
 from bayescal.collision.path import path_free
-from bayescal.collision.scene import Scene, Solid, scene_of, sphere, table
+from bayescal.collision.scene import Scene, Solid, on_table, scene_of, sphere
 from bayescal.collision.shapes import FIXED, Ball, Box, Capsule, HalfSpace, Shape
 
 __all__ = [
@@ -30,8 +30,8 @@ __all__ = [
     "Solid",
     "arm_capsules",
     "link_radii",
+    "on_table",
     "path_free",
     "scene_of",
     "sphere",
-    "table",
 ]

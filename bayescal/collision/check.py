@@ -7,7 +7,7 @@ computed for all configurations at once. Only pairs that the bounds leave undeci
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -75,7 +75,7 @@ class Clearance:
             for k, shape in enumerate(solid.shapes):
                 for c, capsule in enumerate(self.capsules):
                     pair = Pair(c, shape, f"{capsule.name} and {solid.name}", s, surface=k == 0)
-                    if capsule.frame > 0 and not (solid.carries and self._overlapping(pair) == 1.0):
+                    if capsule.frame > 0 and not (solid.carries and self._rests(pair)):
                         out.append(pair)  # the base does not move
         for c, other in self.own:
             a, b = self.capsules[c], self.capsules[other]
@@ -104,17 +104,18 @@ class Clearance:
         np.ndarray of int, shape (M,)
             0 if free, otherwise an index into `reasons`: the first pair that is found to overlap.
         """
+        if not self.pairs:
+            return np.zeros(len(readings), int)
         at = _Placed(self, readings)
-        out = np.zeros(len(readings), int)
-        undecided = []
-        for k, pair, rows in self._rows(len(readings), touched):
-            lower, upper = at.bounds(pair, rows)
-            out[rows[(upper < 0) & (out[rows] == 0)]] = k + 1
-            undecided.append((k, pair, rows[(lower < 0) & (upper >= 0)]))
-        for k, pair, rows in undecided:
-            left = rows[out[rows] == 0]
+        lower, upper = at.bounds()
+        compared = self._compared(len(readings), touched)
+        sure = compared & (upper < 0)
+        out = np.where(sure.any(axis=1), np.argmax(sure, axis=1) + 1, 0)
+        undecided = compared & (lower < 0)
+        for k in np.flatnonzero(undecided[out == 0].any(axis=0)):
+            left = np.flatnonzero(undecided[:, k] & (out == 0))
             if len(left):
-                out[left[overlap(*at.of(pair, left))]] = k + 1
+                out[left[overlap(*at.of(self.pairs[k], left))]] = k + 1
         return out
 
     def distances(self, readings: np.ndarray, touched: np.ndarray | None = None) -> np.ndarray:
@@ -122,34 +123,27 @@ class Clearance:
 
         inf if there is nothing to compare.
         """
+        if not self.pairs:
+            return np.full(len(readings), np.inf)
         at = _Placed(self, readings)
-        best = np.full(len(readings), np.inf)
-        rest = []
-        for _, pair, rows in self._rows(len(readings), touched):
-            lower, upper = at.bounds(pair, rows)
-            best[rows] = np.minimum(best[rows], upper)
-            rest.append((lower, pair, rows))
-        for lower, pair, rows in sorted(rest, key=lambda item: float(np.median(item[0]))):
-            left = rows[lower < best[rows]]
+        lower, upper = at.bounds()
+        compared = self._compared(len(readings), touched)
+        lower = np.where(compared, lower, np.inf)
+        best = np.where(compared, upper, np.inf).min(axis=1)
+        for k in np.argsort(np.median(lower, axis=0)):
+            left = np.flatnonzero(lower[:, k] < best)
             if len(left):
-                best[left] = np.minimum(best[left], distances(*at.of(pair, left)))
+                best[left] = np.minimum(best[left], distances(*at.of(self.pairs[k], left)))
         return best
 
-    def _rows(self, count: int, touched: np.ndarray | None) -> Iterator[tuple[int, Pair, np.ndarray]]:
-        """Each pair with its number and the indices of the rows, of M, in which it is compared."""
+    def _compared(self, count: int, touched: np.ndarray | None) -> np.ndarray:
+        """Which pairs are compared in which rows, (M, P) bool."""
         touched = np.full(count, -1) if touched is None else np.asarray(touched, int)
-        placements = np.array([*(solid.placement for solid in self.solids), ""])[touched]
-        everywhere = np.arange(count)
-        of_solid = [
-            everywhere if solid.placement == "" else np.flatnonzero(placements == solid.placement)
-            for solid in self.solids
-        ]
-        for k, pair in enumerate(self.pairs):
-            rows = everywhere if pair.solid < 0 else of_solid[pair.solid]
-            if pair.surface and self.capsules[pair.capsule].probe:
-                rows = rows[touched[rows] != pair.solid]
-            if len(rows):
-                yield k, pair, rows
+        placements = np.array([*(solid.placement for solid in self.solids), ""])
+        solid = np.array([pair.solid for pair in self.pairs])  # -1 for the arm itself, always there
+        may = np.array([pair.surface and self.capsules[pair.capsule].probe for pair in self.pairs])
+        there = (placements[solid] == "") | (placements[solid] == placements[touched][:, None])
+        return there & ~(may & (solid == touched[:, None]))
 
     def _own_pairs(self) -> tuple[tuple[int, int], ...]:
         """Pairs of capsules of the arm that can collide: not on the same or the next link, nor neighbours."""
@@ -166,6 +160,15 @@ class Clearance:
         """In which share of random configurations the two shapes of a pair overlap."""
         return float(overlap(*self._anywhere.of(pair, np.arange(SAMPLES))).mean())
 
+    def _rests(self, pair: Pair) -> bool:
+        """Whether a capsule always starts within a shape, as a shoulder below the height of the table."""
+        capsule, frames = (
+            self.capsules[pair.capsule],
+            self._anywhere.frames[:, self.capsules[pair.capsule].frame],
+        )
+        starts = frames[:, :3, :3] @ capsule.a + frames[:, :3, 3]
+        return bool(np.all(pair.shape.distance(starts) < capsule.radius))
+
     @cached_property
     def _anywhere(self) -> _Placed:
         """The arm at random configurations within its limits."""
@@ -175,26 +178,35 @@ class Clearance:
 
 
 class _Placed:
-    """The capsules of an arm at M configurations, by the poses of their middles in F0."""
+    """The capsules of an arm at M configurations, by the poses of their middles in F0, (M, C, 4, 4)."""
 
     def __init__(self, clearance: Clearance, readings: np.ndarray) -> None:
-        frames = clearance.arm.frames(readings)
-        self.capsules = clearance.capsules
-        self.poses = [frames[:, c.frame] @ c.pose for c in self.capsules]
+        self.clearance = clearance
+        self.frames = clearance.arm.frames(readings)
+        capsules = clearance.capsules
+        own = np.array([c.pose for c in capsules]).reshape(-1, 4, 4)
+        self.poses = self.frames[:, [c.frame for c in capsules]] @ own
 
     def of(self, pair: Pair, rows: np.ndarray) -> tuple[Capsule, np.ndarray, Shape, np.ndarray | None]:
         """A pair in some rows, as `exact` takes it."""
-        others = self.poses[pair.other][rows] if pair.other >= 0 else None
-        return self.capsules[pair.capsule], self.poses[pair.capsule][rows], pair.shape, others
+        others = self.poses[rows, pair.other] if pair.other >= 0 else None
+        return self.clearance.capsules[pair.capsule], self.poses[rows, pair.capsule], pair.shape, others
 
-    def bounds(self, pair: Pair, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of the signed distance of a pair in some rows, m."""
-        capsule, middle = self.capsules[pair.capsule], self.poses[pair.capsule][rows, :3, 3]
-        half = 0.5 * capsule.length
-        if pair.other >= 0:
-            other = self.capsules[pair.other]
-            half += 0.5 * other.length
-            apart = np.linalg.norm(middle - self.poses[pair.other][rows, :3, 3], axis=1) - other.radius
-        else:
-            apart = pair.shape.distance(middle)
-        return apart - capsule.radius - half, apart - capsule.radius
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds (M, P) of the signed distances of all pairs, m."""
+        capsules, pairs = self.clearance.capsules, self.clearance.pairs
+        middle = self.poses[:, :, :3, 3]
+        radius, half = np.array([(c.radius, 0.5 * c.length) for c in capsules]).T
+        by_shape = {id(pair.shape): pair.shape for pair in pairs if pair.other < 0}
+        away = {key: shape.distance(middle) for key, shape in by_shape.items()}
+        upper = np.empty((len(middle), len(pairs)))
+        first = np.array([pair.capsule for pair in pairs])
+        second = np.array([pair.other for pair in pairs])
+        for k, pair in enumerate(pairs):
+            if pair.other < 0:
+                upper[:, k] = away[id(pair.shape)][:, pair.capsule]
+        own = second >= 0
+        apart = np.linalg.norm(middle[:, first[own]] - middle[:, second[own]], axis=2)
+        upper[:, own] = apart - radius[second[own]]
+        upper -= radius[first]
+        return upper - half[first] - np.where(own, half[second], 0.0), upper

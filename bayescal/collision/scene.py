@@ -6,7 +6,8 @@ approaches from outside: artefacts are boxes that reach down behind their faces,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,10 +61,35 @@ def sphere(name: str, centre: np.ndarray, diameter: float, up: np.ndarray, place
     return Solid(name, (Ball(centre, 0.5 * diameter), stem), placement)
 
 
-def table(solids: tuple[Solid, ...], up: np.ndarray) -> Solid:
-    """The table on which solids stand: the half space below their lowest point along `up` (3,)."""
-    height = min(shape.lowest(up) for solid in solids for shape in solid.shapes)
-    return Solid("table", (HalfSpace(up, height),), carries=True)
+def on_table(solids: Sequence[Solid], up: np.ndarray, height: float | None = None) -> tuple[Solid, ...]:
+    """The solids with the table on which they stand; boxes above it stand on a pedestal of their own size.
+
+    Parameters
+    ----------
+    solids : sequence of Solid
+    up : np.ndarray, shape (3,)
+        Unit vector.
+    height : float, optional
+        Of the table along `up`, m; that of the lowest point of all solids if not given.
+    """
+    if height is None:
+        height = min(shape.lowest(up) for solid in solids for shape in solid.shapes)
+    out = [replace(s, shapes=(*s.shapes, *_pedestal(s.shapes[0], up, height))) for s in solids]
+    return (*out, Solid("table", (HalfSpace(up, height),), carries=True))
+
+
+def _pedestal(shape: Shape, up: np.ndarray, height: float) -> tuple[Shape, ...]:
+    """The box below an upright box down to `height`, m; other shapes have stems, or lean."""
+    if not isinstance(shape, Box):
+        return ()
+    axis = int(np.argmax(np.abs(shape.pose[:3, :3].T @ up)))
+    bottom = shape.lowest(up)
+    if abs(shape.pose[:3, axis] @ up) < np.cos(SQUARE) or bottom <= height:
+        return ()
+    pose, half = shape.pose.copy(), shape.half.copy()
+    half[axis] = 0.5 * (bottom - height)
+    pose[:3, 3] -= (shape.half[axis] + half[axis]) * up
+    return (Box(pose, half),)
 
 
 def up_of(dataset: Dataset) -> np.ndarray:
@@ -104,9 +130,7 @@ def scene_of(dataset: Dataset, with_table: bool = True) -> Scene:
             of |= dict.fromkeys((t.name for t in group), len(solids))
             solids.append(Solid(artefact, (shape,), group[0].name.partition("@")[2]))
     unknown = tuple(t.name for t in dataset.targets if t.kind != "instrument" and t.name not in of)
-    if with_table and solids:
-        solids.append(table(tuple(solids), up))
-    return Scene(tuple(solids), of, unknown)
+    return Scene(on_table(solids, up) if with_table and solids else tuple(solids), of, unknown)
 
 
 def box_of(faces: list[Target]) -> Box | None:

@@ -7,6 +7,7 @@ move with its frames; what stands around it consists of boxes, balls, capsules a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class Capsule:
         """Height of the lowest point along the unit vector `up` (3,), m."""
         return float(min(self.a @ up, self.b @ up)) - self.radius
 
-    @property
+    @cached_property
     def pose(self) -> np.ndarray:
         """Pose (4, 4) in `frame` of its middle, with the z axis along the segment."""
         out, along = np.eye(4), self.b - self.a
@@ -52,7 +53,7 @@ class Capsule:
         out[:3, 3] = 0.5 * (self.a + self.b)
         return out
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Length of the segment, m."""
         return float(np.linalg.norm(self.b - self.a))

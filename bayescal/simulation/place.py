@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from itertools import product
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain, product
 
 import numpy as np
 
 from bayescal.arm.transforms import rotation, rpy_matrix
+from bayescal.collision import Clearance, Solid, on_table, sphere
+from bayescal.collision.scene import STEM
 from bayescal.errors import BayescalError
-from bayescal.simulation.probing import Contacts, on_face, on_sphere
+from bayescal.simulation.probing import Contacts, Spheres, from_above, on_face, on_spheres
 from bayescal.simulation.reach import Arm
 from bayescal.simulation.scenery import DIAMETER, FACES, LONGEST, SIZE, Cube, layout
 
 FORWARD, UP = 0.507, 0.169  # relative to the reach: centre of the cube in front of the base
 TRIALS = 200
+BATCH = 8  # placements of the artefact that are tried at a time: their searches run together
 NEAREST, FARTHEST = 0.25, 0.75  # of the reach: from the base to a sphere
 LOWEST, HIGHEST = -0.05, 0.6  # of the reach: height of a sphere, and of the artefact's middle
 ABOVE = 1
@@ -25,8 +29,19 @@ ENOUGH = 0.4  # share of them that must be reached
 LEAST = 0.1
 
 
-@lru_cache(maxsize=64)
-def place_cube(arm: Arm, radius: float) -> tuple[Cube, tuple[str, ...]]:
+def depth(arm: Arm) -> float:
+    """How far below the origin of the base the table is, m: the lowest sphere stands on its stem there."""
+    return STEM - LOWEST * arm.reach
+
+
+def among(arm: Arm, clearance: Clearance, cube: Cube, spheres: Sequence[Solid] = ()) -> Clearance:
+    """The arm among the cube (the first solid), spheres (those behind it) and the table."""
+    base = arm.chain.base
+    height = float(base[:3, 2] @ base[:3, 3]) - depth(arm)
+    return clearance.among(on_table([cube.solid, *spheres], base[:3, 2], height))
+
+
+def place_cube(arm: Arm, clearance: Clearance, radius: float) -> tuple[Cube, tuple[str, ...]]:
     """A cube within reach, aligned with the base, and its four faces that are reached best.
 
     Two of them are opposite; their certified distance gives the scale. The position depends only on the arm.
@@ -41,7 +56,8 @@ def place_cube(arm: Arm, radius: float) -> tuple[Cube, tuple[str, ...]]:
     for up, forward, azimuth in product((1.0, 2.0), (1.0, 0.8, 1.2), (0, 90, -90, 180)):
         out = rotation(2, np.radians(azimuth)) @ [forward * FORWARD * reach, 0.0, up * UP * reach]
         cube = Cube(np.round(base[:3, :3] @ out + base[:3, 3], 2), base[:3, :3])
-        share = {face: on_face(arm, cube, face, radius, SAMPLES, rng)[0] for face in FACES}
+        here = among(arm, clearance, cube)
+        share = {face: on_face(arm, here, cube, face, radius, SAMPLES, rng)[0] for face in FACES}
         score, faces = _four(share)
         if best is None or score > best[0] + 0.05:
             best = score, cube, faces
@@ -64,7 +80,14 @@ def _four(share: dict[str, float]) -> tuple[float, tuple[str, ...]]:
 
 
 def place_spheres(
-    arm: Arm, cube: Cube, spheres: int, radius: float, count: int, turn: int, rng: np.random.Generator
+    arm: Arm,
+    clearance: Clearance,
+    cube: Cube,
+    spheres: int,
+    radius: float,
+    count: int,
+    turn: int,
+    rng: np.random.Generator,
 ) -> tuple[np.ndarray, list[Contacts]]:
     """The `turn`-th placement of the artefact: sphere centres (spheres, 3), m, and contacts on each sphere.
 
@@ -73,28 +96,46 @@ def place_spheres(
     BayescalError
         If there is none where the whole upper half of every sphere can be touched.
     """
-    plate = layout(spheres, min(LONGEST, 0.42 * arm.reach))
-    for trial in range(TRIALS):
+    up = cube.axes[:, 2]
+    for trial in range(0, TRIALS, BATCH):
         sector = None if trial > TRIALS / 3 else turn % len(SECTORS)
-        middles = _middles(arm, cube, sector, rng)
-        tilts = rpy_matrix(rng.uniform([-0.6, -1.1, -np.pi], [0.6, 1.1, np.pi], (len(middles), 3)))
-        free = (
-            np.round(middle + plate @ (cube.axes @ tilt).T, 6)
-            for middle, tilt in zip(middles, tilts, strict=True)
+        options = _options(arm, cube, spheres, sector, rng)
+        solids = [
+            [sphere(f"ball {k + 1}", c, DIAMETER, up, str(p + 1)) for k, c in enumerate(centres)]
+            for p, centres in enumerate(options)
+        ]
+        every = 1 + np.arange(len(options) * spheres)
+        all_ = Spheres(every, np.reshape(options, (-1, 3)), up, DIAMETER / 2 + radius)
+        own, homes = from_above(
+            arm, among(arm, clearance, cube, list(chain.from_iterable(solids))), all_, rng
         )
-        centres = next((c for c in free if _fits(arm, cube, c)), None)
-        if centres is None:
-            continue
-        found = []
-        for k in range(spheres):
-            own = on_sphere(arm, cube, centres, k, DIAMETER / 2 + radius, count, rng)
-            if own is None:
-                break
-            found.append(own)
-        if len(found) == spheres:
-            return centres, found
+        for p, centres in enumerate(options):
+            mine = own // spheres == p
+            if len(np.unique(own[mine])) < spheres:
+                continue
+            here, alone = among(arm, clearance, cube, solids[p]), all_[np.arange(spheres) + p * spheres]
+            alone = replace(alone, solids=every[:spheres])
+            found = on_spheres(arm, here, alone, (own[mine] - p * spheres, homes[mine]), count, rng)
+            if found is not None:
+                return centres, found
     what = f"no position is found where {spheres} spheres can be touched from all sides"
     raise BayescalError(what, arm.robot.name, "ask for fewer --spheres or --sphere-contacts")
+
+
+def _options(
+    arm: Arm, cube: Cube, spheres: int, sector: int | None, rng: np.random.Generator
+) -> list[np.ndarray]:
+    """Up to `BATCH` placements of the artefact: sphere centres (spheres, 3), m, each within reach."""
+    plate = layout(spheres, min(LONGEST, 0.42 * arm.reach))
+    out: list[np.ndarray] = []
+    for _ in range(BATCH):
+        middles = _middles(arm, cube, sector, rng)
+        tilts = rpy_matrix(rng.uniform([-0.6, -1.1, -np.pi], [0.6, 1.1, np.pi], (len(middles), 3)))
+        placed = np.round(middles[:, None] + plate @ np.swapaxes(cube.axes @ tilts, 1, 2), 6)
+        out += [centres for centres in placed if _fits(arm, cube, centres)]
+        if len(out) >= BATCH:
+            break
+    return out[:BATCH]
 
 
 def _fits(arm: Arm, cube: Cube, centres: np.ndarray) -> bool:

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayescal.arm.inverse import PASSES
+from bayescal.collision import Clearance, path_free
 from bayescal.simulation.reach import Arm, cone, inverse
-from bayescal.simulation.scenery import Cube, clear
+from bayescal.simulation.scenery import Cube
 
 SPEED = 5e-3  # m/s of the ball when it touches
 TILT = np.radians(60.0)  # maximum angle between the z axis of the flange and the inward normal
@@ -17,6 +19,10 @@ TURNING = np.radians(0.25)  # rad/s: joint velocities that rotate the arm about 
 STARTS = 8  # per contact
 LOWEST = np.radians(88.0)  # maximum angle from the top of a sphere to a contact
 PROBES = 16  # contacts that are tested in a configuration of the arm
+TOPS = 3  # configurations of the arm that are tried for a sphere
+LEAST = 0.25  # share of the contacts on a sphere that must be reached in one configuration
+LOCAL = 12  # steps of a search that starts near its goal; those that converge need 3 to 10
+RETRACT, STOPS = 0.02, 2  # m: path of the ball from a contact that is checked, at so many points
 
 
 @dataclass(frozen=True)
@@ -58,10 +64,10 @@ def approach(
 
 def contacts(
     arm: Arm,
+    clearance: Clearance,
+    touched: np.ndarray,
     centres: np.ndarray,
     normals: np.ndarray,
-    cube: Cube,
-    spheres: np.ndarray,
     rng: np.random.Generator,
     starts: np.ndarray | None = None,
 ) -> tuple[np.ndarray, Contacts]:
@@ -71,12 +77,12 @@ def contacts(
     ----------
     arm : Arm
         Contacts have random tool directions.
+    clearance : Clearance
+        The check of collisions, at the contact and along its retract.
+    touched : np.ndarray of int, shape (M,)
+        Indices of the solids of `clearance` that are touched.
     centres, normals : np.ndarray, shape (M, 3)
         Ball centres, m, and outward normals of the surface.
-    cube : Cube
-        Obstacle.
-    spheres : np.ndarray, shape (K, 3)
-        Centres of spheres that are obstacles, m.
     rng : np.random.Generator
         Of starts, directions and approaches.
     starts : np.ndarray, shape (M, n), optional
@@ -85,94 +91,147 @@ def contacts(
     Returns
     -------
     which : np.ndarray, shape (K,)
-        Indices of the centres for which a contact was found.
+        Indices of the centres for which a contact was found, in ascending order.
     contacts : Contacts
         The K contacts.
     """
-    count = len(centres)
-    tries = STARTS if starts is None else 1
-    index = np.repeat(np.arange(count), tries)
+    tries, passes = (STARTS, PASSES) if starts is None else (1, LOCAL)
+    index = np.repeat(np.arange(len(centres)), tries)
     begin = arm.anywhere(len(index), rng) if starts is None else starts
-    inward = -normals[index]
-    readings, found = inverse(arm, begin, centres[index], cone(inward, TILT, rng))
+    axes = cone(-normals[index], TILT, rng)
+    readings, found = inverse(arm, begin, centres[index], axes, passes)
+    index, readings = index[found], readings[found]
     pose = arm.frames(readings)
-    found &= np.sum(pose[:, -1, :3, 2] * inward, axis=1) >= np.cos(TILT) - 1e-6
-    found &= arm.upright(pose) & clear(pose, arm.ball(pose), cube, spheres)
-    velocity, slow = approach(arm, pose, normals[index], rng)
-    good = np.flatnonzero(found & slow)
-    which, first = np.unique(index[good], return_index=True)
-    return which, Contacts(readings[good[first]], velocity[good[first]])
+    steep = np.sum(pose[:, -1, :3, 2] * -normals[index], axis=1) >= np.cos(TILT) - 1e-6
+    fit = np.flatnonzero(steep & arm.upright(pose))
+    velocity, slow = approach(arm, pose[fit], normals[index[fit]], rng)
+    index, readings, velocity = index[fit[slow]], readings[fit[slow]], velocity[slow]
+    rows = _first_free(clearance, touched[index], normals[index], readings, index)
+    return index[rows], Contacts(readings[rows], velocity[rows])
+
+
+def _first_free(
+    clearance: Clearance, touched: np.ndarray, normals: np.ndarray, readings: np.ndarray, index: np.ndarray
+) -> np.ndarray:
+    """The first row of each value of `index` (M,) without collision: rows, ordered by that value."""
+    left, out = np.arange(len(index)), []
+    while len(left):
+        rows = left[np.unique(index[left], return_index=True)[1]]
+        left = np.setdiff1d(left, rows)
+        rows = rows[clearance.collides(readings[rows], touched[rows]) == 0]
+        rows = rows[path_free(clearance, readings[rows], normals[rows], touched[rows], RETRACT, STOPS) == 0]
+        left = left[~np.isin(index[left], index[rows])]
+        out.append(rows)
+    found = np.concatenate([*out, np.empty(0, int)])
+    return found[np.argsort(index[found])]
 
 
 def on_face(
-    arm: Arm, cube: Cube, face: str, radius: float, count: int, rng: np.random.Generator
+    arm: Arm,
+    clearance: Clearance,
+    cube: Cube,
+    face: str,
+    radius: float,
+    count: int,
+    rng: np.random.Generator,
 ) -> tuple[float, Contacts]:
-    """The share of `count` random points of a face that a ball of `radius`, m, reaches, and its contacts."""
+    """The share of `count` random points of a face that a ball of `radius`, m, reaches, and its contacts.
+
+    The cube is the first solid of `clearance`.
+    """
     normals = np.tile(cube.normal(face), (count, 1))
     centres = cube.on(face, count, rng) + radius * normals
-    which, found = contacts(arm, centres, normals, cube, np.empty((0, 3)), rng)
+    which, found = contacts(arm, clearance, np.zeros(count, int), centres, normals, rng)
     return len(which) / max(count, 1), found
 
 
-def on_sphere(
+@dataclass(frozen=True)
+class Spheres:
+    """S spheres to touch: their solids (indices (S,)), centres (S, 3), m; the direction up (3,).
+
+    `reach` is the radius of sphere and ball together, m.
+    """
+
+    solids: np.ndarray
+    centres: np.ndarray
+    up: np.ndarray
+    reach: float
+
+    def __getitem__(self, rows: np.ndarray) -> Spheres:
+        return Spheres(self.solids[rows], self.centres[rows], self.up, self.reach)
+
+
+def from_above(
+    arm: Arm, clearance: Clearance, spheres: Spheres, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Configurations that touch spheres from above: the sphere of each (H,), readings (H, n)."""
+    index = np.repeat(np.arange(len(spheres.solids)), TOPS)
+    tops = np.tile(spheres.up, (len(index), 1))
+    goals = spheres.centres[index] + spheres.reach * tops
+    which, found = contacts(arm, clearance, spheres.solids[index], goals, tops, rng)
+    return index[which], found.readings
+
+
+def on_spheres(
     arm: Arm,
-    cube: Cube,
-    spheres: np.ndarray,
-    which: int,
-    reach: float,
+    clearance: Clearance,
+    spheres: Spheres,
+    homes: tuple[np.ndarray, np.ndarray],
     count: int,
     rng: np.random.Generator,
-) -> Contacts | None:
-    """Contacts distributed over the upper half of a sphere, in a single configuration of the arm.
+) -> list[Contacts] | None:
+    """Contacts distributed over the upper half of each sphere, each in a single configuration of the arm.
 
     Parameters
     ----------
     arm : Arm
-    cube : Cube
-        Obstacle.
-    spheres : np.ndarray, shape (K, 3)
-        Centres of all spheres, m.
-    which : int
-        Index of the sphere that is touched.
-    reach : float
-        Radius of sphere and ball, m.
+    clearance : Clearance
+    spheres : Spheres
+    homes : tuple of np.ndarray
+        Configurations to start from, as `from_above` finds them.
     count : int
-        Number of contacts.
+        Number of contacts on each sphere.
     rng : np.random.Generator
         For all random choices.
 
     Returns
     -------
-    Contacts or None
-        None where too little of the sphere can be reached.
+    list of Contacts or None
+        None where too little of a sphere can be reached.
     """
-    up = cube.axes[:, 2]
-    tops = np.tile(up, (3, 1))
-    _, homes = contacts(arm, spheres[which] + reach * tops, tops, cube, spheres, rng)
-    if not len(homes):
-        return None
 
-    def around(homes: np.ndarray, tries: int) -> tuple[np.ndarray, np.ndarray, Contacts]:
+    def around(
+        sphere: np.ndarray, readings: np.ndarray, tries: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, Contacts]:
         """Contacts in random directions from every configuration: its index, normals, contacts."""
-        index = np.repeat(np.arange(len(homes)), tries)
-        normals = cone(np.tile(up, (len(index), 1)), LOWEST, rng)
-        goals = spheres[which] + reach * normals
-        found, own = contacts(arm, goals, normals, cube, spheres, rng, homes[index])
-        return index[found], normals[found], own
+        index = np.repeat(np.arange(len(sphere)), tries)
+        own = sphere[index]
+        normals = cone(np.tile(spheres.up, (len(index), 1)), LOWEST, rng)
+        goals = spheres.centres[own] + spheres.reach * normals
+        which, found = contacts(arm, clearance, spheres.solids[own], goals, normals, rng, readings[index])
+        return index[which], normals[which], found
 
-    index, _, _ = around(homes.readings, PROBES)
-    shares = np.bincount(index, minlength=len(homes)) / PROBES
-    if shares.max() < 0.25:
+    sphere, readings = homes
+    index, _, _ = around(sphere, readings, np.full(len(sphere), PROBES))
+    shares = np.bincount(index, minlength=len(sphere)) / PROBES
+    numbers = np.arange(len(spheres.solids))
+    best = np.array([int(np.argmax(np.where(sphere == k, shares, -1.0))) for k in numbers])
+    if not np.all((sphere[best] == numbers) & (shares[best] >= LEAST)):
         return None
-    best = homes.readings[[int(np.argmax(shares))]]
-    _, normals, found = around(best, int(2 * count / shares.max()))
-    if len(found) < 1.2 * count:
-        return None
-    chosen = spread(normals, count)
-    normals = normals[chosen]
-    # with contacts on one side only the centre would not be identifiable
-    weakest = np.linalg.svd(normals - normals.mean(axis=0), compute_uv=False)[-1] / np.sqrt(count)
-    return found[chosen] if weakest > 0.2 else None
+    tries = (2 * count / shares[best]).astype(int)
+    index, normals, found = around(numbers, readings[best], tries)
+    out = []
+    for k in numbers:
+        rows = np.flatnonzero(index == k)
+        if len(rows) < 1.2 * count:
+            return None
+        rows = rows[spread(normals[rows], count)]
+        # with contacts on one side only the centre would not be identifiable
+        own = normals[rows] - normals[rows].mean(axis=0)
+        if np.linalg.svd(own, compute_uv=False)[-1] / np.sqrt(count) <= 0.2:
+            return None
+        out.append(found[rows])
+    return out
 
 
 def spread(points: np.ndarray, count: int) -> np.ndarray:

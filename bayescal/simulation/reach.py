@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayescal.arm.inverse import descend, to_axes, to_points
+from bayescal.arm.inverse import PASSES, descend, to_axes, to_points
 from bayescal.arm.nominal import NominalArm
 from bayescal.arm.transforms import cross
 
@@ -74,7 +74,7 @@ class Arm(NominalArm):
 
 
 def inverse(
-    arm: Arm, starts: np.ndarray, centres: np.ndarray, axes: np.ndarray
+    arm: Arm, starts: np.ndarray, centres: np.ndarray, axes: np.ndarray, passes: int = PASSES
 ) -> tuple[np.ndarray, np.ndarray]:
     """Readings for a position of the ball centre and a direction of the z axis of the flange.
 
@@ -88,6 +88,8 @@ def inverse(
         Initial readings, rad.
     centres, axes : np.ndarray, shape (M, 3)
         Requested ball centres, m, and directions, in F0.
+    passes : int
+        Maximum number of steps.
 
     Returns
     -------
@@ -97,7 +99,8 @@ def inverse(
         Which of them are solutions.
     """
     task = to_axes(arm, centres, axes) if arm.robot.n >= 5 else to_points(arm, centres)
-    angles, found = descend(task, arm.angles_of(starts), *arm.range)
+    low, high = arm.range
+    angles, found = descend(task, arm.angles_of(starts), low, high, passes)
     return arm.readings_of(angles), found
 
 

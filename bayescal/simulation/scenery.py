@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayescal.arm.transforms import rigid
+from bayescal.collision import Box, Solid
+
 SIZE = 0.2286  # m, the cube's edge: 9 inches
 DIAMETER = 0.0508  # m, of the spheres: 2 inches
 U_DISTANCE, U_ANGLE = 3e-6, 1.2e-5  # m, rad: of the cube's certificate
 U_SPHERE = 1e-6  # m: of a sphere's diameter, and of a distance between spheres
 LONGEST = 0.3  # m, between spheres of the artefact
-CLEAR = 0.025  # m: clearance of the axes of the arm to objects, for the thickness of the links
 
 FACES = {
     "+x": (0, 1.0), "-x": (0, -1.0), "+y": (1, 1.0), "-y": (1, -1.0), "+z": (2, 1.0)
@@ -42,6 +44,11 @@ class Cube:
         flat[:, axis] = 0.0
         return self.centre + flat @ self.axes.T + 0.5 * SIZE * self.normal(face)
 
+    @property
+    def solid(self) -> Solid:
+        """The cube as an obstacle."""
+        return Solid("cube", (Box(rigid(self.axes, self.centre), np.full(3, SIZE / 2)),))
+
     def inside(self, points: np.ndarray, margin: float) -> np.ndarray:
         """Which of points (..., 3) are in the cube, or nearer to it than the margin, m."""
         return np.all(np.abs((points - self.centre) @ self.axes) < SIZE / 2 + margin, axis=-1)
@@ -53,32 +60,3 @@ def layout(spheres: int, longest: float) -> np.ndarray:
     x = np.concatenate([[-0.5, 0.5], between / max(spheres - 1, 1) - 0.5])
     y = np.concatenate([[0.0, 0.0], 0.225 * (-1.0) ** (between - 1)])
     return longest * np.stack([x, y, 0 * x], axis=1)[:spheres]
-
-
-def clear(pose: np.ndarray, ball: np.ndarray, cube: Cube, spheres: np.ndarray) -> np.ndarray:
-    """Whether arms are clear of the cube and the spheres. Approximate: an arm is the line of its frames.
-
-    Parameters
-    ----------
-    pose : np.ndarray, shape (M, n + 2, 4, 4)
-        Frames and flange in F0.
-    ball : np.ndarray, shape (M, 3)
-        Ball centres, m.
-    cube : Cube
-        Obstacle.
-    spheres : np.ndarray, shape (K, 3)
-        Centres of spheres, m.
-
-    Returns
-    -------
-    np.ndarray, shape (M,), bool
-    """
-    flange = pose[:, -1, :3, 3]
-    stops = np.concatenate([pose[:, 1:, :3, 3], (flange + 0.6 * (ball - flange))[:, None]], axis=1)
-    part = np.linspace(0, 1, 6)[:, None, None, None]
-    line = (1 - part) * stops[:, :-1] + part * stops[:, 1:]
-    hit = np.any(cube.inside(line, CLEAR), axis=(0, 2))
-    for centre in spheres:
-        near = np.linalg.norm(line - centre, axis=-1) < DIAMETER / 2 + CLEAR
-        hit = hit | near.any(axis=(0, 2))
-    return np.logical_not(hit)

@@ -8,11 +8,12 @@ from functools import lru_cache
 import numpy as np
 
 from bayescal.arm.robot import Robot
+from bayescal.collision import Clearance
 from bayescal.dataset import Dataset, Measurements
 from bayescal.errors import BayescalError
 from bayescal.simulation.artefacts import RADIUS, TOOL, Scenery, dataset_of
 from bayescal.simulation.options import GROUP, Options, stream
-from bayescal.simulation.place import place_cube, place_spheres
+from bayescal.simulation.place import among, depth, place_cube, place_spheres
 from bayescal.simulation.probing import Contacts, join, on_face
 from bayescal.simulation.reach import Arm
 from bayescal.simulation.scenery import Cube
@@ -42,36 +43,51 @@ def plan(options: Options, robot: Robot) -> tuple[Dataset, Scenery]:
         If too little of the cube or the spheres can be reached.
     """
     arm = Arm(robot, TOOL.centre)
-    cube, faces = place_cube(arm, RADIUS)
-    visits = [_calibrating(options, arm, cube, faces)]
+    cube, faces = _cube(arm)
+    here = among(arm, _clearance(arm), cube)
+    visits = [_calibrating(options, arm, here, cube, faces)]
     centres = np.empty((options.placements if options.spheres else 0, options.spheres, 3))
     for p in range(len(centres)):
         centres[p], balls = _placement(arm, options.spheres, options.sphere_contacts, options.seed, p)
         for k, ball in enumerate(balls):
             target = np.full(len(ball), len(faces) + p * options.spheres + k)
             visits.append(_visit("validate", ball, target, 0.0 if k else SET_UP))
-    target, later = _shuffled(arm, cube, faces, options.later, stream(options.seed, "later"))
+    target, later = _shuffled(arm, here, cube, faces, options.later, stream(options.seed, "later"))
     visits.append(_visit("validate", later, target, LUNCH))
     scenery = Scenery(cube, faces, centres)
     return dataset_of(options, robot, scenery, _measurements(options, visits, len(faces))), scenery
 
 
 @lru_cache(maxsize=64)
+def _clearance(arm: Arm) -> Clearance:
+    """The check of collisions of the arm on its table."""
+    return Clearance.of(arm.robot, TOOL, stand=depth(arm))
+
+
+@lru_cache(maxsize=64)
+def _cube(arm: Arm) -> tuple[Cube, tuple[str, ...]]:
+    """The cube and its faces: they depend on the arm alone."""
+    return place_cube(arm, _clearance(arm), RADIUS)
+
+
+@lru_cache(maxsize=64)
 def _placement(arm: Arm, spheres: int, count: int, seed: int, turn: int) -> tuple[np.ndarray, list[Contacts]]:
     """Placement `turn` of the spheres; effects, noise and contacts on the cube do not change it."""
     rng = stream(seed, "spheres", str(turn))
-    return place_spheres(arm, place_cube(arm, RADIUS)[0], spheres, RADIUS, count, turn, rng)
+    return place_spheres(arm, _clearance(arm), _cube(arm)[0], spheres, RADIUS, count, turn, rng)
 
 
 def _visit(role: str, contacts: Contacts, target: np.ndarray, pause: float) -> Visit:
     return Visit(role, contacts, target, np.full(len(contacts), ""), pause)
 
 
-def _calibrating(options: Options, arm: Arm, cube: Cube, faces: tuple[str, ...]) -> Visit:
+def _calibrating(
+    options: Options, arm: Arm, clearance: Clearance, cube: Cube, faces: tuple[str, ...]
+) -> Visit:
     """Contacts on all faces in random order; some of them are made `GROUP` times in a row."""
     rng = stream(options.seed, "faces")
     different = options.contacts - (GROUP - 1) * options.repeats
-    target, found = _shuffled(arm, cube, faces, different, rng)
+    target, found = _shuffled(arm, clearance, cube, faces, different, rng)
     times = np.ones(different, int)
     times[rng.choice(different, options.repeats, replace=False)] = GROUP
     names = np.array([f"r{k:02d}" if k else "" for k in np.where(times > 1, np.cumsum(times > 1), 0)])
@@ -80,7 +96,12 @@ def _calibrating(options: Options, arm: Arm, cube: Cube, faces: tuple[str, ...])
 
 
 def _shuffled(
-    arm: Arm, cube: Cube, faces: tuple[str, ...], count: int, rng: np.random.Generator
+    arm: Arm,
+    clearance: Clearance,
+    cube: Cube,
+    faces: tuple[str, ...],
+    count: int,
+    rng: np.random.Generator,
 ) -> tuple[np.ndarray, Contacts]:
     """Equally many contacts on all faces, in random order, with the index of the face of each."""
     target = np.sort(rng.permutation(count) % len(faces))
@@ -88,7 +109,7 @@ def _shuffled(
     for k, face in enumerate(faces):
         wanted, have = int(np.sum(target == k)), 0
         for _ in range(20):
-            _, found = on_face(arm, cube, face, RADIUS, 2 * (wanted - have) + 8, rng)
+            _, found = on_face(arm, clearance, cube, face, RADIUS, 2 * (wanted - have) + 8, rng)
             found = found[: wanted - have]
             parts.append(found)
             have += len(found)
@@ -96,7 +117,7 @@ def _shuffled(
                 break
         else:
             raise BayescalError(
-                f"too few contacts on face {face} of the cube are within reach",
+                f"too few contacts on face {face} of the cube are within reach and clear of collisions",
                 arm.robot.name,
                 "check its limits",
             )

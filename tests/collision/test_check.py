@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bayescal.arm.transforms import rigid
-from bayescal.collision import Ball, Box, Clearance, Scene, Solid, path_free, scene_of, table
+from bayescal.collision import Ball, Box, Clearance, Scene, Solid, on_table, path_free, scene_of
 from bayescal.collision.path import retracted
 from bayescal.dataset import Tool, read_dataset
 from bayescal.robots import load_robot
@@ -62,11 +62,21 @@ def test_an_arm_that_folds_onto_itself():
 
 
 def test_below_the_table():
-    standing = table((cube(0.45, 0, 0.15),), UP)
-    assert standing.shapes[0].offset == pytest.approx(0.15 - 0.1143)
-    assert why(mate(standing), ZERO) == ""  # the shoulder is always lower than it
+    standing = on_table((cube(0.45, 0, 0.15),), UP)
+    assert standing[-1].shapes[0].offset == pytest.approx(0.15 - 0.1143)
+    alone = mate(standing[-1])
+    assert why(alone, ZERO) == ""  # the shoulder is always lower than it
     for lean in ([0, 90, 0, 0, 0, 0], [0, 60, -60, 0, 0, 0]):
-        assert why(mate(standing), lean).endswith("and table")
+        assert why(alone, lean).endswith("and table")
+
+
+def test_a_box_above_the_table_stands_on_a_pedestal():
+    box, below = on_table((cube(0.45, 0, 0.15),), UP, height=-0.1)[0].shapes
+    assert np.allclose(below.pose[:3, 3], [0.45, 0, 0.5 * (0.15 - 0.1143 - 0.1)])
+    assert np.allclose(below.half, [0.1143, 0.1143, 0.5 * (0.15 - 0.1143 + 0.1)])
+    assert below.lowest(UP) == pytest.approx(-0.1)
+    assert len(on_table((cube(0.45, 0, 0.15),), UP)[0].shapes) == 1
+    assert np.array_equal(box.half, np.full(3, 0.1143))
 
 
 def test_the_contact_itself_is_no_collision(session):

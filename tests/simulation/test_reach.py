@@ -7,7 +7,7 @@ from simulated import robot_file
 from bayescal.arm.transforms import rigid
 from bayescal.robots import load_robot
 from bayescal.simulation.reach import Arm, cone, inverse
-from bayescal.simulation.scenery import Cube, clear, layout
+from bayescal.simulation.scenery import layout
 
 TOOL = np.array([0.06, 0.0, 0.12])
 
@@ -74,13 +74,3 @@ def test_layout_has_its_length_and_no_two_spheres_touch():
         assert len(centres) == count
         assert away.max() == pytest.approx(0.3)
         assert away.min() > 0.0508
-
-
-def test_an_arm_through_the_cube_is_not_clear():
-    robot, _ = load_robot("fanuc-lrmate200ic")
-    arm = Arm(robot, TOOL)
-    pose = arm.frames(np.zeros((1, 6)))  # stretched out along x, wrist at (395, 0, 375) mm
-    for centre, free in (([0.4, 0, 0.375], False), ([0.4, 0.5, 0.375], True)):
-        assert clear(pose, arm.ball(pose), Cube(np.array(centre), np.eye(3)), np.empty((0, 3)))[0] == free
-    cube = Cube(np.array([0.4, 0.5, 0.375]), np.eye(3))
-    assert not clear(pose, arm.ball(pose), cube, np.array([[0.3, 0.02, 0.375]]))[0]

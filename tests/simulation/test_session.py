@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from bayescal.arm.chain import link_angles, wrenches
 from bayescal.cli import app
 from bayescal.cli import simulate as command
+from bayescal.collision import Clearance, path_free, scene_of
 from bayescal.dataset import read_dataset
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
@@ -114,6 +115,21 @@ def test_velocities_close_the_contacts_at_the_probing_speed():
     for k in range(4):
         inward = -v[m.target == k] @ d.targets[k].values["normal"] / 5e-3
         assert inward.min() > np.cos(np.radians(28))
+
+
+@pytest.mark.parametrize("robot", ["fanuc-lrmate200ic", "universal-robots-ur5", "franka-panda"])
+def test_no_contact_and_no_retract_collides(robot):
+    """Of the UR5 two fifths of the contacts did, before they were checked."""
+    d = simulate(Options(robot=robot, effects=("geometry",), error_scale=0.0, noise=0.0, **LITTLE)).dataset
+    m, scene = d.measurements, scene_of(d, with_table=False)
+    touched = scene.touched([d.targets[i].name for i in m.target])
+    clearance = Clearance.of(d.robot, d.tools[0], scene.solids)
+    ball = clearance.arm.ball(clearance.arm.frames(m.readings))
+    away = ball - [d.targets[i].values.get("centre", np.zeros(3)) for i in m.target]
+    away /= np.linalg.norm(away, axis=1)[:, None]
+    normals = [d.targets[i].values.get("normal", r) for i, r in zip(m.target, away, strict=True)]
+    assert not clearance.collides(m.readings, touched).any()
+    assert not path_free(clearance, m.readings, np.array(normals), touched, 0.02, 2).any()
 
 
 def test_the_payload_hangs_on_half_of_the_plane_contacts():
