@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.collision import FIXED, Box, Capsule, HalfSpace, Scene, Shape, Solid, scene_of
+from bayescal.collision import FIXED, Box, Capsule, HalfSpace, Scene, Shape, Solid, on_table, scene_of
 from bayescal.collision.scene import STEM, up_of
 from bayescal.dataset import Target
 from bayescal.planning.pool import Region, Setup
@@ -30,7 +30,8 @@ def placements(names: Sequence[str]) -> list[str]:
 def scene(setup: Setup) -> Scene:
     """The solids of a setup: boxes and spheres (`scene_of`), walls, cylinders, posts of seats, the table.
 
-    Without a stated table it is below the lowest solid. A single placement of spheres is there all the time.
+    Without a stated table it is below the lowest solid; boxes stand on it by pedestals. A single placement
+    of spheres is there all the time.
     """
     dataset, up = setup.dataset, up_of(setup.dataset)
     known = scene_of(dataset, with_table=False)
@@ -45,10 +46,9 @@ def scene(setup: Setup) -> Scene:
     )
     of_solid = {solid: of_target[name] for name, solid in of.items()}
     solids = [replace(solid, placement=of_solid.get(k, "")) for k, solid in enumerate(solids)]
-    lowest = min((shape.lowest(up) for solid in solids for shape in solid.shapes), default=None)
-    if (height := lowest if setup.table is None else setup.table) is not None:
-        solids.append(Solid("table", (HalfSpace(up, height),), carries=True))
-    return Scene(tuple(solids), of)
+    if not solids and setup.table is None:
+        return Scene((), of)
+    return Scene(on_table(solids, up, setup.table), of)
 
 
 def table_height(around: Scene) -> float | None:

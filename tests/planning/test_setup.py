@@ -176,6 +176,8 @@ def test_the_table_is_the_stated_one_or_below_all_targets(example):
     assert "`plan: {table_mm: 36}`" in assumed.notes[0]
     stated = continued(replace(dataset, plan=PlanSettings(table=-0.33)))
     assert heights(stated) == [-0.33]
+    below = np.array([[0.45, 0.0, -0.2]])  # the cube stands on a pedestal: no arm passes under it
+    assert min(shape.distance(below)[0] for shape in scene(stated).solids[0].shapes) < 0
     assert not stated.notes
     still = continued(replace(dataset, gravity=np.zeros(3)))
     assert heights(still) == heights(assumed)
