@@ -86,7 +86,8 @@ def test_the_tool_rests_where_the_model_has_it(name, effects):
     for k, reading in enumerate(readings):
         turns = dict(zip(names, np.array(record["joint_from_reading"]) @ reading, strict=True))
         found = resting(out.written.content, turns, arm.dataset.gravity) @ point
-        assert np.linalg.norm(found[:3] - poses.points[k]) < (0.5e-6 if "bending" in effects else 0.15e-6)
+        # the second order of bending: the same limit as of tests/statics
+        assert np.linalg.norm(found[:3] - poses.points[k]) < (0.6e-6 if "bending" in effects else 0.15e-6)
     assert not out.missing
 
 

@@ -42,7 +42,7 @@ def test_positions_are_searched_once_for_an_arm(monkeypatch):
 
     def forget():
         session._placement.cache_clear()
-        session.place_cube.cache_clear()
+        session._cube.cache_clear()
 
     forget()
     fresh = simulate(Options(**LITTLE, seed=7)).dataset
