@@ -92,7 +92,7 @@ def read_settings(path: Path, allow_xacro: bool = False) -> tuple[Dataset, Docum
         measurements=no_rows(robot.n),
         temperature_of=file.temperature_of,
         torques=file.torques,
-        plan=session.plan_of(document, file, targets),
+        plan=session.plan_of(document, file, targets, robot.n),
         source=file.source,
         sha256=_digest(document.content, robot_content),
     )

@@ -110,6 +110,7 @@ class PlanEntry(Keys):
     table_mm: Number | None = None
     payload_kg: tuple[Positive, ...] = ()
     cone_deg: Annotated[float, Field(gt=0, le=90)] | None = None
+    poses_deg: tuple[tuple[Number, ...], ...] = ()
 
 
 AnyCertificate = Annotated[Parallel | Perpendicular | Between | Diameter | Flat, Field(discriminator="kind")]

@@ -123,8 +123,10 @@ def gravity_of(document: Document, file: schema.DatasetFile) -> np.ndarray:
     return gravity
 
 
-def plan_of(document: Document, file: schema.DatasetFile, targets: tuple[Target, ...]) -> PlanSettings | None:
-    """What is stated under `plan`; every region is that of a target, and on it."""
+def plan_of(
+    document: Document, file: schema.DatasetFile, targets: tuple[Target, ...], n: int
+) -> PlanSettings | None:
+    """What is stated under `plan`, of an arm with `n` joints; every region is on the target of its name."""
     stated = file.plan
     if stated is None:
         return None
@@ -139,6 +141,12 @@ def plan_of(document: Document, file: schema.DatasetFile, targets: tuple[Target,
         regions[name] = Patch(np.array(entry.centre_mm) * 1e-3, np.array(entry.size_mm) * 1e-3, along)
         if reason := patches.reason_against(by_name[name], regions[name]):
             raise BayescalError(f"the region of `{name}` {reason[0]}", document.where(path), reason[1])
+    if any(len(pose) != n for pose in stated.poses_deg):
+        where, remedy = document.where(("plan", "poses_deg")), f"give {n} readings in deg for each pose"
+        raise BayescalError(f"a pose that has not {n} readings", where, remedy)
+    if len(stated.poses_deg) == 1:
+        where = document.where(("plan", "poses_deg"))
+        raise BayescalError("a single pose has no distance", where, "give two poses or more")
     volume, box = stated.volume_of_interest, None
     if volume is not None:
         box = Box(np.array(volume.centre_mm) * 1e-3, np.array(volume.size_mm) * 1e-3)
@@ -148,6 +156,7 @@ def plan_of(document: Document, file: schema.DatasetFile, targets: tuple[Target,
         table=_scaled(stated.table_mm, 1e-3),
         payloads=stated.payload_kg,
         cone=_scaled(stated.cone_deg, si("cone_deg")),
+        poses=tuple(tuple(x * si("poses_deg") for x in pose) for pose in stated.poses_deg),
     )
 
 

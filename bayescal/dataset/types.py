@@ -115,6 +115,8 @@ class PlanSettings:
         Masses, kg, that can be attached in addition to the tool.
     cone : float or None
         Greatest angle, rad, between the axis of the tool and the inward normal.
+    poses : tuple of tuple of float
+        Readings (n), rad, of poses between which distances shall be accurate.
     """
 
     volume: Box | None = None
@@ -122,6 +124,7 @@ class PlanSettings:
     table: float | None = None
     payloads: tuple[float, ...] = ()
     cone: float | None = None
+    poses: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True)

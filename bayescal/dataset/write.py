@@ -160,6 +160,9 @@ def _plan(plan: PlanSettings) -> Iterator[str]:
         yield f"  payload_kg: {_text('payload_kg', np.array(plan.payloads))}"
     if plan.cone is not None:
         yield f"  cone_deg: {_text('cone_deg', plan.cone)}"
+    if plan.poses:
+        poses = (_text("poses_deg", np.array(pose)) for pose in plan.poses)
+        yield f"  poses_deg: [{', '.join(poses)}]"
 
 
 def _settings(dataset: Dataset, robot: str) -> str:

@@ -8,9 +8,9 @@ several sessions, each has a step in its middle, or only the session with the gi
 
 Other sites are alternatives to the base. ``step@212 at tool``: a reflector slips in its nest, with the same
 prior, and turns where its orientation is read. A stylus that is mounted anew is none: its pre-travel changes
-too. Of several reflectors, all are ``tool``, and each is ``tool of NAME``. ``step@212 at NAME``: one of
-several instruments shifts. Its parameters are those of a shift of the base in its rows only. Where all rows
-are of one instrument, that is a step of the base.
+too (assumed). Of several reflectors, all are ``tool``, and each is ``tool of NAME``. ``step@212 at NAME``:
+one of several instruments shifts. Its parameters are those of a shift of the base in its rows only. Where all
+rows are of one instrument, that is a step of the base.
 """
 
 from __future__ import annotations

@@ -70,7 +70,8 @@ def continuation(dataset: Dataset, gap: Path | str) -> Continuation:
     schema = record.get("schema") if isinstance(record, dict) else None
     if schema != SCHEMA:
         raise BayescalError(f"the schema is {schema}, not {SCHEMA}", str(path), AGAIN)
-    if record.get("dataset", {}).get("sha256") != dataset.sha256:
+    of = record.get("dataset")
+    if not isinstance(of, dict) or of.get("sha256") != dataset.sha256:
         what = f"it is no diagnosis of the present files of {dataset.name}"
         raise BayescalError(what, str(path), "repeat bayescal gap of this dataset")
     return continued(record, str(path))
@@ -91,8 +92,10 @@ def continued(record: Mapping[str, Any], where: str) -> Continuation:
         pairs = tuple(
             Pair(*(_side(pair[key]) for key in ("a", "b", "common"))) for pair in record["undecided"]
         )
-    except (KeyError, TypeError) as error:
+    except KeyError as error:
         raise BayescalError(f"it lacks {error}", where, AGAIN) from None
+    except (TypeError, ValueError, AttributeError) as error:
+        raise BayescalError(f"incomplete: {error}", where, AGAIN) from None
     if COMPLIANCE.name in named and COMPLIANCE.name not in effects:  # the other effects are named beside it
         effects = (*effects, COMPLIANCE.name)
         pairs = tuple(

@@ -77,18 +77,17 @@ class Goal:
         return float(np.mean(self.probing + self.certificate))
 
 
-def goals(pool: Pool, linear: Linearised, poses: np.ndarray | None = None) -> tuple[Goal, ...]:
+def goals(pool: Pool, linear: Linearised) -> tuple[Goal, ...]:
     """The goals of a plan; the first is the one to report first.
 
     Certified distances between centres that validation contacts locate, if there are any; distances in the
-    volume of interest or, without one, in the region of the candidates; distances between given poses.
+    volume of interest or, without one, in the region of the candidates; distances between the given poses of
+    the setup, with the tool of most candidates.
 
     Parameters
     ----------
     pool : Pool
     linear : Linearised
-    poses : np.ndarray, shape (M, n), optional
-        Readings, rad, of poses between which distances shall be accurate, with the tool of most candidates.
 
     Raises
     ------
@@ -104,10 +103,11 @@ def goals(pool: Pool, linear: Linearised, poses: np.ndarray | None = None) -> tu
         rows = pool.candidates[session.tool[pool.candidates] == tool]
         volume = _between(REGION, linear, session.readings[rows[evenly(len(rows), POINTS)]])
     found = [certified(linear), volume]
-    if poses is not None:
-        found.append(_between(POSES, linear, poses))
+    if len(pool.setup.poses):
+        found.append(_between(POSES, linear, pool.setup.poses))
         if found[-1] is None:
-            raise BayescalError("the given poses are at a single position", "--poses", "give two or more")
+            what, where = "the given poses are at a single position", "dataset.yaml: plan: poses_deg"
+            raise BayescalError(what, where, "give poses at two positions or more")
     out = tuple(goal for goal in found if goal is not None)
     if not out:
         raise BayescalError(

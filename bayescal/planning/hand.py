@@ -13,13 +13,12 @@ from scipy.spatial.transform import Rotation
 from bayescal.arm.inverse import LEVER, PASSES, descend, to_axes, to_points, to_poses
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.collision import Clearance, Scene
+from bayescal.collision.path import RETRACT
 from bayescal.dataset import Dataset
 from bayescal.planning.sites import Sites
 from bayescal.simulation.probing import FASTEST, SPEED
 from bayescal.simulation.reach import Arm
 
-RETRACT = 0.02
-"""m: length of the straight approach along the normal, and of the retract."""
 TURNING = np.radians(2.0)
 """rad: rotation of the tool during the approach, about a random axis. It lets every joint come to a contact
 from both sides; without it the direction of a joint would follow from the pose alone."""

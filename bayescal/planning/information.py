@@ -21,6 +21,7 @@ from scipy.linalg import cho_factor, cho_solve
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, Weights, check_length, linearise, unit_weights
 from bayescal.model import ARM, Model, Scene, build
+from bayescal.model.parts import Part
 from bayescal.planning.pool import Pool
 
 RESERVE = 40
@@ -95,7 +96,12 @@ class Linearised:
         return Estimate(self.model, self.z, covariance, self.weights, linear, 0, np.zeros(0, int), {})
 
 
-def linearised(pool: Pool, effects: tuple[str, ...], values: np.ndarray | None = None) -> Linearised:
+def linearised(
+    pool: Pool,
+    effects: tuple[str, ...],
+    values: np.ndarray | None = None,
+    without: Sequence[Part] = (),
+) -> Linearised:
     """Linearise the candidates of a pool.
 
     Parameters
@@ -106,6 +112,8 @@ def linearised(pool: Pool, effects: tuple[str, ...], values: np.ndarray | None =
     values : np.ndarray, shape (D,), optional
         z at which the model is linearised; default: the nominal arm, which touches the nominal targets (the
         mean of a prior may be elsewhere: compliances deflect the arm by up to a millimetre).
+    without : sequence of Part
+        Parts that the model lacks.
 
     Notes
     -----
@@ -120,7 +128,7 @@ def linearised(pool: Pool, effects: tuple[str, ...], values: np.ndarray | None =
     """
     if not len(pool.candidates):
         raise BayescalError("no candidate contact", pool.session.name, "check the targets and the reach")
-    model = build(Scene(pool.session, oriented=True), effects)
+    model = build(Scene(pool.session, oriented=True), effects, without=without)
     check_length(model)
     z = np.zeros(model.size) if values is None else values
     if values is None:

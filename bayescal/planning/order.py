@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from bayescal.planning.hand import RETRACT
+from bayescal.collision.path import RETRACT
 from bayescal.planning.obstacles import placements
 from bayescal.planning.pool import Pool
 from bayescal.planning.transit import seconds_between

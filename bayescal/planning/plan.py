@@ -42,8 +42,6 @@ REPEATS = 10
 """Contacts that are measured once more, for the noise."""
 SHARE = 0.1
 """Largest share of a plan that repeats are."""
-FURTHER = 20
-"""Further contacts whose benefit is reported."""
 RANDOM = 5
 """Random selections that a plan's detectability is compared with."""
 
@@ -104,7 +102,7 @@ def plan(
     pool = candidates(
         _loaded(setup, levers), count, of_pool, progress, turning=TURNING if APPROACH in levers else 0.0
     )
-    linear = linearised(pool, effects)
+    linear = linearised(pool, effects, without=without)
     few = check_count(linear, contacts)
     wanted = goals(pool, linear)
     decide = contrasts(pool, nominal(pool.session, effects, without), pairs, without, probability)
@@ -127,7 +125,8 @@ def plan(
     every = np.concatenate([chosen, repeats])
 
     progress("expected", 0.0)
-    selections = [Projection(found.columns, s) for s in random.selections(contacts, RANDOM)]
+    by_chance = random.selections(contacts, RANDOM)
+    selections = [Projection(found.columns, s) for s in by_chance]
     planned = Projection(found.columns, every)
     before = [Projection(found.columns)] if pool.measured else selections
     separated = with_levers(pool, effects, chosen, confusable(found, planned, before, pairs), rng, without)
@@ -151,9 +150,7 @@ def plan(
         expected=expected(linear, wanted, every, random),
         parameters=parameters(linear, every),
         observability=observability_of(linear, every),
-        observability_random=_median(
-            [observability_of(linear, s) for s in random.selections(contacts, RANDOM)]
-        ),
+        observability_random=_median([observability_of(linear, s) for s in by_chance]),
         curve=curve.plan,
         curve_random=curve.random,
         equals_random=curve.equals_random,

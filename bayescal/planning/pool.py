@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -52,6 +52,8 @@ class Setup:
         Greatest angle, rad, between the axis of the tool and the inward normal.
     validated : frozenset of str
         Targets that are not calibrated on: spheres of certified distances, which validate.
+    poses : np.ndarray, shape (M, n)
+        Readings, rad, of poses between which distances shall be accurate; M = 0 if none are stated.
     notes : tuple of str
         What the user should know about the setup.
     """
@@ -64,6 +66,7 @@ class Setup:
     cone: float = CONE
     validated: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
+    poses: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,7 @@ def _setup(dataset: Dataset, notes: tuple[str, ...]) -> Setup:
         cone=CONE if plan.cone is None else plan.cone,
         validated=_validated(dataset),
         notes=notes,
+        poses=np.array(plan.poses).reshape(len(plan.poses), dataset.robot.n),
     )
     if setup.table is None and (height := table_height(scene(setup))) is not None:
         text = f"no table is stated; assumed: `plan: {{table_mm: {height * 1e3:.0f}}}`, below all targets"

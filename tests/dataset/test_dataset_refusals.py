@@ -63,6 +63,8 @@ SPOILT_SETTINGS = [
     ("along: [0, 1, 0]", "along: [1, 0, 0]", "    side:", "in the face"),
     ("along: [0, 1, 0]", "along: [0, 2, 0]", "    side:", "write [0, 1, 0]"),
     ("cone_deg: 45", "cone_deg: 100", "cone_deg", "at most 90"),
+    ("[[0, 20, -10, 0, -80, 0]", "[[0, 20, -10, 0, -80]", "poses_deg", "give 6 readings in deg"),
+    ("[[0, 20, -10, 0, -80, 0], [30", "[[30", "poses_deg", "give two poses"),
     ("payload_kg: [2, 4.5]", "payload_kg: [2, 0]", "payload_kg", "more than 0"),
     ("payload_kg: [2, 4.5]", "payload: [2, 4.5]", "payload:", "write `payload_kg`"),
     ("table_mm: -250", "table_m: -0.25", "table_m", "write `table_mm`"),

@@ -40,6 +40,7 @@ plan:
   table_mm: -250
   payload_kg: [2, 4.5]
   cone_deg: 45
+  poses_deg: [[0, 20, -10, 0, -80, 0], [30, 40, -40, 0, -50, 0]]
 source: made up
 """
 

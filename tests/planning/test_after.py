@@ -101,7 +101,10 @@ def test_effects_are_separated_beside_compliance_that_a_diagnosis_added() -> Non
         ("no json", "invalid JSON"),
         ('{"schema": "bayescal-fit/1"}', "the schema is bayescal-fit/1"),
         (json.dumps(RECORD | {"dataset": {"sha256": "other"}}), "no diagnosis of the present files"),
+        (json.dumps(RECORD | {"dataset": "a"}), "no diagnosis of the present files"),
         (json.dumps({k: v for k, v in RECORD.items() if k != "undecided"}), "it lacks 'undecided'"),
+        (json.dumps(RECORD | {"probability": {"backlash": "high"}}), "incomplete: could not convert"),
+        (json.dumps(RECORD | {"probability": 0.5}), "incomplete"),
     ],
 )
 def test_other_files_are_refused(tmp_path, text: str, match: str) -> None:

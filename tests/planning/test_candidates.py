@@ -10,11 +10,11 @@ import pytest
 from bayescal.arm.nominal import NominalArm
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.collision import Clearance
+from bayescal.collision.path import RETRACT
 from bayescal.dataset import Box, Dataset, Patch, PlanSettings, Target, read_dataset
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
 from bayescal.planning.candidates import candidates
-from bayescal.planning.hand import RETRACT
 from bayescal.planning.obstacles import scene
 from bayescal.planning.pool import Pool, Setup
 from bayescal.planning.regions import LOWEST

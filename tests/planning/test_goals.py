@@ -112,12 +112,13 @@ def test_volume_of_interest():
 
 
 def test_given_poses():
-    readings = pool().session.measurements.readings
-    found = goals(pool(), linear(), readings[[0, 200, 400]])
+    p, readings = pool(), pool().session.measurements.readings
+    asked = replace(p, setup=replace(p.setup, poses=readings[[0, 200, 400]]))
+    found = goals(asked, linear())
     assert [g.over for g in found] == [CERTIFIED, REGION, POSES]
     assert len(found[2].slopes) == 3
-    with pytest.raises(BayescalError, match="single position"):
-        goals(pool(), linear(), readings[[0, 0]])
+    with pytest.raises(BayescalError, match="two positions"):
+        goals(replace(p, setup=replace(p.setup, poses=readings[[0, 0]])), linear())
 
 
 def test_a_certificate_of_uncertain_value_counts():

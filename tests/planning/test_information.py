@@ -11,6 +11,7 @@ from bayescal.dataset.append import taken
 from bayescal.errors import BayescalError
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model import ARM, Scene, build
+from bayescal.model.parts import parts_of
 from bayescal.planning.criteria import arm_information, criteria, observability, observability_of
 from bayescal.planning.information import check_count, inverse, linearised
 
@@ -23,6 +24,13 @@ def only(dataset, rows):
 def equal(a, b) -> bool:
     """Whether two information matrices are equal but for rounding."""
     return bool(np.max(np.abs(a - b)) < 1e-9 * np.max(np.abs(b)))
+
+
+def test_parts_that_the_model_lacks_are_no_unknowns():
+    found = linearised(pool(), MODEL, without=parts_of(["geometry at joint 4"], MODEL))
+    lost = {p.name for p in linear().model.parameters} - {p.name for p in found.model.parameters}
+    assert "theta4" in lost
+    assert found.jacobian.shape[1] == linear().jacobian.shape[1] - len(lost)
 
 
 @pytest.mark.parametrize("of", [lambda: pool(), mixed])
