@@ -41,4 +41,8 @@ ARTEFACT = Effect(
     _missing,
     sizes={"m": Size("error of the certified value"), "rad": Size("error of the certified value")},
     phrase=("the artefact", "has a certified value in error"),
+    remedy=(
+        "Check that the certificate belongs to this artefact and its values are entered correctly. "
+        "Then have the artefact measured again; check its temperature and its clamps."
+    ),
 )

@@ -76,6 +76,10 @@ BACKLASH = Effect(
     without_velocity,
     sizes={"rad": Size("half-width", magnitude)},
     phrase=("every joint", "has lost motion on reversal"),
+    remedy=(
+        "Adjust the belt tension or the preload of the gear, and check keys, couplings and worn "
+        "teeth. Until then, approach accurate points from one direction."
+    ),
     confusable_with=("unsettled",),
     forms=(*sides(_parameters), *map(_held, FRICTIONS)),
 )

@@ -38,4 +38,8 @@ BALL_RADIUS = Effect(
     without_surface,
     sizes={"m": Size("deviation of the radius")},
     phrase=("the probe", "has a stylus-ball radius that differs from its stated value"),
+    remedy=(
+        "Replace a worn stylus or clean its ball, and check the diameter that was entered. Qualify "
+        "the probe on a reference sphere with the trigger speed of the task."
+    ),
 )

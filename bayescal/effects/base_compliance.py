@@ -69,6 +69,10 @@ BASE_COMPLIANCE = Effect(
     without_masses,
     sizes={"rad/(N m)": COMPLIANT, "m/(N m)": COMPLIANT, "1": FACTOR},
     phrase=("the base", "deflects under the gravity moment of the arm"),
+    remedy=(
+        "Tighten the base bolts to the stated torque, clean and shim the mounting face, and stiffen "
+        "or anchor the stand. Then repeat the session."
+    ),
     requires=("compliance",),
     forms=(
         by_session(_parameters),

@@ -91,6 +91,10 @@ BENDING = Effect(
     without_masses,
     sizes={"rad/(N m)": COMPLIANT, "1": FACTOR},
     phrase=("every link", "has transverse (bending) compliance"),
+    remedy=(
+        "Check the bolts of the joint bearing and of the link, and the firm seat of the flanges; a "
+        "worn cross-roller bearing tilts. If all are tight, keep the effect in the model."
+    ),
     confusable_with=("coupling",),
     requires=("compliance",),
 )

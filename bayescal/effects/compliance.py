@@ -62,4 +62,9 @@ COMPLIANCE = Effect(
     without_torques,
     sizes={"rad/(N m)": COMPLIANT, "1": FACTOR},
     phrase=("every joint", "deflects under gravity torque"),
+    remedy=(
+        "Normal for an elastic gear: compensate it with the calibrated model. If a joint is softer "
+        "than similar joints, check the preload of its gear and bearings, the belt tension and the "
+        "bolts of the motor."
+    ),
 )

@@ -43,5 +43,9 @@ COUPLING = Effect(
     _parameters,
     sizes={"1": Size("share of the other angle")},
     phrase=("every joint", "has an error proportional to the preceding joint"),
+    remedy=(
+        "Check the coupling ratio of the wrist in the controller, and the shared gear train or belt. "
+        "Check that no cable or hose pulls the joint."
+    ),
     confusable_with=("bending",),
 )

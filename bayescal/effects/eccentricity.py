@@ -23,5 +23,9 @@ ECCENTRICITY = Effect(
     _parameters,
     sizes={"rad": WAVE},
     phrase=("every joint", "has an error once per revolution"),
+    remedy=(
+        "Check the reduction of the joint and the seat of its output gear, and whether the encoder is "
+        "centred on its shaft. If neither can be adjusted, compensate with the calibrated model."
+    ),
     confusable_with=("second-harmonic", "encoder-scale"),
 )

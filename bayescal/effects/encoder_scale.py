@@ -34,6 +34,10 @@ ENCODER_SCALE = Effect(
     lambda c: _parameters(c, side_of(c.robot)),
     sizes={"1": Size("relative error of the angle")},
     phrase=("every joint", "has an encoder scale error"),
+    remedy=(
+        "Check the gear ratio and the encoder resolution in the controller, and the teeth and tension "
+        "of a timing belt. An absolute encoder with a true scale error must be replaced."
+    ),
     confusable_with=("eccentricity", "second-harmonic"),
     forms=sides(_parameters),
 )

@@ -63,4 +63,9 @@ GEAR_MESH = Effect(
     ),
     sizes={"rad": WAVE},
     phrase=("every joint", "has an error at its gear-mesh frequency"),
+    remedy=(
+        "Check the strain-wave or planetary gear for wear, dirt and wrong assembly, and the seat of "
+        "its wave generator. Replace the gear if the ripple grows; otherwise avoid accurate points "
+        "within a fraction of the mesh period."
+    ),
 )

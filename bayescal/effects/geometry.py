@@ -71,4 +71,9 @@ GEOMETRY = Effect(
     "lengths, twists and joint zeros of the kinematic model differ from nominal",
     _parameters,
     phrase=("the arm", "differs from the nominal geometry"),
+    remedy=(
+        "Load the calibrated robot.yaml into the controller or the path planning (bayescal export). "
+        "If a zero changed since the last session, look for a collision, a moved encoder or a loose "
+        "flange, and set the joint zeros again."
+    ),
 )

@@ -61,6 +61,11 @@ HARDENING = Effect(
         "rad": Size("deflection of the soft part"),
     },
     phrase=("every joint", "has torque-dependent stiffness"),
+    remedy=(
+        "Check the preload of the reduction and of its bearings, and look for wear of the strain-wave "
+        "gear. If the gear is in order, keep the effect in the model and calibrate at the loads of "
+        "the task."
+    ),
     confusable_with=("hysteresis",),
     requires=("compliance",),
 )

@@ -49,6 +49,11 @@ HYSTERESIS = Effect(
     ),
     sizes={"rad": Size("half-width", magnitude)},
     phrase=("every joint", "has torque-reversal hysteresis"),
+    remedy=(
+        "Check the preload and wear of the gear, and the belt tension: the load presses the teeth on "
+        "either flank. Check the counterbalance spring. Until then, use poses in which the torque "
+        "keeps its sign."
+    ),
     confusable_with=("hardening",),
     requires=("compliance",),
 )

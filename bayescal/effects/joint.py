@@ -28,4 +28,5 @@ JOINT = Effect(
     "zeros and scales of the joints, lengths and twists nominal",
     _parameters,
     part_of=("geometry", "encoder-scale"),
+    remedy=("Set the joint zeros again at the reference marks, and check the gear ratios in the controller."),
 )

@@ -40,5 +40,9 @@ LATENCY = Effect(
     _missing,
     sizes={"s": Size("delay")},
     phrase=("every joint", "has delayed readings"),
+    remedy=(
+        "Probe more slowly, latch the joint readings by hardware at the trigger, or correct the delay "
+        "in the controller. Probing at two speeds shows the delay."
+    ),
     confusable_with=("unsettled",),
 )

@@ -39,4 +39,8 @@ LOBING = Effect(
     without_surface,
     sizes={"m": WAVE},
     phrase=("the probe", "has three-lobe pre-travel variation"),
+    remedy=(
+        "Calibrate the probe in the directions of use, reduce its trigger force or the stylus length, "
+        "or use a strain-gauge probe. Check that the stylus is tight."
+    ),
 )

@@ -91,6 +91,10 @@ PAYLOAD = Effect(
         "m": Size("shift of the centre of the added load", length),
     },
     phrase=("the tool", "carries a payload that differs from what was stated"),
+    remedy=(
+        "Weigh the tool with its cables and bracket, and find its centre of mass. Correct the load in "
+        "the controller and in dataset.yaml, and fasten loose loads."
+    ),
     requires=("compliance",),
     forms=(
         by_session(_parameters),

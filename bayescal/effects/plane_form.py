@@ -59,4 +59,8 @@ PLANE_FORM = Effect(
     _missing,
     sizes={"m": Size("RMS form deviation", length)},
     phrase=("every face", "has a form error"),
+    remedy=(
+        "Clean the faces and check them for damage. Have the form of the faces measured, and state it "
+        "in the certificate, or use a flatter artefact."
+    ),
 )

@@ -23,5 +23,10 @@ SECOND_HARMONIC = Effect(
     _parameters,
     sizes={"rad": WAVE},
     phrase=("every joint", "has an error twice per revolution"),
+    remedy=(
+        "Check the reduction: an oval wave generator or flexspline that is clamped out of round, and "
+        "two bolts of a flange that are tighter than the others. Check the tilt of the encoder disc. "
+        "Otherwise compensate with the model."
+    ),
     confusable_with=("eccentricity", "encoder-scale"),
 )

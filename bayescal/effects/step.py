@@ -107,5 +107,10 @@ STEP = Effect(
     sizes={"m": Size("shift", length), "rad": Size("rotation", length)},
     alternatives=True,
     phrase=("the base", "shifted suddenly"),
+    remedy=(
+        "Look at the log at the row of the event: a collision, a changed stylus, a displaced stand, "
+        "an emergency stop. Fasten the base, the tool or the instrument, and measure again from "
+        "there."
+    ),
     confusable_with=("thermal-drift",),
 )

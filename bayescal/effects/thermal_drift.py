@@ -126,5 +126,9 @@ THERMAL_DRIFT = Effect(
         "rad": Size("half of the change of the zero"),
     },
     phrase=("the arm", "has thermal drift"),
+    remedy=(
+        "Warm up the arm for 40 min with the motion of the task before measuring. Keep air draughts "
+        "and sunlight away, measure reference points at intervals, and record the temperature."
+    ),
     confusable_with=("step",),
 )

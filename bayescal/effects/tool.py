@@ -58,4 +58,5 @@ TOOL = Effect(
     "tool",
     "position of the stylus tip in the flange frame, and orientation of the tool",
     _parameters,
+    remedy=("Measure the tool centre point again, and check that the stylus and the flange bolts are tight."),
 )

@@ -57,5 +57,9 @@ UNSETTLED = Effect(
     _missing,
     sizes={"1": Size("share of the remaining motion"), "s": Size("time")},
     phrase=("every joint", "is read before standstill"),
+    remedy=(
+        "Wait until the arm stands still before the reading (a dwell of a few time constants), "
+        "approach more slowly, and check the brake release and the tuning of the joint controller."
+    ),
     confusable_with=("backlash", "latency"),
 )

@@ -245,6 +245,8 @@ class Effect:
         Its sites are alternatives: without a site, its name means the first one.
     phrase : (str, str)
         Parts of the sentence of a verdict: the subject, if the verdict has no site, and the predicate.
+    remedy : str
+        What to inspect on the machine and how to correct it, in a few sentences; "" if not known.
     confusable_with : tuple of str
         Effects with a similar form.
     requires : tuple of str
@@ -265,6 +267,7 @@ class Effect:
     whole: bool = False
     alternatives: bool = False
     phrase: tuple[str, str] = ("the arm", "has an error")
+    remedy: str = ""
     confusable_with: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
     part_of: tuple[str, ...] = ()

@@ -311,6 +311,9 @@ def test_every_effect_says_what_it_is(name):
     assert effect.name == name
     assert effect.summary
     assert effect.phrase != Effect.phrase
+    assert 40 < len(effect.remedy) < 320
+    assert effect.remedy.endswith(".")
+    assert "  " not in effect.remedy
     for other in effect.confusable_with:
         assert name in EFFECTS[other].confusable_with
         assert confusable(name, other)
