@@ -9,11 +9,10 @@ import numpy as np
 from bayescal.world import arm, joints, scene, session, tracker, write
 from bayescal.world.mix import FIRST_OF, GENERATORS, Maker, recipe, stage, wishes
 from bayescal.world.size import modest, sized
-from bayescal.world.touch import Act, World
+from bayescal.world.touch import SOLVED, Act, World
 from bayescal.world.tracker import Tracked
 from bayescal.world.truth import told
 
-SOLVED = 1e-8  # m
 NOISE = {session.CUBE: (5e-6, 10e-6), session.SPHERES: (5e-6, 10e-6), session.TRACKER: (10e-6, 30e-6)}
 """Standard deviation of a contact, or of a coordinate that the tracker reads, from and to (m)."""
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from bayescal.world import write
 from bayescal.world.arm import JOINT, LINK_FROM_READING, SIZE, Arm, nominal
-from bayescal.world.build import SOLVED, Made
+from bayescal.world.build import Made
 from bayescal.world.scene import NAMES, NORMALS
 from bayescal.world.session import AT_REST, FURTHER, TRACKER, Session
-from bayescal.world.touch import Act, World
+from bayescal.world.touch import SOLVED, Act, World
 from bayescal.world.tracker import Tracked
 
 PAUSE, PACE = 600.0, (5.0, 12.0)

@@ -210,3 +210,8 @@ def test_what_a_fit_on_spheres_absorbs_is_not_visible():
 
 def test_new_sessions_are_of_the_latest_generator():
     assert GENERATORS[-1] == GENERATOR
+
+
+def test_a_cause_with_steep_steps_is_touched_too():
+    """Its contacts need more than the usual number of iterations."""
+    assert world.make(618033, 1, reserved=True).truth["solver_gap_m"] < 1e-8
