@@ -10,7 +10,7 @@ WORKERS ?= 2
 # small matrices: more than one BLAS thread only waits for the others
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: fit test lint bench study own-sessions knock-out blind clean
+.PHONY: fit test lint bench study own-sessions knock-out blind docs clean
 
 fit: $(VENV)/.run
 	$(BIN)/bayescal fit data/lrmate200ic-cube --samples 5000 --out $(OUT)/lrmate200ic-cube-fit
@@ -23,6 +23,10 @@ lint: $(VENV)/.test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# the site in `site/`; a warning is an error
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 study: $(VENV)/.test
 	$(BIN)/python -m analysis.study
@@ -56,6 +60,10 @@ $(VENV)/.test: pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[test]"
 	touch $@ $(VENV)/.run
 
+$(VENV)/.docs: pyproject.toml constraints.txt | $(BIN)/python
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[docs]"
+	touch $@ $(VENV)/.run
+
 $(VENV)/.bench: pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[bench]"
 	touch $@ $(VENV)/.run
@@ -66,4 +74,4 @@ $(VENV)-pybotics/.bench: analysis/benchmarks/requirements-pybotics.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(VENV)-pybotics runs build dist bench.json
+	rm -rf $(VENV) $(VENV)-pybotics runs build dist site bench.json
