@@ -13,10 +13,13 @@ from bayescal.model import Block
 from bayescal.predict import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
 from bayescal.reporting.fit.verdict import tolerance_record, verdict_record
 from bayescal.reporting.shared.origin import origin
+from bayescal.reporting.shared.rows import arm_drawing, rows_record
 from bayescal.reporting.shared.text import MDEG, MM, UM
 
 SCHEMA = "bayescal-fit/1"
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "emcee", "arviz")
+CORRELATED = 0.3
+"""Least absolute correlation of two parameters of the arm that is stored."""
 
 
 def fit_record(fit: Fit) -> dict[str, Any]:
@@ -29,6 +32,7 @@ def fit_record(fit: Fit) -> dict[str, Any]:
         "model": list(level.effects),
         "prior_width": fit.prior_width,
         "parameters": _parameters(fit),
+        "correlations": _correlations(fit),
         "noise": _noise(level),
         "discrepancy": _discrepancy(fit),
         "residuals": _residuals(level),
@@ -58,6 +62,8 @@ def fit_record(fit: Fit) -> dict[str, Any]:
         "ladder": [_level(r) for r in fit.levels],
         "findings": [{"code": f.code, "severity": f.severity, "text": f.text} for f in fit.findings],
         "warnings": list(fit.warnings),
+        "arm": arm_drawing(level.estimate.model.scene),
+        "rows": rows_record(level.estimate),
     }
 
 
@@ -83,6 +89,7 @@ def _parameters(fit: Fit) -> list[dict[str, Any]]:
                 "effect": arm.effect if arm else "target",
                 "unit": units[k],
                 "nominal": float(arm.nominal * factor[k]) if arm else 0.0,
+                "prior_mean": float(arm.centre * factor[k]) if arm else 0.0,
                 "estimate": float(at[k]),
                 "sd": float(np.std(draws[:, k])),
                 "sd_without_discrepancy": float(plain[k]),
@@ -96,6 +103,18 @@ def _parameters(fit: Fit) -> list[dict[str, Any]]:
             }
         )
     return out
+
+
+def _correlations(fit: Fit) -> list[dict[str, Any]]:
+    """Pairs of parameters of the arm with a correlation of at least `CORRELATED`, the strongest first."""
+    model = fit.final.estimate.model
+    size = len(model.parameters)
+    if size < 2:
+        return []
+    r = np.corrcoef(fit.draws.flat[:, :size].T)
+    pairs = [(i, j) for i in range(size) for j in range(i) if abs(r[i, j]) >= CORRELATED]
+    pairs.sort(key=lambda pair: -abs(r[pair]))
+    return [{"a": model.names[j], "b": model.names[i], "r": round(float(r[i, j]), 4)} for i, j in pairs]
 
 
 def _finite(value: float) -> float | None:

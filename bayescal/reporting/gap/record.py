@@ -12,6 +12,7 @@ from bayescal.reporting.gap.lengths import as_lengths, length, main
 from bayescal.reporting.gap.phrases import headline, warnings
 from bayescal.reporting.shared.origin import origin
 from bayescal.reporting.shared.plain import plain
+from bayescal.reporting.shared.rows import arm_drawing, rows_record
 from bayescal.reporting.shared.text import UM, amplitude
 
 SCHEMA = "bayescal-gap/1"
@@ -82,6 +83,8 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "residuals": _residuals(gap),
         "warnings": list(warnings(gap)),
     }
+    if gap.arm is not None:
+        record |= {"arm": arm_drawing(gap.arm.model.scene), "rows": rows_record(gap.arm)}
     return {key: plain(value) for key, value in record.items()}
 
 

@@ -1,0 +1,76 @@
+"""Rows of a session with their residuals, and the nominal arm: what pages and figures draw from a record."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bayescal.arm import chain as reference
+from bayescal.estimate import Estimate
+from bayescal.model.scene import Scene
+from bayescal.reporting.shared.plain import plain
+from bayescal.reporting.shared.text import MM, UM
+
+ROLES = ("calibrate", "validate")
+DIGITS = 4
+"""Decimals of residuals (µm), angles (deg) and times (s)."""
+STANDSTILL = np.radians(0.03)
+"""Joint speed, rad/s, below which a joint has no direction of motion; as for `backlash`."""
+
+
+def rows_record(found: Estimate) -> dict[str, Any]:
+    """``rows`` of fit.json and gap.json: one list for each quantity, in the order of the session.
+
+    `residual_um` is the distance of a contact from its surface (signed), of a point the length of its error
+    vector, under the model of the estimate; null where the target is not part of the model. `point_mm` is
+    the stylus tip (or reflector) in F0 by the nominal arm, `angle_deg` are link angles, and `direction` has
+    a sign for each joint.
+    """
+    scene = found.model.scene
+    m, targets = scene.dataset.measurements, scene.dataset.targets
+    count = len(m.ids)
+    residual = np.full(count, np.nan)
+    roles = np.full(count, "", dtype=object)
+    for role in ROLES:
+        rows = scene.rows(role)
+        roles[rows] = role
+        for k, target in enumerate(targets):
+            own = scene.rows_of(k, rows)
+            if len(own) and target.name in found.model.block_of:
+                r = found.residuals(found.model.block(k, own))
+                residual[own] = r[0] if len(r) == 1 else np.linalg.norm(r[:3], axis=0)
+    rejected = np.zeros(count, bool)
+    rejected[found.rejected] = True
+    record = {
+        "id": list(m.ids),
+        "target": [targets[t].name for t in m.target],
+        "role": roles.tolist(),
+        "time_s": None if m.time is None else np.round(m.time, DIGITS),
+        "point_mm": np.round(MM * scene.points, 3),
+        "angle_deg": np.round(np.degrees(scene.q), DIGITS),
+        "direction": None if m.velocity is None else [_signs(v) for v in m.velocity],
+        "residual_um": np.round(UM * residual, DIGITS),
+        "rejected": rejected,
+    }
+    return {key: plain(value) for key, value in record.items()}
+
+
+def _signs(velocity: np.ndarray) -> str:
+    """A direction of motion, a sign for each joint: ``+-0++-``."""
+    return "".join("0" if abs(v) < STANDSTILL else "+" if v > 0 else "-" for v in velocity)
+
+
+def arm_drawing(scene: Scene) -> dict[str, Any]:
+    """``arm`` of fit.json and gap.json: the nominal arm at link angles of zero.
+
+    `links_mm` are the origins of the base, of the frame of each joint and of the flange in F0, and `axes` the
+    unit vectors of the joints. A pose follows by rotations about the axes, from the last joint to the first.
+    """
+    frames = reference.frames(scene.chain, np.zeros((1, scene.chain.n)))[0]
+    return {
+        "robot": scene.dataset.robot.name,
+        "joints": list(scene.dataset.robot.joint_names),
+        "links_mm": plain(np.round(MM * frames[:, :3, 3], 3)),
+        "axes": plain(np.round(frames[1:-1, :3, 2], 6)),
+    }
