@@ -42,6 +42,11 @@ def import_(
     ),
     noise: str = typer.Option("", help='Standard uncertainty of a coordinate of the instrument: "0.03 mm".'),
     readings: str = typer.Option("encoder", help="Contents of the joint columns: encoder or command."),
+    validate: str = typer.Option(
+        "",
+        help="Validation rows, whole stops: every:5, last:20%, targets 'ball.*', stops 'b*' [default: column "
+        "role, or none].",
+    ),
     name: str = typer.Option("", help="Name of the session [default: name of the log]."),
     force: bool = typer.Option(
         False, "--force", help="Write the dataset even if a check fails (for example a wrong unit)."
@@ -67,6 +72,7 @@ def import_(
         noise=noise,
         readings=readings,
         name=name,
+        validate=validate,
         allow_xacro=allow_xacro,
     )
     draft = convert(request)

@@ -43,6 +43,7 @@ class Request:
     noise: str = ""
     readings: str = "encoder"
     name: str = ""
+    validate: str = ""
     allow_xacro: bool = False
 
     @property

@@ -16,10 +16,11 @@ from bayescal.errors import BayescalError
 from bayescal.importing import formats
 from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.log import Columns, columns_of, read_log
-from bayescal.importing.mapping import Map, own_map, read_map
+from bayescal.importing.mapping import Map, own_map, read_map, setting
 from bayescal.importing.messages import accusation, found_words
 from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.pair import PAIRS
+from bayescal.importing.roles import role_note, with_roles
 from bayescal.importing.rows import measurements, readings
 from bayescal.importing.units import is_unit
 
@@ -74,7 +75,8 @@ def convert(request: Request) -> Draft:
     wrong = "" if found is None else accusation(found, columns)
     if joined is not None and not wrong:
         joined.check()
-    notes = (*notes, *found_words(dataset, loose))
+    dataset, roles = _roles(request, dataset, "role" in columns.texts)
+    notes = (*notes, *found_words(dataset, loose), roles)
     dataset, before, notes = _continuing(request, dataset, notes)
     return Draft(dataset, notes, wrong, columns.name, columns.line, before)
 
@@ -105,6 +107,23 @@ def write(draft: Draft, folder: Path, force: bool = False) -> None:
         except BayescalError as error:
             raise BayescalError(error.what, _whence(draft, error.where), error.remedy) from None
     write_dataset(draft.dataset, folder)
+
+
+def _roles(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:
+    """The dataset with its validation rows, by the option or the entry of the map, and a note on them."""
+    rule, where = request.validate, "--validate"
+    said, place = setting(request.map, "validate")
+    if rule and said:
+        raise BayescalError("`validate` is stated by the map already", where, "remove one of the two")
+    rule, where = (rule, where) if rule else (said, place)
+    if not rule:
+        return dataset, role_note(dataset)
+    if stated:
+        whose = (
+            "the plan states the role of each row" if request.plan else "a column states the role of each row"
+        )
+        raise BayescalError(f"{whose} already", where, "remove one of the two")
+    return with_roles(dataset, rule, where)
 
 
 def _continuing(

@@ -32,6 +32,9 @@ OF_UNIT = {"degps": "_velocity", "nm": "_torque"}
 SPELLED = {"c": "C"}
 """Units whose name in measurements.csv is another."""
 
+SETTINGS = ("validate",)
+"""Entries of a map that are not columns."""
+
 TEXTS = ("id", "role", "target", "tool", "stop", "repeat")
 """Quantities that are text."""
 
@@ -69,15 +72,24 @@ def read_map(text: str, n: int) -> Map:
     BayescalError
         For an unknown quantity, one given twice, or a number without a unit.
     """
-    entries = _of_file(Path(text)) if text.lower().endswith((".yaml", ".yml")) else _of_text(text)
     out: dict[str, Column] = {}
-    for key, value, where in entries:
+    for key, value, where in _entries(text):
+        if key in SETTINGS:
+            continue
         for joint in range(1, n + 1) if key.startswith("j*") else (0,):
             name, said = (t.replace("*", str(joint)) if joint else t for t in (key, value))
             if name in out:
                 raise BayescalError(f"`{name}` is given twice", where, "keep a single entry")
             out[name] = _column(name, said, where, n)
     return out
+
+
+def setting(text: str, key: str) -> tuple[str, str]:
+    """An entry of a map that is no column, of `SETTINGS`: its value and where it is, or empty texts."""
+    found = [(value, where) for name, value, where in _entries(text) if name == key]
+    if len(found) > 1:
+        raise BayescalError(f"`{key}` is given twice", found[1][1], "keep a single entry")
+    return found[0] if found else ("", "")
 
 
 def own_map(header: Sequence[str], n: int, where: str) -> Map:
@@ -102,6 +114,11 @@ def own_map(header: Sequence[str], n: int, where: str) -> Map:
             else Column(name)
         )
     return out
+
+
+def _entries(text: str) -> list[tuple[str, str, str]]:
+    """Entries of a map: key, value, and where it is."""
+    return _of_file(Path(text)) if text.lower().endswith((".yaml", ".yml")) else _of_text(text)
 
 
 def _of_file(path: Path) -> list[tuple[str, str, str]]:
@@ -150,7 +167,9 @@ def dimension_of(key: str, n: int, where: str) -> str:
         return JOINT[joint[2]]
     if key not in DIMENSIONS:
         joints = [f"j{i + 1}{tail}" for tail in JOINT for i in range(n)]
-        raise BayescalError(*_swap(unknown("quantity", key, [*joints[:n], *DIMENSIONS, *TEXTS]), where))
+        raise BayescalError(
+            *_swap(unknown("quantity", key, [*joints[:n], *DIMENSIONS, *TEXTS, *SETTINGS]), where)
+        )
     return DIMENSIONS[key]
 
 

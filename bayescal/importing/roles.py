@@ -1,0 +1,133 @@
+"""Validation rows by a stated rule: whole stops, without chance."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from math import ceil
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from bayescal.dataset import Dataset, Measurements
+from bayescal.errors import BayescalError
+
+REMEDY = "write every:5, stop (as every:5), last:20%, targets 'ball.*' or stops 'b*'"
+"""Rules that are known."""
+
+
+def stops_of(rows: Measurements) -> np.ndarray:
+    """Standstills of the arm: rows with the same `stop`, `repeat` or joint readings belong together.
+
+    Returns
+    -------
+    np.ndarray of int, shape (N,)
+        Number of the standstill of each row, in order of their first rows.
+    """
+    count = len(rows.ids)
+    labels = [np.unique(rows.readings, axis=0, return_inverse=True)[1].ravel()]
+    for names in (rows.stop, rows.repeat):
+        if names is not None:
+            alone = np.char.add("\n", np.arange(count).astype(str))  # a row without a name is alone
+            labels.append(np.unique(np.where(names == "", alone, names), return_inverse=True)[1].ravel())
+    row, label, offset = np.tile(np.arange(count), len(labels)), [], count
+    for numbers in labels:
+        label.append(numbers + offset)
+        offset += int(numbers.max()) + 1
+    edges = coo_array((np.ones(len(row)), (row, np.concatenate(label))), shape=(offset, offset))
+    which = connected_components(edges, directed=False)[1][:count]
+    _, first, inverse = np.unique(which, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[inverse.ravel()]
+
+
+def with_roles(dataset: Dataset, rule: str, where: str) -> tuple[Dataset, str]:
+    """Give the rows that a rule selects the role `validate`, the others `calibrate`.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    rule : str
+        ``every:5`` (every fifth stop), ``stop`` (the same), ``last:20%`` (of the stops), ``targets 'ball.*'``
+        or ``stops 'b*'`` (names, with ``*`` and ``?``; several with commas).
+    where : str
+        Where the rule is stated, for messages.
+
+    Returns
+    -------
+    tuple of Dataset and str
+        And the rule with its result, in words.
+
+    Raises
+    ------
+    BayescalError
+        For an unknown rule, for one that selects no row or all rows, and for one that splits a stop.
+    """
+    rows = dataset.measurements
+    stops = stops_of(rows)
+    chosen, words = _chosen(dataset, stops, rule, where)
+    shared = np.bincount(stops, chosen) * np.bincount(stops, ~chosen) > 0
+    if shared.any():
+        which = np.flatnonzero(stops == np.argmax(shared))
+        one, other = (rows.ids[which[chosen[which] == own][0]] for own in (True, False))
+        what = f"'{rule}' selects `{one}` but not `{other}`, which was measured at the same stop"
+        raise BayescalError(what, where, "name the targets of whole stops")
+    count = int(chosen.sum())
+    if not 0 < count < len(chosen):
+        what = f"'{rule}' selects {'all' if count else 'none'} of the {len(chosen)} rows"
+        raise BayescalError(what, where, "leave rows to fit and rows to validate; " + REMEDY)
+    role = np.where(chosen, "validate", "calibrate")
+    note = f"validation rows: {count} of {len(chosen)} rows ({words})"
+    return replace(dataset, measurements=replace(rows, role=role)), note
+
+
+def role_note(dataset: Dataset) -> str:
+    """The validation rows that the log or the plan states, or what states some."""
+    role = dataset.measurements.role
+    count = int((role == "validate").sum())
+    if count:
+        return f"validation rows: {count} of {len(role)} rows, as stated"
+    return (
+        f"validation rows: none, all {len(role)} rows are fitted; `--validate every:5` makes every fifth "
+        "stop a validation stop"
+    )
+
+
+def _chosen(dataset: Dataset, stops: np.ndarray, rule: str, where: str) -> tuple[np.ndarray, str]:
+    """Rows that a rule selects (N,), bool, and the rule in words."""
+    total = int(stops.max()) + 1
+    parts = re.fullmatch(r"([a-z]+)(?:[:\s]\s*(.+))?", rule.strip())
+    name, value = (parts[1], parts[2] or "") if parts else ("", "")
+    if name == "stop" and not value:
+        name, value = "every", "5"
+    if name == "every" and re.fullmatch(r"\d+", value) and int(value) > 1:
+        return (stops + 1) % int(value) == 0, f"stop {value} of every {value}, {total} stops"
+    percent = re.fullmatch(r"([\d.]+)\s*%", value)
+    if name == "last" and percent and 0 < float(percent[1]) < 100:
+        count = ceil(round(total * float(percent[1]) / 100, 9))
+        return stops >= total - count, f"the last {count} of {total} stops"
+    patterns = [p.strip().strip("'\"") for p in value.split(",") if p.strip()]
+    if name in ("targets", "stops") and patterns:
+        return _named(dataset, name, patterns, where), f"{name} {', '.join(patterns)}"
+    raise BayescalError(f"'{rule}' is not a rule for validation rows", where, REMEDY)
+
+
+def _named(dataset: Dataset, noun: str, patterns: Sequence[str], where: str) -> np.ndarray:
+    """Rows whose target or stop has one of the names."""
+    rows = dataset.measurements
+    if noun == "targets":
+        names = np.array([t.name for t in dataset.targets])[rows.target]
+    elif rows.stop is not None:
+        names = rows.stop
+    else:
+        raise BayescalError("the rows do not state their stops", where, "map `stop`; " + REMEDY)
+    found = np.zeros(len(names), bool)
+    for pattern in patterns:
+        at = np.array([fnmatchcase(name, pattern) for name in names.tolist()])
+        if not at.any():
+            known = ", ".join(dict.fromkeys(n for n in names.tolist()[:200] if n))
+            raise BayescalError(f"no {noun[:-1]} of a row is called `{pattern}`", where, f"there are {known}")
+        found |= at
+    return found
