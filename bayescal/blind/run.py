@@ -26,7 +26,7 @@ from bayescal.blind.make import Notify
 from bayescal.blind.workers import Lost, results
 from bayescal.errors import BayescalError
 
-LONG = ("curves", "residuals")
+LONG = ("curves", "residuals", "rows", "arm")
 """Keys of gap.json that hold data of figures and are not part of an answer."""
 
 

@@ -162,6 +162,15 @@ def test_record_keeps_the_contract(session, kind):
     curve = record["curves"][1]
     assert len(curve["x"]) == len(curve["residual_um"]) == len(curve["fitted_um"]) == len(curve["id"]) == 80
     assert len(record["residuals"]["before_um"]) == 80
+    assert record["marked"] == (None if kind == "null" else "joint 3")
+
+
+def test_only_a_significant_site_is_marked(session):
+    """No site is marked where no location is significant, whatever the verdict."""
+    gap = diagnosis(session, "unknown")
+    assert gap_record(gap)["marked"] == "joint 3"
+    unclear = tuple(replace(w, family_p_value=0.2) for w in gap.where)
+    assert gap_record(replace(gap, where=unclear))["marked"] is None
 
 
 HEADLINES = {

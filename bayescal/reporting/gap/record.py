@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from bayescal.gap.result import Advice, BlindSpot, Gap, Magnitude, Margin, Place, Shrinkage, Verdict
+from bayescal.model.scene import Scene
 from bayescal.reporting.gap import amplitudes, contacts, undecided
 from bayescal.reporting.gap.lengths import as_lengths, length, main
-from bayescal.reporting.gap.phrases import headline, warnings
+from bayescal.reporting.gap.phrases import headline, place, warnings
 from bayescal.reporting.shared.origin import origin
 from bayescal.reporting.shared.plain import plain
 from bayescal.reporting.shared.rows import arm_drawing, rows_record
@@ -20,6 +21,12 @@ LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
 MARGINS = ("target", "joint", "region", "time", "direction")
 MEASURES = ("planes", "distances")
 """Keys of ``shrinkage`` that are always present, null where nothing was measured."""
+EVENT = "event"
+"""Kind of driver of a sudden change."""
+SIGNIFICANT = 0.01
+"""Corrected p-value below which figures mark a location."""
+LEVER_DIGITS = 6
+"""Decimals of a lever arm, m per rad or m per m."""
 CURVES = 12
 """Locations, the largest first, whose curves are stored."""
 DIGITS = 4
@@ -43,6 +50,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
                 "model": n.model,
                 "site": n.site,
                 "setting": n.setting,
+                "sites": [str(site) for site in n.sites],
                 "probability": n.probability,
                 "log_evidence": n.log_evidence,
                 "confirmed": n.confirmed,
@@ -81,10 +89,12 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "blind_spots": [_blind(b) for b in gap.blind_spots],
         "curves": [_curve(gap, w) for w in gap.where[:CURVES]],
         "residuals": _residuals(gap),
+        "arm": arm_drawing(Scene(gap.dataset)),
+        "marked": _mark(gap),
         "warnings": list(warnings(gap)),
     }
     if gap.arm is not None:
-        record |= {"arm": arm_drawing(gap.arm.model.scene), "rows": rows_record(gap.arm)}
+        record["rows"] = rows_record(gap.arm)
     return {key: plain(value) for key, value in record.items()}
 
 
@@ -122,6 +132,7 @@ def _place(w: Place) -> dict[str, Any]:
     return {
         "site": str(w.site),
         "driver": str(w.driver),
+        "text": place(w),
         "rms_um": UM * w.rms,
         "share": w.share,
         "p_value": w.p_value,
@@ -194,17 +205,38 @@ def _blind(b: BlindSpot) -> dict[str, Any]:
 
 
 def _curve(gap: Gap, w: Place) -> dict[str, Any]:
-    """The data of a curve of `gap-where.png`; x in the unit that the coordinate states."""
+    """The data of a curve of `gap-where.png`; x in the unit that the coordinate states.
+
+    `lever` is the residual per unit of the displacement of the site, m per `lever_unit` (SI); null where the
+    site has no single axis. `event`: a sudden change, which is one at whichever site it is seen.
+    """
     ids, curve = gap.dataset.measurements.ids, w.curve
     return {
         "site": str(w.site),
         "driver": str(w.driver),
+        "text": place(w),
+        "event": w.driver.kind == EVENT,
         "coordinate": curve.coordinate,
+        "lever": None if curve.lever is None else np.round(curve.lever, LEVER_DIGITS),
+        "lever_unit": curve.unit or None,
         "id": [ids[row] for row in curve.rows],
         "x": np.round(curve.x, DIGITS),
         "residual_um": np.round(UM * curve.residual, DIGITS),
         "fitted_um": np.round(UM * curve.fitted, DIGITS),
     }
+
+
+def _mark(gap: Gap) -> str | None:
+    """The site that a drawing of the arm marks: of a named effect, else a location that is significant."""
+    if gap.verdict.kind == "null":
+        return None
+    for n in gap.verdict.named:
+        if n.sites:
+            return str(n.sites[0])
+    clear = [w for w in gap.where if w.family_p_value < SIGNIFICANT]
+    named = [w for w in clear if w.explained_by] if gap.verdict.named else []
+    unexplained = [w for w in clear if not w.explained_by]
+    return next((str(w.site) for w in (*named, *unexplained)), None)
 
 
 def _residuals(gap: Gap) -> dict[str, Any]:
