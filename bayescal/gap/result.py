@@ -60,6 +60,30 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class Amplitude:
+    """The amplitude of an effect at one site, SI: a named one from the refit, or an unmodelled one."""
+
+    effect: str
+    site: Site
+    driver: Driver
+    parameters: tuple[str, ...]  # their names
+    what: str  # "half-width"
+    value: float
+    u: float  # standard uncertainty
+    unit: str  # a key of effects.UNITS
+    phase: tuple[float, float] | None  # of a wave, with u, rad
+    significant: bool  # at OUTCOME.significant, corrected for all amplitudes of the effect
+
+
+@dataclass(frozen=True)
+class Event:
+    """First row of the session after a sudden change, from 0, and its 95 % interval (first, last)."""
+
+    row: int
+    interval95: tuple[int, int]
+
+
+@dataclass(frozen=True)
 class Place:
     """A location (site and driver) and its part of the gap."""
 
@@ -72,6 +96,8 @@ class Place:
     log_evidence: float  # nats, relative to noise only
     explained_by: str  # the named effect that it belongs to, or ""
     curve: Curve
+    event: Event | None = None  # of an unmodelled sudden change
+    amplitudes: tuple[Amplitude, ...] = ()  # of an unmodelled sudden change, or of a base that rocks
 
 
 @dataclass(frozen=True)
@@ -102,22 +128,6 @@ class Named:
     def site(self) -> str:
         """Its sites as text, "" for all."""
         return words_of(self.sites)
-
-
-@dataclass(frozen=True)
-class Amplitude:
-    """The amplitude of a named effect at one site, from the refit, SI."""
-
-    effect: str
-    site: Site
-    driver: Driver
-    parameters: tuple[str, ...]  # their names
-    what: str  # "half-width"
-    value: float
-    u: float  # standard uncertainty
-    unit: str  # a key of effects.UNITS
-    phase: tuple[float, float] | None  # of a wave, with u, rad
-    significant: bool  # at OUTCOME.significant, corrected for all amplitudes of the effect
 
 
 @dataclass(frozen=True)

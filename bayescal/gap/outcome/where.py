@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from bayescal.effects.location import ARM
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import State, fit_state
+from bayescal.gap.outcome.sudden import sizes
 from bayescal.gap.result import Curve, Place
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.unknown import CellFit, Pool, cell_fits, with_set
@@ -127,7 +129,10 @@ def _of_cell(
         cell.site, cell.driver, parameters, pool.columns[:, own], amplitude, state, wider, c, excess, size,
         tests, f.gain, "",
     )  # fmt: skip
-    return place, wider
+    if place.family_p_value > OUTCOME.significant:
+        return place, wider
+    event, amplitudes = sizes(state, wider, pool, f, c)
+    return replace(place, event=event, amplitudes=amplitudes), wider
 
 
 def _of_random_cell(

@@ -10,12 +10,13 @@ from bayescal.effects import EFFECTS
 from bayescal.gap.result import Gap, Named, Place
 from bayescal.model.orientations import posed
 from bayescal.reporting.gap.amplitudes import sites
+from bayescal.reporting.gap.causes import PLAIN, sentence
 
 NO_PLACE = "at no single location"
 LOOSE = 4.0
 """Expected validation error over noise from which on a null verdict means only: too few contacts."""
-POSSIBLE, PLAIN = 0.05, 0.05
-"""Least probability of the noise-only model to list it; largest p-value of a location that is listed."""
+POSSIBLE = 0.05
+"""Least probability of the noise-only model to list it."""
 
 
 def place(where: Place) -> str:
@@ -84,7 +85,7 @@ def headline(gap: Gap) -> list[str]:
         return [f"No effect found: noise only is possible (probability {probability(null)})"]
     if verdict.kind == "unknown":
         p = probability(verdict.probability.get("unknown", float("nan")))
-        return [f"Unmodelled effect outside the vocabulary, {there} (probability {p})"]
+        return [f"Unmodelled effect outside the vocabulary, {there} (probability {p})", *_cause(at, gap)]
     if verdict.kind == "ambiguous":
         largest = next((w for w in gap.where if w.family_p_value < PLAIN), None)
         noise = [n for n in ("null",) if verdict.probability.get(n, 0.0) > POSSIBLE]
@@ -94,8 +95,14 @@ def headline(gap: Gap) -> list[str]:
     lines = [f"Effect found: {named(n, gap)}" for n in verdict.named[:1]]
     lines += [f"Also found: {named(n, gap)}" for n in verdict.named[1:]]
     if verdict.kind == "named+unexplained":
-        lines.append(f"Also: an unmodelled effect outside the vocabulary, {there}")
+        lines += [f"Also: an unmodelled effect outside the vocabulary, {there}", *_cause(at, gap)]
     return lines
+
+
+def _cause(at: Place | None, gap: Gap) -> list[str]:
+    """What a significant unmodelled location shows, as a sentence; none if it shows nothing."""
+    text = sentence(at, gap.dataset) if at else ""
+    return [text[:1].upper() + text[1:]] if text else []
 
 
 def rival(name: str) -> str:

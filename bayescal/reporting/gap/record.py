@@ -8,7 +8,7 @@ import numpy as np
 
 from bayescal.gap.result import Advice, BlindSpot, Gap, Magnitude, Margin, Place, Shrinkage, Verdict
 from bayescal.model.scene import Scene
-from bayescal.reporting.gap import amplitudes, contacts, undecided
+from bayescal.reporting.gap import amplitudes, causes, contacts, undecided
 from bayescal.reporting.gap.lengths import as_lengths, length, main
 from bayescal.reporting.gap.phrases import headline, place, warnings
 from bayescal.reporting.shared.origin import origin
@@ -68,7 +68,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "footnotes": list(verdict.footnotes),
         "missing": dict(verdict.missing),
         "notes": list(verdict.notes),
-        "where": [_place(w) for w in gap.where],
+        "where": [_place(w) | causes.records(w, gap.dataset) for w in gap.where],
         "where_marginal": {key: [_margin(m) for m in gap.margins.get(key, ())] for key in MARGINS},
         "shrinkage": dict.fromkeys(MEASURES) | {s.what: _shrinkage(s) for s in gap.shrinkage},
         "lengths": _lengths(gap),

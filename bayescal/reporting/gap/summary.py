@@ -11,9 +11,19 @@ from rich.text import Text
 
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting.gap import amplitudes
+from bayescal.reporting.gap.causes import cause
 from bayescal.reporting.gap.contacts import first_contacts
 from bayescal.reporting.gap.lengths import as_lengths, length, main, per_residual
-from bayescal.reporting.gap.phrases import headline, listed, p_value, place, probability, rival, warnings
+from bayescal.reporting.gap.phrases import (
+    headline,
+    listed,
+    p_value,
+    place,
+    probability,
+    rival,
+    unexplained,
+    warnings,
+)
 from bayescal.reporting.shared.text import facts, model_label, plain_table, short, size, um
 
 PLACES = 5
@@ -51,7 +61,7 @@ def gap_summary(gap: Gap) -> RenderableType:
         parts.append(facts(_largest(gap)))
     elif gap.where:
         parts += [_where(gap), facts(_margins(gap))]
-    parts += [facts(_which(gap)), facts(_amplitudes(gap)), ""]
+    parts += [facts(_which(gap)), facts(_amplitudes(gap)), facts(_remedy(gap)), ""]
     if gap.shrinkage and not nothing:
         parts += [_shrinkage(gap), facts(_not_claimed(gap))]
     if gap.levels:
@@ -169,6 +179,14 @@ def _amplitudes(gap: Gap) -> Facts:
     if gap.amplitudes:
         without = f" --without '{','.join(gap.still_without)}'" if gap.still_without else ""
         yield "refit", f"--model '{','.join(gap.refit)}'{without}", ""
+
+
+def _remedy(gap: Gap) -> Facts:
+    """What to inspect on the machine, of an unmodelled effect alone."""
+    at = unexplained(gap) if gap.verdict.kind == "unknown" else None
+    found = cause(at) if at else None
+    if found:
+        yield "inspect", found.remedy, ""
 
 
 def _shrinkage(gap: Gap) -> Table:

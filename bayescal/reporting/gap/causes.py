@@ -1,0 +1,158 @@
+"""Unmodelled errors whose location and dependence show what happens: a sentence, and what to inspect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bayescal.dataset import Dataset
+from bayescal.gap.result import Amplitude, Place
+from bayescal.reporting.shared.text import amplitude, unit_label, with_u
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What happens, with `{site}` and `{joint}`, and what to inspect or correct."""
+
+    words: str
+    remedy: str
+
+
+PLAIN = 0.05
+"""Largest p-value, corrected for all locations, of a location that is stated as a finding (convention)."""
+LOG = "Look at the log at this row: "
+KEPT = " Until then, keep the rows before and after it in sessions of their own."
+CAUSES = {
+    ("base", "base moment", "sign"): Cause(
+        "the base rocks with the sign of the base moment",
+        "Tighten the base bolts to the stated torque, and look for clearance below the mounting "
+        "plate: it rests on "
+        "one edge or the other, by the side on which the arm reaches out. Shim it, then repeat the "
+        "session.",
+    ),
+    ("base", "time", "to and fro"): Cause(
+        "the base sways during the session",
+        "Look for what tilts the stand in this rhythm: traffic, a machine, a door, air conditioning. "
+        "Anchor "
+        "the stand.",
+    ),
+    ("tool", "event", ""): Cause(
+        "the tool shifted",
+        f"{LOG}a stylus that was changed, mounted anew or struck. Tighten it and qualify the probe "
+        "again. The "
+        "rows from there on can be those of another tool: name it in the column `tool` and in "
+        "dataset.yaml.",
+    ),
+    ("probe", "event", ""): Cause(
+        "the pre-travel of the probe changed",
+        f"{LOG}a stylus or a trigger force that was changed. Tighten the stylus and qualify the probe "
+        f"again.{KEPT}",
+    ),
+    ("joint", "event", ""): Cause(
+        "the zero of {site} changed",
+        f"{LOG}a collision, an emergency stop, a restart. Check the brake, the belt and the encoder of"
+        " the joint, "
+        f"and set its zero again.{KEPT}",
+    ),
+    ("face", "event", ""): Cause(
+        "{site} shifted",
+        f"{LOG}an artefact that was struck or clamped anew. Fasten it.{KEPT}",
+    ),
+    ("joint", "torque", "past"): Cause(
+        "{site} creeps after a change of load",
+        "Wait after a change of load or a long motion before measuring. Check the grease and the wear"
+        " of the gear.",
+    ),
+    ("joint", "travel", ""): Cause(
+        "{site} has lost motion that depends on its earlier travel",
+        "Check the preload of the gear and the belt tension. Until then, approach accurate points "
+        "from one "
+        "direction and from the same distance.",
+    ),
+    ("joint", "angle", "beyond"): Cause(
+        "something acts on {site} beyond an angle of {joint}",
+        "Look for a cable or a hose that is taut there, and for a stop or a cover that touches.",
+    ),
+    ("joint", "angle", "one place"): Cause(
+        "{site} has a local error within its revolution",
+        "Check the gear at this angle for a damaged tooth or dirt, and the encoder disc for a mark.",
+    ),
+    ("joint", "torque", "own angle"): Cause(
+        "the stiffness of {site} depends on its angle",
+        "Check the reduction for a flexspline or a gear that is clamped out of round, and for worn teeth.",
+    ),
+    ("joint", "torque", "other angle"): Cause(
+        "the stiffness of {site} depends on the angle of another joint",
+        "Check what both joints load: a shared gear train, a counterbalance, a cable or a hose.",
+    ),
+    ("joint", "reading", ""): Cause(
+        "{site} has an error that is drawn anew at every reading",
+        "Check the encoder and its cable, the coupling of its shaft, and whether the joint has come to rest.",
+    ),
+    ("probe", "workspace", "one region"): Cause(
+        "the probe has an error in one region of the workspace",
+        "Look for a probe cable that is caught or taut there.",
+    ),
+    ("face", "face", "one spot"): Cause(
+        "{site} has an error at one spot",
+        "Clean the spot, and look for a dent or a burr.",
+    ),
+}
+"""By kind of site, kind of driver and its form."""
+
+
+def cause(where: Place) -> Cause | None:
+    """The cause that a significant unmodelled location shows, or None."""
+    if where.explained_by or not where.family_p_value < PLAIN:
+        return None
+    return CAUSES.get((where.site.kind, where.driver.kind, where.driver.form))
+
+
+def sentence(where: Place, dataset: Dataset) -> str:
+    """What happens, when, and by how much: ``the tool shifted at row 212 by (10.0(4), ...) µm``; or ""."""
+    found = cause(where)
+    if found is None:
+        return ""
+    text = found.words.format(site=where.site.text, joint=f"J{where.driver.joint}")
+    if where.event is not None:
+        row, (first, last) = where.event.row, where.event.interval95
+        text += f" at row {row + 1} ({dataset.measurements.ids[row]})"
+        text += f", rows {first + 1} to {last + 1} at 95 %," if last > first else ""
+    shown = [a for a in where.amplitudes if any(b.significant for b in where.amplitudes if b.unit == a.unit)]
+    return text + "".join(f" {part}" for part in _sizes(shown))
+
+
+def _sizes(amplitudes: list[Amplitude]) -> list[str]:
+    """Amplitudes as text: three shifts as a vector, others by name."""
+    out = []
+    for unit in dict.fromkeys(a.unit for a in amplitudes):
+        own = [a for a in amplitudes if a.unit == unit]
+        values = [with_u(amplitude(a.value, unit)[0], amplitude(a.u, unit)[0]) for a in own]
+        label = unit_label(amplitude(0.0, unit)[1])
+        if len(own) > 1:
+            axes = ", ".join(a.what.rpartition(" ")[2] for a in own)
+            out.append(f"by ({axes}) = ({', '.join(values)}) {label}")
+        else:
+            what = own[0].what
+            out.append(f"by {values[0]} {label}" if " " not in what else f"({what} {values[0]} {label})")
+    return out
+
+
+def records(where: Place, dataset: Dataset) -> dict:
+    """Entries of gap.json for an unmodelled location: what happens, the row, amplitudes, what to inspect."""
+    found = cause(where)
+    if found is None:
+        return {}
+    out: dict = {"words": sentence(where, dataset), "remedy": found.remedy}
+    if where.event is not None:
+        ids = dataset.measurements.ids
+        out["event"] = {
+            "row": where.event.row + 1,
+            "id": ids[where.event.row],
+            "interval95": [row + 1 for row in where.event.interval95],
+        }
+    out["amplitudes"] = [
+        {"what": a.what, "value": value, "u": u, "unit": unit, "significant": a.significant}
+        for a in where.amplitudes
+        for (value, unit), (u, _) in [(amplitude(a.value, a.unit), amplitude(a.u, a.unit))]
+    ]
+    return out
