@@ -10,7 +10,7 @@ from mkdocs.structure.pages import Page
 
 from analysis.site.links import linked
 from analysis.site.mathematics import Mathematics
-from analysis.site.pages import expanded, texts
+from analysis.site.pages import expanded, pictures, texts
 
 LOG = logging.getLogger("mkdocs.hooks.bayescal")
 
@@ -23,7 +23,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages, and put them into the navigation."""
-    for path, content in texts().items():
+    for path, content in (texts() | pictures()).items():
         files.append(File.generated(config, path, content=content))
     config.nav = expanded(config.nav, [file.src_uri for file in files.documentation_pages()])
     return files

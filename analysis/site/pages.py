@@ -6,10 +6,8 @@ from collections.abc import Iterable, Mapping
 from fnmatch import fnmatch
 from typing import Any
 
-from analysis.site import commands
+from analysis.site import api, commands, effects, frames
 from analysis.site.links import ROOT, TOP
-
-Content = str | bytes
 
 
 def texts() -> dict[str, str]:
@@ -17,8 +15,13 @@ def texts() -> dict[str, str]:
     out = {
         page: (ROOT / path).read_text(encoding="utf-8") for path, page in TOP.items() if path != "README.md"
     }
-    out["reference/commands.md"] = commands.page()
-    return out
+    out |= {"reference/commands.md": commands.page(), "reference/python.md": api.page()}
+    return out | effects.texts()
+
+
+def pictures() -> dict[str, bytes]:
+    """Generated pictures, by path."""
+    return {"pictures/frames.png": frames.picture()} | effects.pictures()
 
 
 def entries(nav: Any) -> list[str]:

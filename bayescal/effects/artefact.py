@@ -1,4 +1,6 @@
-"""Artefact: a certified value of parallelism, squareness or distance is in error.
+r"""Artefact: a certified value of parallelism, squareness or distance is in error.
+
+Formula: $`v_\mathrm{true} = v_\mathrm{certified} + x`$; v is an angle or a length of a certificate.
 
 One parameter for each certified value, true minus certified. Prior: ten times the stated uncertainty for an
 angle (assumed: a wrong certificate, or the certificate of another artefact, is in error by many times its

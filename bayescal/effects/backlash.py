@@ -1,4 +1,7 @@
-"""Backlash: lost motion in a gear. The link lags its motor by the half-width in either direction of motion.
+r"""Backlash: lost motion in a gear. The link lags its motor by the half-width in either direction of motion.
+
+Formula: $`\rho_{z,k} = b_k \, \frac{\omega_k}{\sqrt{\omega_k^2 + \omega_0^2}}`$;
+b is the half-width, ω the speed, ω0 = 0.03 deg/s.
 
 Driver: the sign of the velocity at the gear (`joints.side_of`). For coupled axes this is the velocity between
 the two links, unless the robot file states that a linkage couples them. The other side is a separate form,

@@ -1,4 +1,6 @@
-"""Ball radius: a stylus ball larger or smaller than stated, or a pre-travel equal in all directions.
+r"""Ball radius: a stylus ball larger or smaller than stated, or a pre-travel equal in all directions.
+
+Formula: $`\delta_n = -x`$; the displacement of the ball along the direction of contact.
 
 Driver: minus one at every contact with a surface, because a larger ball touches further out. Prior: 10 µm,
 from a pre-travel of 5 to 20 µm. The two causes are not distinguishable by construction. Neither is

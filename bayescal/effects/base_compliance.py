@@ -1,4 +1,7 @@
-"""Base compliance: the base deflects under the gravity moment of the whole arm.
+r"""Base compliance: the base deflects under the gravity moment of the whole arm.
+
+Formula: $`\rho_a = c_a M_a, \quad \delta_{a'} = s_a M_a, \quad a \in \{x, y\}`$;
+M is the gravity moment on the base; a' is the direction across a.
 
 Driver: the gravity moment about the base's origin, in F0, about its two horizontal axes, each with its own
 compliance because a stand may be stiffer in one direction. Weight has no moment about the vertical. This

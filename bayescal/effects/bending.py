@@ -1,4 +1,6 @@
-"""Bending: transverse compliance of the joint bearings, and bending of the links.
+r"""Bending: transverse compliance of the joint bearings, and bending of the links.
+
+Formula: $`\rho_{a,k} = c_{a,k} M_{a,k}, \quad a \perp z_k`$; M is the gravity moment at the hinge.
 
 The bearing of each link tilts at its joint under the gravity moment transverse to the axis (components x
 and y in the joint's frame, each about its own axis). The link bends as if it had two spring hinges at its

@@ -1,4 +1,6 @@
-"""Compliance: each joint turns by its gravity torque over its stiffness.
+r"""Compliance: each joint turns by its gravity torque over its stiffness.
+
+Formula: $`\rho_{z,k} = c_k \tau_k`$; τ is the gravity torque, N m.
 
 Prior: the mean is the compliance of small arms (an ABB IRB 120 measured with a laser tracker): shoulder
 3e-5, elbow 2e-4, wrist 2e-3 rad/(N m). The standard deviation is 1.5 times the mean, so that a factor

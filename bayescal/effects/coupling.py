@@ -1,4 +1,6 @@
-"""Coupling: motion of a joint turns its neighbours slightly, through a shared gear train.
+r"""Coupling: motion of a joint turns its neighbours slightly, through a shared gear train.
+
+Formula: $`\rho_{z,k} = x_{kj} \, q_j, \quad j \in \{k-2, k-1, k+1\}`$.
 
 Driver: the reading of one of the two preceding joints, or of the following joint, rad. It acts as an error
 of the joint's own encoder (`joints.turned`). Prior: 1e-4, as for an encoder scale (assumed: laser tracker

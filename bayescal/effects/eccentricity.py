@@ -1,4 +1,6 @@
-"""Eccentricity: a joint has an error once per revolution, from an off-centre gear or encoder scale.
+r"""Eccentricity: a joint has an error once per revolution, from an off-centre gear or encoder scale.
+
+Formula: $`\rho_{z,k} = a_k \sin q_k + b_k \cos q_k`$.
 
 Driver: sine and cosine of the link-relative angle. Prior: 0.1 mrad each, from amplitudes of 0.05 to
 0.25 mrad (an ABB IRB 120 measured with a laser tracker; gravity masks those of the shoulder and the elbow).

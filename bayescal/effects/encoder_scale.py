@@ -1,4 +1,6 @@
-"""Encoder scale: a joint turns by slightly more or less than its reading.
+r"""Encoder scale: a joint turns by slightly more or less than its reading.
+
+Formula: $`\rho_{z,k} = s_k q_k`$.
 
 Driver: the angle that the encoder measures (`joints.side_of`), rad. For coupled axes this is the angle
 between the two links, unless the robot file states that a linkage couples them. The other side is a separate

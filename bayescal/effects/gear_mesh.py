@@ -1,4 +1,6 @@
-"""Gear mesh: ripple of the reducer, once and twice per revolution of the motor.
+r"""Gear mesh: ripple of the reducer, once and twice per revolution of the motor.
+
+Formula: $`\rho_{z,k} = \sum_{m=1}^{2} a_{m,k} \sin(m N_k q_k) + b_{m,k} \cos(m N_k q_k)`$.
 
 Driver: sine and cosine of N and 2 N times the link-relative angle. N is the number of motor revolutions per
 joint revolution; a strain-wave gear meshes twice per motor revolution. Prior: 0.05 mrad each, from amplitudes

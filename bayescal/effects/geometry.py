@@ -1,4 +1,7 @@
-"""Geometry: every length, twist and joint zero of the (modified or standard) DH rows.
+r"""Geometry: every length, twist and joint zero of the (modified or standard) DH rows.
+
+Formula: $`E_k = R_z(\Delta\theta_k) D_z(\Delta d_k) R_x(\Delta\alpha_k) D_x(\Delta a_k) R_y(\Delta\beta_k)`$;
+the displacement of frame k; β where neighbouring axes are parallel.
 
 Prior scales: standard deviations observed in 22 factory-calibrated UR arms and an ABB IRB 120 measured
 with a laser tracker: lengths 0.3 mm, twists 1 mrad, joint zeros 2 mrad.

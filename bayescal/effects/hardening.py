@@ -1,4 +1,7 @@
-"""Hardening: torque-dependent stiffness of a joint. A positive value is softening.
+r"""Hardening: torque-dependent stiffness of a joint. A positive value is softening.
+
+Formula: $`\rho_{z,k} = h_k \, \tau_k |\tau_k|`$;
+with a knee: h tanh(τ / (s T)), T the usual torque and s the share.
 
 Driver: gravity torque times its magnitude, in addition to `compliance`. Prior: an elbow of 2e-4 rad/(N m) was
 30 % softer near zero torque than at 8 N m, where its wind-up is 1.6 mrad (an ABB IRB 120 measured with a

@@ -1,4 +1,7 @@
-"""Hysteresis: gravity torque presses the gear of a joint against one or the other tooth flank.
+r"""Hysteresis: gravity torque presses the gear of a joint against one or the other tooth flank.
+
+Formula: $`\rho_{z,k} = w_k \tanh \frac{\tau_k}{s \, T_k}`$;
+w is the half-width, T the usual torque, s the share.
 
 Driver: a smooth sign, tanh of the gravity torque divided by a small share of the joint's usual torque (the
 90th percentile over the contacts): at small torques the gear is between the flanks. The share is scanned:

@@ -1,4 +1,6 @@
-"""Latency: the joints are read a time t after the contact, while the arm moves further.
+r"""Latency: the joints are read a time t after the contact, while the arm moves further.
+
+Formula: $`\delta_n = t \, v_n`$; v is the speed of the ball towards the surface.
 
 Driver: the speed of the ball towards the surface, m/s. Prior: 2 ms, from trigger delays of 1 to 2 ms. A
 negative value is a delay that the controller overcompensates. If all contacts have the same speed, latency

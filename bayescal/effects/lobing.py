@@ -1,4 +1,7 @@
-"""Lobing: the pre-travel of a touch-trigger probe on three supports varies with the direction of contact.
+r"""Lobing: the pre-travel of a touch-trigger probe on three supports varies with the direction of contact.
+
+Formula: $`\delta_n = \sin\beta \, (a \sin 3\varphi + b \cos 3\varphi)`$;
+φ is the azimuth of the contact about the stylus, β its angle to the stylus.
 
 Driver: sine and cosine of three times the azimuth of the contact's direction about the stylus, times the
 component of that direction transverse to the stylus: a contact along the stylus has no azimuth. The stylus

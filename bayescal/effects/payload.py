@@ -1,4 +1,7 @@
-"""Payload: the mass on the flange differs from the stated mass, and deflects every compliant site.
+r"""Payload: the mass on the flange differs from the stated mass, and deflects every compliant site.
+
+Formula: $`\rho_k = c_k \, m \, \frac{\partial M_k}{\partial m}`$;
+at every compliant site k, with its compliance c.
 
 Driver: the gravity moments of one kilogram at the tool's centre of mass times the compliances of all sites
 (`deflection`). The value in kilograms is only as accurate as these compliances. Prior: 0.3 kg (assumed: the

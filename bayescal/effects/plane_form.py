@@ -1,4 +1,7 @@
-"""Plane form: form error of faces, as Legendre polynomials of the position on the face.
+r"""Plane form: form error of faces, as Legendre polynomials of the position on the face.
+
+Formula: $`\delta_n = -\sum_{2 \le i+j \le 4} x_{ij} \, P_i(s) \, P_j(t)`$;
+P are Legendre polynomials, s and t positions on the face from -1 to 1.
 
 Degrees 2 to 4. The RMS of each degree is half that of the degree before, because form errors are mainly of
 long wavelength. Prior scale: the certificate's u_form, else 3 µm (assumed: 2 to 3 µm are typical of granite

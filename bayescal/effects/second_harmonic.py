@@ -1,4 +1,6 @@
-"""Second harmonic: a joint has an error twice per revolution, from an oval gear or a tilted encoder scale.
+r"""Second harmonic: a joint has an error twice per revolution, from an oval gear or a tilted encoder scale.
+
+Formula: $`\rho_{z,k} = a_k \sin 2 q_k + b_k \cos 2 q_k`$.
 
 Driver: sine and cosine of twice the link-relative angle. Prior: 0.07 mrad each, from amplitudes of
 0.03 to 0.19 mrad (an ABB IRB 120 measured with a laser tracker).

@@ -1,4 +1,7 @@
-"""Step: a sudden shift of the base, of a tool or of an instrument at a row n.
+r"""Step: a sudden shift of the base, of a tool or of an instrument at a row n.
+
+Formula: $`\delta_a(i) = x_a \; \mathrm{if} \; i \ge n, \; \mathrm{else} \; 0`$;
+for each of the six axes a of the base, or of another site.
 
 Driver: 0 before a row and 1 from this row on, for each of the six displacements of the base. The model is not
 linear in the row. It is given, as ``step@212`` for the 212th row of the session; the default is the middle of

@@ -1,4 +1,7 @@
-"""Thermal drift: the lengths of the arm grow as it warms up, and its joint zeros drift.
+r"""Thermal drift: the lengths of the arm grow as it warms up, and its joint zeros drift.
+
+Formula: $`a_k \to a_k (1 + g f), \; d_k \to d_k (1 + g f), \; \rho_{z,k} = x_k f, \; \delta_0 = b f`$;
+f goes from -1 to 1 with temperature or time.
 
 Driver: the temperature, or the time if none is recorded (an artefact's temperature does not count), or the
 order of the rows if neither is, scaled to -1 to 1 over the session. One parameter scales all lengths of the

@@ -1,4 +1,6 @@
-"""Unsettled: a joint is read before it stands still, and moves on in its direction of motion.
+r"""Unsettled: a joint is read before it stands still, and moves on in its direction of motion.
+
+Formula: $`\rho_{z,k} = x_k \, (q_{\mathrm{command},k} - q_k)`$; or x times the speed.
 
 Driver: the remaining motion at the gear (`joints.side_of`), which is the commanded angle minus the reading
 (`jN_command_deg`); the value is the share of it that follows after the reading. If there are no commanded
