@@ -32,12 +32,12 @@ def of_fit(fit: Fit) -> tuple[str, ...]:
 
 def of_gap(gap: Gap) -> tuple[str, ...]:
     """Reasons against the refit of a diagnosis."""
-    assert gap.arm is not None
+    assert gap.arm is not None and gap.covariance is not None
     levels = gap.levels[-len(gap.verdict.named) :] if gap.verdict.named else ()
     gains = [
         (n.model, step.delta_elpd) for n, step in zip(gap.verdict.named, levels, strict=False) if n.confirmed
     ]
-    return (*of_estimate(gap.arm), *not_gained(gains))
+    return (*of_estimate(gap.arm, gap.covariance), *not_gained(gains))
 
 
 def not_gained(gains: Sequence[tuple[str, float]]) -> tuple[str, ...]:
@@ -49,11 +49,11 @@ def not_gained(gains: Sequence[tuple[str, float]]) -> tuple[str, ...]:
     )
 
 
-def of_estimate(found: Estimate, covariance: np.ndarray | None = None) -> tuple[str, ...]:
-    """Reasons against an estimate: a size that is not known, priors that decide."""
+def of_estimate(found: Estimate, covariance: np.ndarray) -> tuple[str, ...]:
+    """Reasons against an estimate with its stated covariance: a size that is not known, priors that decide."""
     if not found.model.knows_length:
         return ("no certified length was fitted: the size of the arm rests on its tolerances",)
-    share = _left_of_prior(found, found.covariance if covariance is None else covariance)
+    share = _left_of_prior(found, covariance)
     if share > REDUCED:
         what = "the fit is not identified: distances between tool points keep"
         return (f"{what} {100 * share:.0f} % of the uncertainty of the priors",)

@@ -1,6 +1,7 @@
 """What is not exported without --force, and why."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -49,11 +50,22 @@ def test_a_negative_compliance():
 def test_priors_that_decide(result):
     """The same fit with the covariance of the prior."""
     found = result.data.final.estimate
-    assert gate.of_estimate(found) == ()
-    (reason,) = gate.of_estimate(replace(found, covariance=np.eye(found.model.size)))
+    assert gate.of_estimate(found, found.covariance) == ()
+    prior = np.eye(found.model.size)
+    (reason,) = gate.of_estimate(found, prior)
     assert reason.startswith("the fit is not identified: distances between tool points keep 100 %")
     bare = replace(found.model, constraints=())
-    assert gate.of_estimate(replace(found, model=bare))[0].startswith("no certified length was fitted")
+    assert gate.of_estimate(replace(found, model=bare), prior)[0].startswith("no certified length was fitted")
+
+
+def test_a_diagnosis_is_judged_by_its_stated_covariance(result):
+    """As a fit is: not by the narrower one of the solver."""
+    found = result.data.final.estimate
+    verdict = SimpleNamespace(named=())
+    gap = SimpleNamespace(arm=found, covariance=np.eye(found.model.size), verdict=verdict, levels=())
+    assert len(gate.of_gap(gap)) == 1
+    gap.covariance = found.covariance
+    assert gate.of_gap(gap) == ()
 
 
 def test_names_without_gain():
