@@ -17,12 +17,13 @@ for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from analysis.knock_out_page import update
+from analysis.records import Record, completed, stored
 from bayescal.arm import chain as reference
 from bayescal.assess.agreement import difference_covariance, known_directions
 from bayescal.dataset import Dataset, read_dataset
@@ -35,6 +36,7 @@ from bayescal.model.scene import Scene
 from bayescal.predict.intervals import inside95
 from bayescal.predict.validation import validate
 
+RUNS = Path(__file__).parents[1] / "runs" / "real-halves"
 MARKS = ("<!-- halves: begin -->", "<!-- halves: end -->")
 RANDOM, DRAWS = 4, 800
 KINDS = ("random", "time", "workspace")
@@ -149,33 +151,53 @@ def figures(dataset: Dataset) -> list[Figures]:
     return out
 
 
-def row(name: str, found: Sequence[Figures], kind: str) -> str:
-    """A line of the table."""
-    own = [f for f in found if f.kind == kind]
-    plain, wide = (np.array([f.chi2[k] for f in own]) for k in (0, 1))
-    inside = [100 * np.mean([f.inside[k] for f in own]) for k in (0, 1)]
-    return (
-        f"| {name} | {kind} | {np.mean(plain):.2f} | {np.mean(wide):.2f} ({np.min(wide):.2f} to "
-        f"{np.max(wide):.2f}) | {inside[0]:.0f} % | {inside[1]:.0f} % |"
-    )
+def made(folder: Path) -> Record:
+    """The record of a session."""
+    return {"session": folder.name, "splits": [asdict(f) for f in figures(read_dataset(folder))]}
 
 
-def main() -> None:
-    """Write the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--real", type=Path, required=True)
-    parser.add_argument("--out", type=Path, required=True)
-    args = parser.parse_args()
+def found_in(real: Path, runs: Path = RUNS, workers: int = 1, sessions: Sequence[str] = ()) -> list[Record]:
+    """Records of the sessions of a folder (default: all); those of `runs` are kept."""
+    folders = {p.parent.name: p.parent for p in sorted(real.glob("*/dataset.yaml"))}
+    folders = {name: folder for name, folder in folders.items() if not sessions or name in sessions}
+    path = runs / "records.json"
+    return completed(stored(path), path, folders, made, workers, "sessions")
+
+
+def table(records: Sequence[Record]) -> str:
+    """The page's table, as Markdown."""
     lines = [
         "| session | halves | chi2 / dof, plain | stated (least to largest) | within 95 %, plain | stated |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
-    for folder in sorted(p for p in args.real.iterdir() if p.is_dir()):
-        found = figures(read_dataset(folder))
-        lines += [row(folder.name, found, kind) for kind in KINDS]
-        print("\n".join(lines[-len(KINDS) :]), flush=True)
-    update(args.out, "\n".join(lines), MARKS)
+    return "\n".join([*lines, *(row(r, kind) for r in records for kind in KINDS)])
 
 
-if __name__ == "__main__":
+def row(r: Record, kind: str) -> str:
+    """A line of the table."""
+    own = [f for f in r["splits"] if f["kind"] == kind]
+    plain, wide = (np.array([f["chi2"][k] for f in own]) for k in (0, 1))
+    inside = [100 * np.mean([f["inside"][k] for f in own]) for k in (0, 1)]
+    return (
+        f"| {r['session']} | {kind} | {np.mean(plain):.2f} | {np.mean(wide):.2f} ({np.min(wide):.2f} to "
+        f"{np.max(wide):.2f}) | {inside[0]:.0f} % | {inside[1]:.0f} % |"
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Make the records that are missing, and write the table of all."""
+    parser = argparse.ArgumentParser(prog="python -m analysis.real_halves", description=__doc__)
+    parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
+    parser.add_argument("--sessions", nargs="*", default=(), help="names of sessions; default: all")
+    parser.add_argument("--workers", type=int, default=1, help="processes")
+    parser.add_argument("--out", type=Path, help="page whose table to bring up to date")
+    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
+    given = parser.parse_args(arguments)
+    text = table(found_in(given.real, given.runs, given.workers, given.sessions))
+    print(text)
+    if given.out is not None:
+        update(given.out, text, MARKS)
+
+
+if __name__ == "__main__":  # worker processes import this module too
     main()

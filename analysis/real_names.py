@@ -1,10 +1,10 @@
 """Names found in one half of a real session: found in the other half too, and do they improve it.
 
-Each session is split by pose at random. One half is diagnosed alone (`gap` without validation rows). Every
-name that it gives with a probability above `SURE` is looked for among the names of the other half, and the
-model with these names, fitted to the first half, predicts the other.
+Each session is split by pose at random. One half is diagnosed alone (`gap` without validation rows). The
+model that it names, fitted to this half, predicts the other half; so does that model without each of its
+names in turn.
 
-``python -m analysis.real_names --real ../shared/data/real --out runs/real_names.md``
+``python -m analysis.real_names --real ../shared/data/real --out docs/real_names.md``
 """
 
 from __future__ import annotations
@@ -15,42 +15,61 @@ for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 import argparse
+import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from analysis.knock_out import usual
+from analysis.knock_out_page import update
 from analysis.real_halves import splits
-from analysis.real_sessions import BOUND_TO_ITS_SESSION
+from analysis.records import Record, completed, stored
 from bayescal.dataset import Dataset, read_dataset
-from bayescal.effects import MODELS
-from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, calibrated
 from bayescal.gap.explain import explain
-from bayescal.gap.search.refit import model_name
+from bayescal.gap.search.refit import refit
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
+from bayescal.predict.errors import ValidationErrors, kept
 
+RUNS = Path(__file__).parents[1] / "runs" / "real-names"
+MARKS = ("<!-- names: begin -->", "<!-- names: end -->")
 SURE = 0.95
+"""Probability above which a name is expected to hold in the other half."""
 
 
-@dataclass(frozen=True)
-class Found:
-    """A diagnosis of one half, and its RMS error, m, of the other half before and after the refit."""
+class Task(NamedTuple):
+    """One random half of a session."""
 
-    kind: str
-    names: tuple[str, ...]  # with a probability above SURE, as `--model` takes them
-    every: frozenset[str]  # named effects at any probability, without settings
-    before: float
-    after: float
+    folder: Path
+    split: int  # from 0
+    half: int  # 0 or 1
 
     @property
-    def effects(self) -> frozenset[str]:
-        """Effects of `names`, without settings."""
-        return frozenset(map(plain, self.names))
+    def key(self) -> str:
+        """Of its record."""
+        return f"{self.folder.name} | {self.split} | {self.half}"
+
+
+def made(task: Task) -> Record:
+    """The record of a half."""
+    start = time.process_time()
+    dataset = read_dataset(task.folder)
+    random = (s for s in splits(dataset) if s.kind == "random")
+    halves = next(islice(random, task.split, None)).halves
+    own, other = halves[task.half], halves[1 - task.half]
+    try:
+        found = diagnosed(dataset, own, other)
+    except BayescalError as refused:
+        found = {"verdict": f"refused: {refused.what}", "names": []}
+    seconds = round(time.process_time() - start, 1)
+    return (
+        {"session": task.folder.name, "split": task.split, "half": task.half} | found | {"seconds": seconds}
+    )
 
 
 def with_roles(dataset: Dataset, own: np.ndarray, other: np.ndarray, as_role: str) -> Scene:
@@ -61,65 +80,109 @@ def with_roles(dataset: Dataset, own: np.ndarray, other: np.ndarray, as_role: st
     return Scene(replace(dataset, measurements=replace(m, role=role.astype(str))))
 
 
-def diagnosed(dataset: Dataset, own: np.ndarray, other: np.ndarray) -> Found:
-    """Diagnose one half alone; fit it with what was named, and predict the other."""
+def diagnosed(dataset: Dataset, own: np.ndarray, other: np.ndarray) -> Record:
+    """Diagnose one half alone; its refit, and the refit without each name, predict the other half."""
     alone, both = with_roles(dataset, own, other, "skip"), with_roles(dataset, own, other, "validate")
-    circumstances = alone.circumstances(alone.rows("calibrate"))
-    effects = tuple(e for e in ("geometry", "compliance") if not MODELS[e].missing(circumstances))
-    found = explain(alone, effects)
-    probability = found.verdict.probability
-    members = found.last.decision.members
-    known = found.last.candidates
-    sure = tuple(model_name(m, known) for m in members if probability[m.effect] > SURE)
-    usable = tuple(n for n in sure if plain(n) not in BOUND_TO_ITS_SESSION)
-    before = error(calibrated(both, effects))
-    after = error(calibrated(both, (*effects, *usable))) if usable else before
-    every = frozenset(m.effect for m in members)
-    return Found(found.verdict.kind, sure, every, before, after)
-
-
-def error(fitted: Estimate) -> float:
-    """Root mean square residual of the validation rows, m, without gross ones."""
-    held = validation_errors(fitted)
-    return float(np.sqrt(np.mean(held.residual[~held.gross] ** 2)))
-
-
-def lines(folder: Path, count: int) -> Iterator[str]:
-    """Lines of the table for a session."""
-    dataset = read_dataset(folder)
-    random = (s for s in splits(dataset) if s.kind == "random")
-    for k, split in enumerate(islice(random, count), start=1):
-        one, other = split.halves
-        try:
-            halves = diagnosed(dataset, one, other), diagnosed(dataset, other, one)
-        except BayescalError as refused:
-            yield f"| {folder.name} | {k} | refused: {refused.what} | | | |"
-            continue
-        for own, rest in (halves, halves[::-1]):
-            names = ", ".join(own.names) or "-"
-            again = f"{len(own.effects & rest.every)} of {len(own.effects)}" if own.names else "-"
-            gain = f"{1e6 * own.before:.0f} | {1e6 * own.after:.0f}"
-            yield f"| {folder.name} | {k} | {own.kind}: {names} | {again} | {gain} |"
-
-
-def main(argv: Sequence[str] | None = None) -> None:
-    """Write the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--real", type=Path, required=True)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--splits", type=int, default=2)
-    args = parser.parse_args(argv)
-    table = [
-        "| session | split | verdict and names | found in the other half | other half, before (µm) | after |",
-        "| --- | --- | --- | --- | --- | --- |",
+    found = explain(alone, usual(alone.dataset))
+    last, verdict = found.last, found.verdict
+    members = last.decision.members
+    sets = [(), members, *(tuple(m for m in members if m is not one) for one in members)]
+    bare = replace(last.fitted, model=replace(last.fitted.model, scene=both))
+    errors = [validation_errors(refit(bare, last.candidates, own_set)) for own_set in sets]
+    fair = kept(*errors)
+    before, after, *without = [1e6 * rms(h, fair) for h in errors]
+    names = [
+        {"name": n.model, "effect": n.effect, "probability": n.probability, "without_um": size}
+        for n, size in zip(verdict.named[-len(members) :] if members else (), without, strict=True)
     ]
-    for folder in sorted(p for p in args.real.iterdir() if p.is_dir()):
-        for line in lines(folder, args.splits):
-            print(line, flush=True)
-            table.append(line)
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    args.out.write_text("\n".join(table) + "\n", encoding="utf-8", newline="\n")
+    return {"verdict": verdict.kind, "before_um": before, "after_um": after, "names": names}
 
 
-if __name__ == "__main__":
+def rms(held: ValidationErrors, fair: np.ndarray) -> float:
+    """Root mean square residual, m, of the residuals (R,) that are used."""
+    return float(np.sqrt(np.mean(held.residual[fair] ** 2)))
+
+
+def table(records: Sequence[Record]) -> str:
+    """The page's tables: every half with its names, and their counts."""
+    return "\n".join([*counts(records), "", *halves(records)])
+
+
+def counts(records: Sequence[Record]) -> Iterator[str]:
+    """How many names improve the other half, and are found there."""
+    yield "| names | number | the other half improves | found in the other half |"
+    yield "| --- | --- | --- | --- |"
+    for what, above in (("probability above 0.95", True), ("all others", False)):
+        own = sure(records, above)
+        better = sum(improves(r, n) for r, n in own)
+        again = sum(found_again(r, n, records) for r, n in own)
+        yield f"| {what} | {len(own)} | {share(better, len(own))} | {share(again, len(own))} |"
+
+
+def halves(records: Sequence[Record]) -> Iterator[str]:
+    """One line of every half, and one of each of its names."""
+    yield "| session, split | verdict, names | P | other half without (µm) | with | found there |"
+    yield "| --- | --- | --- | --- | --- | --- |"
+    for r in records:
+        label = f"{r['session']} {r['split'] + 1}{'ab'[r['half']]}"
+        if not r["names"]:
+            yield f"| {label} | {r['verdict']} | | | | |"
+            continue
+        whole = f"| {r['before_um']:.1f} | {r['after_um']:.1f} | |"
+        yield f"| {label} | {r['verdict']}, all names | {whole}"
+        for n in r["names"]:
+            found = "yes" if found_again(r, n, records) else "no"
+            sizes = f"{n['without_um']:.1f} | {r['after_um']:.1f}"
+            yield f"| | {n['name']} | {n['probability']:.2f} | {sizes} | {found} |"
+
+
+def improves(r: Record, name: Record) -> bool:
+    """Whether the other half's RMS error is smaller with a name than without it."""
+    return bool(r["after_um"] < name["without_um"])
+
+
+def sure(records: Sequence[Record], above: bool = True) -> list[tuple[Record, Record]]:
+    """Halves and their names with a probability above `SURE`, or those not above it."""
+    return [(r, n) for r in records for n in r["names"] if (n["probability"] > SURE) is above]
+
+
+def found_again(r: Record, name: Record, records: Sequence[Record]) -> bool:
+    """Whether the other half of the split has a name of the same effect, with any setting."""
+    others = (q for q in records if (q["session"], q["split"]) == (r["session"], r["split"]) and q is not r)
+    return any(n["effect"] == name["effect"] for q in others for n in q["names"])
+
+
+def share(count: int, of: int) -> str:
+    """A count with its share."""
+    return f"{count} ({count / of:.2f})" if of else "-"
+
+
+def found_in(
+    real: Path, count: int, runs: Path = RUNS, workers: int = 1, sessions: Sequence[str] = ()
+) -> list[Record]:
+    """Records of all halves of `count` random splits of every session; those of `runs` are kept."""
+    folders = sorted(p.parent for p in real.glob("*/dataset.yaml"))
+    folders = [f for f in folders if not sessions or f.name in sessions]
+    tasks = [Task(f, split, half) for f in folders for split in range(count) for half in (0, 1)]
+    path = runs / "records.json"
+    return completed(stored(path), path, {t.key: t for t in tasks}, made, workers, "halves")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Diagnose the halves that are missing, and write the page of all."""
+    parser = argparse.ArgumentParser(prog="python -m analysis.real_names", description=__doc__)
+    parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
+    parser.add_argument("--splits", type=int, default=1, help="random splits of each session, at most 4")
+    parser.add_argument("--sessions", nargs="*", default=(), help="names of sessions; default: all")
+    parser.add_argument("--workers", type=int, default=1, help="processes")
+    parser.add_argument("--out", type=Path, help="page to write, or whose tables to bring up to date")
+    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
+    given = parser.parse_args(arguments)
+    text = table(found_in(given.real, given.splits, given.runs, given.workers, given.sessions))
+    print(text)
+    if given.out is not None:
+        update(given.out, text, MARKS)
+
+
+if __name__ == "__main__":  # worker processes import this module too
     main()

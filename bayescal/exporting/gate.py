@@ -32,7 +32,8 @@ def of_fit(fit: Fit) -> tuple[str, ...]:
 
 def of_gap(gap: Gap) -> tuple[str, ...]:
     """Reasons against the refit of a diagnosis."""
-    assert gap.arm is not None and gap.covariance is not None
+    assert gap.arm is not None
+    assert gap.covariance is not None
     levels = gap.levels[-len(gap.verdict.named) :] if gap.verdict.named else ()
     gains = [
         (n.model, step.delta_elpd) for n, step in zip(gap.verdict.named, levels, strict=False) if n.confirmed
@@ -50,7 +51,7 @@ def not_gained(gains: Sequence[tuple[str, float]]) -> tuple[str, ...]:
 
 
 def of_estimate(found: Estimate, covariance: np.ndarray) -> tuple[str, ...]:
-    """Reasons against an estimate with its stated covariance: a size that is not known, priors that decide."""
+    """Reasons against an estimate, by its stated covariance: its size is not known, or priors decide."""
     if not found.model.knows_length:
         return ("no certified length was fitted: the size of the arm rests on its tolerances",)
     share = _left_of_prior(found, covariance)

@@ -1,0 +1,132 @@
+"""Card of the sessions of real arms: halves, transfer, and names found in halves, beside what is wanted.
+
+``python -m analysis.real_card --real ../shared/data/real --out docs/real_card.md``
+
+The records of `analysis.real_halves` and `analysis.real_names` are used, and made where they are missing.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from analysis import real_halves, real_names
+from analysis.knock_out_page import update
+from analysis.records import Record
+
+RUNS = Path(__file__).parents[1] / "runs"
+MARKS = ("<!-- card: begin -->", "<!-- card: end -->")
+NONE = "-"
+
+
+class Figure(NamedTuple):
+    """A line of the card: its value for some sessions' records, and whether it is as wanted."""
+
+    what: str
+    wanted: str
+    of: Callable[[Sequence[Record], Sequence[Record]], np.ndarray]  # of splits and of halves; values
+    reached: Callable[[np.ndarray], bool]
+    show: Callable[[np.ndarray], str]
+
+
+def _chi2(*kinds: str) -> Callable[[Sequence[Record], Sequence[Record]], np.ndarray]:
+    """Chi-squared per degree of freedom of the parameters, stated covariance, of each split of some kinds."""
+    return lambda splits, halves: np.array([s["chi2"][1] for s in splits if s["kind"] in kinds])
+
+
+def _inside(splits: Sequence[Record], halves: Sequence[Record]) -> np.ndarray:
+    """Share of the other half's residuals within their 95 % intervals, of each split of the workspace."""
+    return np.array([s["inside"][1] for s in splits if s["kind"] == "workspace"])
+
+
+def _better(splits: Sequence[Record], halves: Sequence[Record]) -> np.ndarray:
+    """Whether each name above `SURE` improves the other half."""
+    return np.array([real_names.improves(r, n) for r, n in real_names.sure(halves)], float)
+
+
+def _again(splits: Sequence[Record], halves: Sequence[Record]) -> np.ndarray:
+    """Whether each name above `SURE` is found in the other half too."""
+    return np.array([real_names.found_again(r, n, halves) for r, n in real_names.sure(halves)], float)
+
+
+def _mean(values: np.ndarray) -> str:
+    return f"{np.mean(values):.2f} ({np.min(values):.2f} to {np.max(values):.2f})"
+
+
+def _percent(values: np.ndarray) -> str:
+    return f"{100 * np.mean(values):.0f} %"
+
+
+def _share(values: np.ndarray) -> str:
+    return f"{np.sum(values):.0f} of {len(values)}"
+
+
+FIGURES = (
+    Figure("random halves: chi2 / dof of parameters", "mean 0.7 to 1.4", _chi2("random"),
+           lambda v: 0.7 <= np.mean(v) <= 1.4, _mean),
+    Figure("halves in time and workspace: chi2 / dof", "mean at most 1.5, largest 2.2",
+           _chi2("time", "workspace"), lambda v: np.mean(v) <= 1.5 and np.max(v) <= 2.2, _mean),
+    Figure("other half of the workspace within 95 % intervals", "at least 90 %", _inside,
+           lambda v: np.mean(v) >= 0.9, _percent),
+    Figure("names with P > 0.95 that improve the other half", "at least 0.9", _better,
+           lambda v: np.mean(v) >= 0.9, _share),
+    Figure("names with P > 0.95 found in both halves", "", _again, lambda v: True, _share),
+)  # fmt: skip
+
+
+def card(sessions: Sequence[Record], halves: Sequence[Record]) -> str:
+    """The card as a table, a column a session; a figure that is not as wanted is bold.
+
+    Parameters
+    ----------
+    sessions : sequence of Record
+        Of `real_halves`.
+    halves : sequence of Record
+        Of `real_names`.
+    """
+    names = [s["session"] for s in sessions]
+    lines = [["figure", "wanted", *names, "all"], ["---"] * (len(names) + 3)]
+    parts = [(s["splits"], [h for h in halves if h["session"] == s["session"]]) for s in sessions]
+    parts.append(([split for s in sessions for split in s["splits"]], list(halves)))
+    for f in FIGURES:
+        values = [f.of(*part) for part in parts]
+        lines.append([f.what, f.wanted or NONE, *(_cell(f, v) for v in values)])
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def _cell(f: Figure, values: np.ndarray) -> str:
+    if not len(values):
+        return NONE
+    return f.show(values) if f.reached(values) else f"**{f.show(values)}**"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Make the records that are missing, and print the card."""
+    parser = argparse.ArgumentParser(prog="python -m analysis.real_card", description=__doc__)
+    parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
+    parser.add_argument("--sessions", nargs="*", default=(), help="names of sessions; default: all")
+    parser.add_argument("--splits", type=int, default=1, help="random splits for names, at most 4")
+    parser.add_argument("--workers", type=int, default=1, help="processes")
+    parser.add_argument("--out", type=Path, help="page to write, or whose table to bring up to date")
+    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
+    given = parser.parse_args(arguments)
+    runs, workers, sessions = given.runs, given.workers, given.sessions
+    splits = real_halves.found_in(given.real, runs / real_halves.RUNS.name, workers, sessions)
+    halves = real_names.found_in(given.real, given.splits, runs / real_names.RUNS.name, workers, sessions)
+    text = card(splits, halves)
+    print(text)
+    if given.out is not None:
+        update(given.out, text, MARKS)
+
+
+if __name__ == "__main__":  # worker processes import this module too
+    main()
