@@ -82,14 +82,19 @@ class Keys(BaseModel):
         return data
 
 
-def decoded(path: File) -> tuple[str, bytes]:
-    """Text and bytes of a UTF-8 file (a byte order mark is dropped), or a `BayescalError`."""
+def content_of(path: File) -> bytes:
+    """Bytes of a file, or a `BayescalError`."""
     try:
-        content = path.read_bytes()
+        return path.read_bytes()
     except FileNotFoundError:
         raise BayescalError("no such file", path.name, f"looked in {path.parent}") from None
     except OSError as error:
         raise BayescalError(f"cannot be read: {error.strerror}", path.name) from None
+
+
+def decoded(path: File) -> tuple[str, bytes]:
+    """Text and bytes of a UTF-8 file (a byte order mark is dropped), or a `BayescalError`."""
+    content = content_of(path)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -47,6 +47,9 @@ def import_(
         help="Validation rows, whole stops: every:5, last:20%, targets 'ball.*', stops 'b*' [default: column "
         "role, or none].",
     ),
+    decimal: str = typer.Option(
+        "", help="comma: numbers such as 1,234 have a decimal comma [default: found, or asked for]."
+    ),
     name: str = typer.Option("", help="Name of the session [default: name of the log]."),
     force: bool = typer.Option(
         False, "--force", help="Write the dataset even if a check fails (for example a wrong unit)."
@@ -73,12 +76,14 @@ def import_(
         readings=readings,
         name=name,
         validate=validate,
+        decimal=decimal,
         allow_xacro=allow_xacro,
     )
     draft = convert(request)
     write(draft, out, force)
     rows = len(draft.line)
     typer.echo(f"{rows} rows of {draft.dataset.robot.name} from {draft.log}")
-    for note in (*draft.notes, *([f"WRITTEN DESPITE A FAILED CHECK: {draft.wrong}"] if draft.wrong else [])):
+    failed = [f"WRITTEN DESPITE A FAILED CHECK: {draft.wrong}"] if draft.wrong else []
+    for note in (*draft.understood, *draft.notes, *failed):
         typer.echo(note)
     typer.echo(f"written to {out}")

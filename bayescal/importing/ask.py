@@ -11,7 +11,8 @@ import numpy as np
 from bayescal.dataset import Dataset, Noise, Target, Tool
 from bayescal.dataset.read import SETTINGS, no_rows, read_settings
 from bayescal.errors import BayescalError
-from bayescal.importing.log import Columns, read_log
+from bayescal.importing.columns import DECIMALS, Columns
+from bayescal.importing.log import read_log
 from bayescal.importing.onto import files_of
 from bayescal.importing.pair import PAIRS
 from bayescal.importing.rows import names, points
@@ -22,7 +23,12 @@ from bayescal.robots import load_robot
 UPRIGHT = np.array([0.0, 0.0, -9.81])
 """m/s2, in F0."""
 
-CHOICES = {"format": ("csv", "robodk"), "pair": tuple(PAIRS), "readings": ("encoder", "command")}
+CHOICES = {
+    "format": ("csv", "robodk"),
+    "pair": tuple(PAIRS),
+    "readings": ("encoder", "command"),
+    "decimal": DECIMALS,
+}
 """Options with a fixed set of values."""
 
 
@@ -44,6 +50,7 @@ class Request:
     readings: str = "encoder"
     name: str = ""
     validate: str = ""
+    decimal: str = ""
     allow_xacro: bool = False
 
     @property
@@ -56,7 +63,7 @@ class Request:
         for option, known in CHOICES.items():
             if getattr(self, option) not in known:
                 what = f"'{getattr(self, option)}' is not known"
-                raise BayescalError(what, f"--{option}", f"must be {' or '.join(known)}")
+                raise BayescalError(what, f"--{option}", f"must be {' or '.join(filter(None, known))}")
         if self.plan is not None and (self.robot or self.template is not None):
             option = "--robot" if self.robot else "--template"
             what = "the plan states robot, tools and targets already"

@@ -15,7 +15,9 @@ from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.errors import BayescalError
 from bayescal.importing import formats
 from bayescal.importing.ask import Request, base_of, furnished
-from bayescal.importing.log import Columns, columns_of, read_log
+from bayescal.importing.columns import Columns, columns_of, missing_in
+from bayescal.importing.echo import mapping_words, row_words
+from bayescal.importing.log import read_log
 from bayescal.importing.mapping import Map, own_map, read_map, setting
 from bayescal.importing.messages import accusation, found_words
 from bayescal.importing.onto import files_of, measured_before, onto
@@ -34,6 +36,7 @@ class Draft:
     wrong: str
     log: str
     line: np.ndarray  # (N,) int, of each row in the log
+    understood: tuple[str, ...] = ()  # the columns, and the first row as it was read
     before: int = 0  # rows that were measured before those of the log
 
 
@@ -57,7 +60,8 @@ def convert(request: Request) -> Draft:
     """
     request.check()
     base = base_of(request)
-    columns, centres, notes = _columns(request, base.robot.n)
+    columns, centres, notes, mapped = _columns(request, base.robot.n)
+    columns = _from_the_beginning(columns)
     joined = None
     if request.plan is not None:
         joined = onto(columns, files_of(request.plan)[0], base.targets, base.robot.n)
@@ -77,8 +81,9 @@ def convert(request: Request) -> Draft:
         joined.check()
     dataset, roles = _roles(request, dataset, "role" in columns.texts)
     notes = (*notes, *found_words(dataset, loose), roles)
+    understood = (*mapped, row_words(dataset, int(columns.line[0])))
     dataset, before, notes = _continuing(request, dataset, notes)
-    return Draft(dataset, notes, wrong, columns.name, columns.line, before)
+    return Draft(dataset, notes, wrong, columns.name, columns.line, understood, before)
 
 
 def write(draft: Draft, folder: Path, force: bool = False) -> None:
@@ -148,33 +153,46 @@ def _whence(draft: Draft, where: str) -> str:
     return f"{draft.log} as a dataset" if file in (SETTINGS, TABLE) else where
 
 
-def _columns(request: Request, n: int) -> tuple[Columns, dict[str, np.ndarray], tuple[str, ...]]:
-    """All rows by quantity, tool points that the log itself holds, and what was left out, in words."""
+def _from_the_beginning(columns: Columns) -> Columns:
+    """The columns with times since the first of them, where the log has time stamps."""
+    if not columns.clock:
+        return columns
+    time = columns.numbers["time"]
+    return replace(columns, numbers=columns.numbers | {"time": time - np.nanmin(time)}, clock="")
+
+
+Read = tuple[Columns, dict[str, np.ndarray], tuple[str, ...], tuple[str, ...]]
+"""Rows by quantity; tool points that the log itself holds; what was left out; the columns in words."""
+
+
+def _columns(request: Request, n: int) -> Read:
+    """All rows of a request."""
     centres: dict[str, np.ndarray] = {}
     notes: list[str] = []
     if request.format == "csv" and not request.map:
         log = read_log(request.log, headed=True)
-        columns = columns_of(log, own_map(log.header, n, log.name))
+        columns = columns_of(log, own_map(log.header, n, log.name), request.decimal)
     elif request.map:
-        columns = _mapped(request.log, read_map(request.map, n))
+        columns = _mapped(request.log, read_map(request.map, n), request.decimal)
     else:
         log = read_log(request.log)
         columns, centres = formats.robodk(log, n)
         if left := len(log.rows) - columns.count:
             notes.append(f"{left} row{'s' * (left > 1)} of {log.name} excluded: not measured (0, 0, 0)")
+    mapped = mapping_words(columns)
     if request.points is not None:
         said = request.points_map.strip()
         if is_unit(said):
             log = read_log(request.points)
-            points = columns_of(log, formats.points_map(log, said))
+            points = columns_of(log, formats.points_map(log, said), request.decimal)
         else:
-            points = _mapped(request.points, read_map(said, n))
+            points = _mapped(request.points, read_map(said, n), request.decimal)
+        mapped = (*mapped, *mapping_words(points))
         columns, left_out = PAIRS[request.pair](columns, points)
         notes += [f"excluded: {left_out}"] if left_out else []
-    return columns, centres, tuple(notes)
+    return columns, centres, tuple(notes), mapped
 
 
-def _mapped(path: Path, map_: Map) -> Columns:
+def _mapped(path: Path, map_: Map, decimal: str) -> Columns:
     """A file by its map; it has a header where any column is called by its name."""
-    numbered = all(column.number or column.constant for column in map_.values())
-    return columns_of(read_log(path, None if numbered else True), map_)
+    return columns_of(read_log(path, missing=missing_in(map_)), map_, decimal)

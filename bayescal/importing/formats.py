@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.importing.log import Columns, Log, columns_of
+from bayescal.importing.columns import Columns, columns_of
+from bayescal.importing.log import Log
 from bayescal.importing.mapping import Column, Map
 from bayescal.importing.units import UNITS, is_number, unit_of
 
@@ -33,7 +34,7 @@ def robodk(log: Log, n: int) -> tuple[Columns, dict[str, np.ndarray]]:
         Quantities j1 ... jn, x, y, z if measured, tool; tool points (3,) m in the flange frame.
     """
     layouts = {n + 3: (None, n), n + 6: (n, n + 3), n + 12: (n, n + 6)}
-    width = len(log.rows[0])
+    width = log.width
     if width not in layouts:
         what = f"{width} columns do not match a RoboDK table of {n} joints"
         known = ", ".join(map(str, layouts))
@@ -74,7 +75,7 @@ def points_map(log: Log, unit: str) -> Map:
     Of names with several parts (collection, group, target) the last part counts. A file is refused if it
     is not clear which columns are x, y, z.
     """
-    width = len(log.rows[0])
+    width = log.width
     texts = [i for i in range(width) if not all(is_number(row[i]) for row in log.rows)]
     start = width - 3
     if start < 0 or any(i >= start for i in texts) or (start > 1 and start - 1 not in texts):

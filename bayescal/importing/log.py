@@ -1,161 +1,164 @@
-"""A text file of rows, whatever separates its cells, and what a map makes of it."""
+"""A log as a table: its header, its rows, and what is no row."""
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Callable
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from bayescal.errors import BayescalError
-from bayescal.files import decoded, unknown
-from bayescal.importing.mapping import TEXTS, Column, Map
-from bayescal.importing.units import Unit, is_number
+from bayescal.importing.cells import Lines, cells, separator_of, text_lines
+from bayescal.importing.units import ALIASES, UNITS, Unit, is_number, is_unit, name_and_unit
 
-COMMENTS = ("//", "#", "!", "%")
-"""How a comment begins; SpatialAnalyzer writes ``//``."""
+KEY_VALUE = re.compile(r"[^\W\d][\w .]*[:=](\s|$)")
+"""A line such as ``Total points: 40``."""
+
+Missing = Callable[[Sequence[str]], int]
+"""How many of the columns that a map needs are not in a row, taken as a header."""
+
+SEARCHED = 500
+"""Rows in which a header is sought."""
 
 
 @dataclass(frozen=True)
 class Log:
-    """Cells of a file, stripped, row by row, with each row's line; `header` is empty where there is none."""
+    """Cells of a file, stripped, row by row, with each row's line.
+
+    `header` is empty where there is none. `units` are those that the header states, or a row below it.
+    `notes` says what was left out.
+    """
 
     name: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     line: tuple[int, ...]
-    decimal_comma: bool = False  # possible: the cells are not separated by commas
-
-
-@dataclass(frozen=True)
-class Columns:
-    """N rows by quantity: `numbers` (N,) in SI, nan where empty, and `texts`; with lines and units."""
-
-    name: str
-    line: np.ndarray  # (N,) int
-    numbers: dict[str, np.ndarray]
-    texts: dict[str, np.ndarray]
-    said: dict[str, Column]
+    units: tuple[Unit | None, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
-    def count(self) -> int:
-        """Number of rows."""
-        return len(self.line)
-
-    def take(self, rows: np.ndarray) -> Columns:
-        """Some of the rows, by index or mask."""
-        numbers = {k: v[rows] for k, v in self.numbers.items()}
-        texts = {k: v[rows] for k, v in self.texts.items()}
-        return Columns(self.name, self.line[rows], numbers, texts, self.said)
-
-    def unit(self, key: str) -> Unit | None:
-        """The unit that `key` was said to be in."""
-        return self.said[key].unit if key in self.said else None
+    def width(self) -> int:
+        """Number of columns."""
+        return len(self.rows[0])
 
 
-def read_log(path: Path, headed: bool | None = None) -> Log:
-    """Read the cells of a text file.
+def read_log(path: Path, headed: bool | None = None, missing: Missing | None = None) -> Log:
+    """Read a log.
 
-    The separator is a semicolon, a tab, a comma or white space: the first of them that the first row
-    has. Lines that begin as a comment, and empty ones, are left out; a line may end
-    with a separator. A semicolon or a tab leaves the comma free to be the decimal mark.
+    The separator is a semicolon, a tab, a comma or white space: the first of them that most lines have.
+    Comments and empty lines are left out, and so are lines before the header, repetitions of the
+    header, and lines at the end without numbers; `notes` counts them.
 
     Parameters
     ----------
     path : Path
-        A UTF-8 file.
+        A text file, in UTF-8, UTF-16 with a byte order mark, or Windows-1252.
     headed : bool, optional
-        Whether the first row is a header; left out, it is one if none of its cells is a number.
+        Whether there is a header; left out, the first row is one if none of its cells is a number.
+    missing : callable, optional
+        Columns that a row lacks as the header: the header is the first row that lacks none.
 
     Raises
     ------
     BayescalError
         If the file cannot be read, or its rows differ in length.
     """
-    text, _ = decoded(path)
-    kept = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith(COMMENTS)
-    ]
-    if not kept:
-        raise BayescalError("no rows", path.name, "check the file")
-    separator = next((s for s in ";\t," if s in kept[0][1]), " ")
-    rows = [(number, _cells(line, separator)) for number, line in kept]
-    first = rows[0][1]
-    first = first if first[-1] else first[:-1]
-    ends = len(first) + 1  # cells of a line that ends with a separator
-    rows = [(n, cells[:-1] if len(cells) == ends and not cells[-1] else cells) for n, cells in rows]
-    headed = not any(map(is_number, first)) if headed is None else headed
-    for number, cells in rows:
-        if len(cells) != len(first):
-            what = f"{len(cells)} cells, the first row has {len(first)}"
-            raise BayescalError(
-                what,
-                f"{path.name}:{number}",
-                "write a cell for each column; quote cells that contain a separator",
-            )
-    body = rows[1:] if headed else rows
-    if not body:
-        raise BayescalError("no rows below the header", path.name, "check the file")
-    lines, cells_of = zip(*body, strict=True)
-    return Log(path.name, tuple(first) if headed else (), cells_of, lines, separator in ";\t")
+    return table_of(path.name, text_lines(path), headed, missing)
 
 
-def _cells(line: str, separator: str) -> tuple[str, ...]:
-    if separator == " ":
-        return tuple(line.split())
-    cells = next(csv.reader(io.StringIO(line), delimiter=separator, skipinitialspace=True))
-    return tuple(map(str.strip, cells))
+def table_of(name: str, lines: Lines, headed: bool | None = None, missing: Missing | None = None) -> Log:
+    """The table in the lines of a file, as `read_log` returns it."""
+    if not lines.kept:
+        raise BayescalError("no rows", name, "check the file")
+    separator = separator_of([raw for _, raw in lines.kept])
+    rows = [(number, cells(raw, separator)) for number, raw in lines.kept]
+    header, rows, before = _headed(rows, lines, separator, headed, missing)
+    notes = list(lines.notes)
+    if before:
+        notes.append(_left(before, name, "before the header"))
+    if not rows:
+        raise BayescalError("no rows below the header", name, "check the file")
+    widest = header or _usual(rows)
+    header = _trimmed(header, len(widest)) if header else ()
+    width = len(header) or len(_trimmed(widest, 0))
+    rows = [(number, row[:-1] if len(row) == width + 1 and not row[-1] else row) for number, row in rows]
+    units = [name_and_unit(cell)[1] for cell in header]
+    if rows and header and len(rows[0][1]) == width and _are_units(rows[0][1]):
+        below = [_unit(cell) for cell in rows.pop(0)[1]]
+        units = [unit or other for unit, other in zip(units, below, strict=True)]
+    again = [row for row in rows if header and row[1] == header]
+    if again:
+        notes.append(f"{len(again)} repetitions of the header of {name} left out")
+        rows = [row for row in rows if row[1] != header and not (header and _are_units(row[1]))]
+    footer: list[tuple[int, tuple[str, ...]]] = []
+    while rows and len(rows[-1][1]) != width and _is_footer(rows[-1][1]):
+        footer.insert(0, rows.pop())
+    if footer:
+        notes.append(_left(footer, name, "behind the last row"))
+    if not rows:
+        raise BayescalError("no rows below the header", name, "check the file")
+    for number, row in rows:
+        if len(row) != width:
+            what = f"{len(row)} cells, the {'header' if header else 'first row'} has {width}"
+            remedy = "write a cell for each column; quote cells that contain a separator"
+            raise BayescalError(what, f"{name}:{number}", remedy)
+    numbers, body = zip(*rows, strict=True)
+    return Log(name, header, body, numbers, tuple(units) or (None,) * width, tuple(notes))
 
 
-def columns_of(log: Log, map_: Map) -> Columns:
-    """What the map makes of a log: numbers in SI, texts, each with the line it came from."""
-    numbers: dict[str, np.ndarray] = {}
-    texts: dict[str, np.ndarray] = {}
-    for key, column in map_.items():
-        cells = _column(log, key, column)
-        if key in TEXTS:
-            texts[key] = np.array(cells)
-        else:
-            assert column.unit is not None
-            raw = np.array([_number(log, row, key, cell) for row, cell in enumerate(cells)])
-            numbers[key] = column.unit.scale * raw + column.unit.offset
-    return Columns(log.name, np.array(log.line), numbers, texts, dict(map_))
+Rows = list[tuple[int, tuple[str, ...]]]
 
 
-def _column(log: Log, key: str, column: Column) -> list[str]:
-    if column.constant:
-        return [column.name] * len(log.rows)
-    at = column.number
-    if at is None:
-        if column.name not in log.header:
-            _, remedy = unknown("column", column.name, log.header)
-            hint = remedy if log.header else "the file has no header: use #1, #2, ... as column names"
-            raise BayescalError(f"no column `{column.name}` for `{key}`", f"{log.name}:1", hint)
-        at = log.header.index(column.name) + 1
-    if at > len(log.rows[0]):
-        what = f"`{key}` is mapped to column {at}, but the file has {len(log.rows[0])} columns"
-        raise BayescalError(what, log.name, "columns are numbered from 1")
-    return [row[at - 1] for row in log.rows]
+def _headed(
+    rows: Rows, lines: Lines, separator: str, headed: bool | None, missing: Missing | None
+) -> tuple[tuple[str, ...], Rows, Rows]:
+    """The header, or (), the rows below it, and those before it."""
+    if missing is not None:
+        lacks = [missing(_trimmed(row, 0)) for _, row in rows[:SEARCHED]]
+        if min(lacks) > 0:
+            for number, line in lines.comments:
+                row = cells(line.lstrip().lstrip("/#!%"), separator)
+                if not missing(_trimmed(row, 0)):
+                    below = [r for r in rows if r[0] > number]
+                    return row, below, [r for r in rows if r[0] < number]
+        at = lacks.index(min(lacks))
+        return rows[at][1], rows[at + 1 :], rows[:at]
+    if headed is None:
+        headed = not any(map(is_number, rows[0][1]))
+    return (rows[0][1], rows[1:], []) if headed else ((), rows, [])
 
 
-def _number(log: Log, row: int, key: str, cell: str) -> float:
-    text = cell.strip("[]")  # a list of joints, as URScript logs it
-    text = text.replace(",", ".") if log.decimal_comma and "." not in text else text
-    if not cell:
-        return np.nan
-    if not is_number(text):
-        where = f"{log.name}:{log.line[row]}"
-        raise BayescalError(f"`{key}` is not a number: '{cell}'", where, "correct the cell or remove the row")
-    return float(text)
+def _usual(rows: Rows) -> tuple[str, ...]:
+    """The first row with the most frequent number of cells; the first row if none is frequent."""
+    count = Counter(len(row) for _, row in rows)
+    usual = max(count, key=lambda width: (count[width], width == len(rows[0][1])))
+    return next(row for _, row in rows if len(row) == usual) if count[usual] > 1 else rows[0][1]
 
 
-def first(columns: Columns, bad: np.ndarray, what: Callable[[int], str], remedy: str) -> None:
-    """Refuse the first row where `bad` (N,) holds, with its line."""
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise BayescalError(what(row), f"{columns.name}:{columns.line[row]}", remedy)
+def _trimmed(row: tuple[str, ...], least: int) -> tuple[str, ...]:
+    """A row without an empty cell at its end, where its line ends with a separator."""
+    return row[:-1] if len(row) > max(least - 1, 1) and not row[-1] else row
+
+
+def _are_units(row: Iterable[str]) -> bool:
+    """Whether a row below the header states units: some cells do, and none states something else."""
+    stated = [cell for cell in row if cell not in ("", "-", "[-]", "[]")]
+    return bool(stated) and all(_unit(cell) is not None for cell in stated)
+
+
+def _unit(cell: str) -> Unit | None:
+    name = cell.strip("[]()<> ")
+    return UNITS[ALIASES.get(name, name)] if is_unit(name) else None
+
+
+def _is_footer(row: Sequence[str]) -> bool:
+    return not any(map(is_number, row)) or bool(KEY_VALUE.match(" ".join(row)))
+
+
+def _left(rows: Rows, name: str, where: str) -> str:
+    """A note on lines left out: how many, where, and how the first begins."""
+    text = " ".join(rows[0][1])
+    shown = text if len(text) < 40 else text[:37] + "..."
+    count = f"{len(rows)} line{'s' * (len(rows) > 1)}"
+    return f"{count} of {name} {where} left out: '{shown}' (line {rows[0][0]})"

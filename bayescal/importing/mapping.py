@@ -12,7 +12,8 @@ from bayescal.dataset.table import JOINT as JOINTS
 from bayescal.dataset.table import PLAIN, joint_columns
 from bayescal.errors import BayescalError
 from bayescal.files import read_document, stem_of, unknown
-from bayescal.importing.units import Unit, is_unit, listed, unit_of
+from bayescal.importing.stamps import STAMPS
+from bayescal.importing.units import ALIASES, UNITS, Unit, is_unit, listed, unit_of
 
 DIMENSIONS = {
     **dict.fromkeys(("x", "y", "z", "length", "u"), "length"),
@@ -26,11 +27,8 @@ DIMENSIONS = {
 JOINT = {"": "angle", "_velocity": "rate", "_command": "angle", "_torque": "torque"}
 """Of a joint: ``j1``, ``j1_velocity`` and so on."""
 
-OF_UNIT = {"degps": "_velocity", "nm": "_torque"}
-"""Quantities of a joint that a column of measurements.csv names by its unit alone."""
-
-SPELLED = {"c": "C"}
-"""Units whose name in measurements.csv is another."""
+OF_UNIT = {"degps": "_velocity", "radps": "_velocity", "nm": "_torque"}
+"""Quantities of a joint that a key names by its unit alone, as measurements.csv does: ``j1_degps``."""
 
 SETTINGS = ("validate",)
 """Entries of a map that are not columns."""
@@ -41,58 +39,59 @@ TEXTS = ("id", "role", "target", "tool", "stop", "repeat")
 
 @dataclass(frozen=True)
 class Column:
-    """Where a quantity stands: a column by its name or its number (``#3``), or one text for all rows."""
+    """Where a quantity stands in a log.
+
+    `name` is the name of a column, its number (``#3``), an expression on columns, or a `constant` text for
+    all rows, in which names in braces stand for the texts of columns. Without `unit` it is that of the
+    header; `stamp` is the kind of a time stamp. An `optional` entry counts if its columns are there.
+    """
 
     name: str
     unit: Unit | None = None
     constant: bool = False
-
-    @property
-    def number(self) -> int | None:
-        """Place of the column, from 1, where it is called by that."""
-        return int(self.name[1:]) if re.fullmatch(r"#[1-9]\d*", self.name) and not self.constant else None
+    stamp: str = ""
+    optional: bool = False
+    where: str = "--map"
 
 
 Map = Mapping[str, Column]
 
 
-def read_map(text: str, n: int) -> Map:
+def read_map(text: str, n: int, formal: bool = False) -> dict[str, Column]:
     """Read what the columns hold.
 
     Parameters
     ----------
     text : str
         ``j1=A1 deg, x=X mm, id=Point, target='cube.+x'``, or the path of a YAML file with such entries
-        (``j1: A1 deg``). ``j*=A* deg`` stands for all joints. A text in quotes holds for all rows.
+        (``j1: A1 deg``). ``j*=A* deg`` stands for all joints; ``*0`` counts them from 0. A text in quotes
+        holds for all rows. The unit may be in the key instead: ``x_mm=X``.
     n : int
         Number of joints.
+    formal : bool
+        The map of a format: keys that end in ``?`` are optional.
 
     Raises
     ------
     BayescalError
-        For an unknown quantity, one given twice, or a number without a unit.
+        For an unknown quantity, one given twice, or an unknown unit.
     """
     out: dict[str, Column] = {}
     for key, value, where in _entries(text):
         if key in SETTINGS:
             continue
+        optional = formal and key.endswith("?")
+        key = key.rstrip("?") if optional else key
         for joint in range(1, n + 1) if key.startswith("j*") else (0,):
-            name, said = (t.replace("*", str(joint)) if joint else t for t in (key, value))
-            if name in out:
-                raise BayescalError(f"`{name}` is given twice", where, "keep a single entry")
-            out[name] = _column(name, said, where, n)
+            name, said = (_of_joint(t, joint) if joint else t for t in (key, value))
+            quantity, unit = quantity_of(name, n, where)
+            if quantity in out:
+                raise BayescalError(f"`{quantity}` is given twice", where, "keep a single entry")
+            out[quantity] = _column(quantity, said, unit, optional, where, n)
     return out
 
 
-def setting(text: str, key: str) -> tuple[str, str]:
-    """An entry of a map that is no column, of `SETTINGS`: its value and where it is, or empty texts."""
-    found = [(value, where) for name, value, where in _entries(text) if name == key]
-    if len(found) > 1:
-        raise BayescalError(f"`{key}` is given twice", found[1][1], "keep a single entry")
-    return found[0] if found else ("", "")
-
-
-def own_map(header: Sequence[str], n: int, where: str) -> Map:
+def own_map(header: Sequence[str], n: int, where: str) -> dict[str, Column]:
     """The map of a table with columns of measurements.csv, whose units are in their names.
 
     Raises
@@ -106,14 +105,50 @@ def own_map(header: Sequence[str], n: int, where: str) -> Map:
         if name not in every:
             what, remedy = unknown("column", name, every)
             raise BayescalError(what, f"{where}:1", f"{remedy}, or state the columns by --map")
-        stem, unit = stem_of(name)
-        key = stem + OF_UNIT.get(unit, "")
-        out[key] = (
-            Column(name, unit_of(SPELLED.get(unit, unit), dimension_of(key, n, where), where))
-            if unit
-            else Column(name)
-        )
+        quantity, unit = quantity_of(name, n, where)
+        out[quantity] = Column(name, unit, where=where)
     return out
+
+
+def setting(text: str, key: str) -> tuple[str, str]:
+    """An entry of a map that is no column, of `SETTINGS`: its value and where it is, or empty texts."""
+    found = [(value, where) for name, value, where in _entries(text) if name == key]
+    if len(found) > 1:
+        raise BayescalError(f"`{key}` is given twice", found[1][1], "keep a single entry")
+    return found[0] if found else ("", "")
+
+
+def quantity_of(key: str, n: int, where: str) -> tuple[str, Unit | None]:
+    """The quantity that a key names, and the unit in its name: ``x_mm``, ``j1_degps``; None without one."""
+    if key in TEXTS:
+        return key, None
+    stem, suffix = stem_of(key)
+    name = ALIASES.get(suffix, suffix)
+    name = name if name in UNITS else name.upper()
+    if suffix and name in UNITS and key not in DIMENSIONS:
+        quantity = stem + (OF_UNIT.get(suffix, "") if re.fullmatch(r"j\d+", stem) else "")
+        return quantity, unit_of(name, dimension_of(quantity, n, where), where)
+    dimension_of(key, n, where)
+    return key, None
+
+
+def dimension_of(key: str, n: int, where: str) -> str:
+    """What the quantity `key` measures; unknown ones and joints beyond the n-th are refused."""
+    joint = re.fullmatch(r"j(\d+)(\w*)", key)
+    if joint and joint[2] in JOINT:
+        if not 1 <= int(joint[1]) <= n:
+            raise BayescalError(f"`{key}`, but the robot has {n} joints", where, "check --robot")
+        return JOINT[joint[2]]
+    if key not in DIMENSIONS:
+        joints = [f"j{i + 1}{tail}" for tail in JOINT for i in range(n)]
+        what, remedy = unknown("quantity", key, [*joints[:n], *DIMENSIONS, *TEXTS, *SETTINGS])
+        raise BayescalError(what, where, remedy)
+    return DIMENSIONS[key]
+
+
+def _of_joint(text: str, joint: int) -> str:
+    """A text for a joint: ``*`` is its number, ``*0`` its number counted from 0."""
+    return text.replace("*0", str(joint - 1)).replace("*", str(joint))
 
 
 def _entries(text: str) -> list[tuple[str, str, str]]:
@@ -127,7 +162,8 @@ def _of_file(path: Path) -> list[tuple[str, str, str]]:
     for key, value in document.data.items():
         where = document.where((key,))
         if not isinstance(value, str):
-            raise BayescalError(f"`{key}` is not a column and its unit", where, f"write `{key}: NAME unit`")
+            remedy = f'write `{key}: NAME unit`, in quotes if it begins with a brace: "{{A 1}} deg"'
+            raise BayescalError(f"`{key}` is not a column and its unit", where, remedy)
         out.append((key, value, where))
     return out
 
@@ -144,34 +180,19 @@ def _of_text(text: str) -> list[tuple[str, str, str]]:
     return out
 
 
-def _column(key: str, said: str, where: str, n: int) -> Column:
-    """One entry; texts have no unit, numbers must have one."""
+def _column(key: str, said: str, unit: Unit | None, optional: bool, where: str, n: int) -> Column:
+    """One entry; texts have no unit."""
     if key in TEXTS:
         quoted = re.fullmatch(r"""(['"])(.+)\1""", said)
-        return Column(quoted[2], constant=True) if quoted else Column(said)
-    dimension = dimension_of(key, n, where)
-    name, _, unit = said.rpartition(" ")
-    if not name or not (is_unit(unit) or re.fullmatch(r"[a-zA-Z/°µ]{1,7}", unit)):
-        what = f"column `{said}` of `{key}` has no unit"
-        example = listed(dimension).split(", ")[0]
-        raise BayescalError(what, where, f"write `{key}={said} {example}`, or one of {listed(dimension)}")
-    return Column(name.strip(), unit_of(unit, dimension, where))
-
-
-def dimension_of(key: str, n: int, where: str) -> str:
-    """What the quantity `key` measures; unknown ones and joints beyond the n-th are refused."""
-    joint = re.fullmatch(r"j(\d+)(\w*)", key)
-    if joint and joint[2] in JOINT:
-        if not 1 <= int(joint[1]) <= n:
-            raise BayescalError(f"`{key}`, but the robot has {n} joints", where, "check --robot")
-        return JOINT[joint[2]]
-    if key not in DIMENSIONS:
-        joints = [f"j{i + 1}{tail}" for tail in JOINT for i in range(n)]
-        raise BayescalError(
-            *_swap(unknown("quantity", key, [*joints[:n], *DIMENSIONS, *TEXTS, *SETTINGS]), where)
-        )
-    return DIMENSIONS[key]
-
-
-def _swap(message: tuple[str, str], where: str) -> tuple[str, str, str]:
-    return message[0], where, message[1]
+        return Column(quoted[2] if quoted else said, None, bool(quoted), "", optional, where)
+    name, _, last = said.rpartition(" ")
+    name = name.strip()
+    if key == "time" and unit is None and name and last in STAMPS:
+        return Column(name, UNITS["s"], False, last, optional, where)
+    if unit is not None or not name or name[-1] in "+-*/(" or not re.fullmatch(r"[a-zA-Z/°µμ.*]{1,8}", last):
+        return Column(said, unit, False, "", optional, where)
+    if not is_unit(last):
+        dimension = dimension_of(key, n, where)
+        remedy = f"give one of {listed(dimension)}; a name with spaces stands in braces: {{{said}}}"
+        raise BayescalError(f"unknown unit `{last}`", where, remedy)
+    return Column(name, unit_of(last, dimension_of(key, n, where), where), False, "", optional, where)

@@ -7,7 +7,7 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.dataset.checks.misfit import away
 from bayescal.dataset.checks.units import Suspicion
-from bayescal.importing.log import Columns
+from bayescal.importing.columns import Columns
 from bayescal.importing.units import UNITS, meant
 from bayescal.importing.unplaced import Loose
 

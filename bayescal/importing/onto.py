@@ -14,7 +14,8 @@ from bayescal.dataset.rows import measurements_of
 from bayescal.dataset.table import read_table
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
-from bayescal.importing.log import Columns, columns_of, first, read_log
+from bayescal.importing.columns import Columns, columns_of, first
+from bayescal.importing.log import read_log
 from bayescal.importing.mapping import own_map
 from bayescal.importing.pair import check_ids
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.importing.log import Columns, first
+from bayescal.importing.columns import Columns, first
 
 
 def by_row(log: Columns, points: Columns) -> tuple[Columns, str]:

@@ -10,7 +10,7 @@ from bayescal.dataset import Measurements, Target, Tool
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.files import unknown
-from bayescal.importing.log import Columns, first
+from bayescal.importing.columns import Columns, first
 
 
 def readings(columns: Columns, n: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -57,6 +58,14 @@ ALIASES = {
     "degC": "C",
     "°F": "F",
     "sec": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "Deg": "deg",
+    "DEG": "deg",
+    "Rad": "rad",
+    "RAD": "rad",
+    "MM": "mm",
+    "inches": "in",
 }
 """Other spellings. ``nm`` is a torque, as in the dataset: nanometres do not occur in logs."""
 
@@ -70,6 +79,13 @@ def unit_of(name: str, dimension: str, where: str) -> Unit:
     if unit.dimension != dimension:
         raise BayescalError(f"`{name}` is a unit of {unit.dimension}, not of {dimension}", where, known)
     return unit
+
+
+def name_and_unit(cell: str) -> tuple[str, Unit | None]:
+    """Name and stated unit, or None, of a cell of a header such as ``X [mm]``, ``A1 (deg)``, ``T / °C``."""
+    parts = re.fullmatch(r"(.+?)\s*(?:\[(.+)\]|\((.+)\)|<(.+)>|\s/\s*(.+))", cell)
+    name = next((part for part in parts.groups()[1:] if part), "").strip() if parts else ""
+    return (parts[1], UNITS[ALIASES.get(name, name)]) if parts and is_unit(name) else (cell, None)
 
 
 def is_unit(name: str) -> bool:

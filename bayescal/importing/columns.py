@@ -1,0 +1,256 @@
+"""What a map makes of the table of a log: numbers in SI and texts, by quantity."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from bayescal.errors import BayescalError
+from bayescal.importing.expressions import Expression, parse, place
+from bayescal.importing.log import Log
+from bayescal.importing.mapping import TEXTS, Column, Map, dimension_of
+from bayescal.importing.stamps import LONG, STAMPS, NoStampError
+from bayescal.importing.units import Unit, is_number, listed, unit_of
+
+DECIMALS = ("", "comma")
+"""How numbers with a comma are stated to be meant; "" finds it."""
+
+MANY = 10**6
+"""Columns of a file that has any number of them."""
+
+GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
+"""A number whose comma may be decimal or separate thousands."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """N rows by quantity: `numbers` (N,) in SI, nan where empty, and `texts`; with lines and units.
+
+    `clock` is that of the time: "" if it counts from the beginning of the session, else as in `Stamps`.
+    `notes` says what was left out.
+    """
+
+    name: str
+    line: np.ndarray  # (N,) int
+    numbers: dict[str, np.ndarray]
+    texts: dict[str, np.ndarray]
+    said: dict[str, Column]
+    clock: str = ""
+    notes: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return len(self.line)
+
+    def take(self, rows: np.ndarray) -> Columns:
+        """Some of the rows, by index or mask."""
+        numbers = {k: v[rows] for k, v in self.numbers.items()}
+        texts = {k: v[rows] for k, v in self.texts.items()}
+        return replace(self, line=self.line[rows], numbers=numbers, texts=texts)
+
+    def unit(self, key: str) -> Unit | None:
+        """The unit that `key` was said to be in."""
+        return self.said[key].unit if key in self.said else None
+
+
+def missing_in(map_: Map) -> Callable[[Sequence[str]], int] | None:
+    """How many entries of a map a header lacks; None for a map that calls all columns by their numbers."""
+
+    def missing(row: Sequence[str], width: int | None = None) -> int:
+        count = 0
+        for key, column in map_.items():
+            try:
+                _used(column, key, row, len(row) if width is None else width, "")
+            except BayescalError:
+                count += not column.optional
+        return count
+
+    return missing if missing((), MANY) else None
+
+
+def columns_of(log: Log, map_: Map, decimal: str = "") -> Columns:
+    """What the map makes of a log.
+
+    Parameters
+    ----------
+    log : Log
+    map_ : Map
+    decimal : str
+        The decimal mark of numbers with a comma, of `DECIMALS`.
+
+    Raises
+    ------
+    BayescalError
+        For columns that are not there, cells that are not numbers, units that are missing or that
+        contradict the header, and numbers whose comma may separate thousands.
+    """
+    map_ = {k: c for k, c in map_.items() if not c.optional or _is_there(c, k, log)}
+    used = {k: _used(c, k, log.header, log.width, _where(log, k)) for k, c in map_.items()}
+    numeric = {i for k, c in map_.items() if not _is_text(k, c) for e in used[k] for i in e.columns}
+    cells = _Cells(log, _mark(log, numeric, decimal))
+    numbers: dict[str, np.ndarray] = {}
+    texts: dict[str, np.ndarray] = {}
+    said = dict(map_)
+    clock = ""
+    for key, column in map_.items():
+        if _base(key) in TEXTS:
+            texts[key] = np.array(_filled(log, column, used[key]))
+        elif column.stamp:
+            numbers[key], clock = _stamped(log, key, column, used[key])
+        else:
+            unit = _unit_of(log, key, column, used[key][0])
+            raw = used[key][0].value(partial(cells.numbers, key), len(log.rows))
+            _check_finite(log, key, used[key][0], raw, cells)
+            numbers[key] = unit.scale * raw + unit.offset
+            said[key] = replace(column, unit=unit)
+            if key == "time" and np.nanmax(numbers[key], initial=0.0) > LONG:
+                remedy = f"write `time={column.name} epoch_{unit.name}`"
+                raise BayescalError("the times are longer than three years: since 1970?", log.name, remedy)
+    taken = {i for expressions in used.values() for e in expressions for i in e.columns}
+    names = log.header or tuple(f"#{i + 1}" for i in range(log.width))
+    unused = tuple(name for i, name in enumerate(names) if i not in taken and name)
+    return Columns(log.name, np.array(log.line), numbers, texts, said, clock, log.notes, unused)
+
+
+def _base(key: str) -> str:
+    return key.partition("@")[0]
+
+
+def _is_there(column: Column, key: str, log: Log) -> bool:
+    try:
+        return bool(_used(column, key, log.header, log.width, ""))
+    except BayescalError:
+        return False
+
+
+def _is_text(key: str, column: Column) -> bool:
+    return _base(key) in TEXTS or bool(column.stamp)
+
+
+def _where(log: Log, key: str) -> str:
+    return f"{log.name}: `{key}`"
+
+
+def _used(column: Column, key: str, header: Sequence[str], width: int, where: str) -> list[Expression]:
+    """The columns that an entry of a map needs."""
+    if _is_text(key, column):
+        if column.constant or "{" in column.name:
+            names = re.findall(r"\{([^{}]+)\}", column.name)
+        else:
+            names = [column.name]
+        return [Expression(name, (place(name, header, width, where),)) for name in names]
+    return [parse(column.name, header, width, where)]
+
+
+def _filled(log: Log, column: Column, used: Sequence[Expression]) -> list[str]:
+    """Texts of all rows: those of a column, a constant, or one with columns in braces."""
+    if not column.constant and "{" not in column.name:
+        return [row[used[0].columns[0]] for row in log.rows]
+    parts = re.split(r"\{[^{}]+\}", column.name)
+    out = []
+    for row in log.rows:
+        values = [row[e.columns[0]] for e in used] + [""]
+        out.append("".join(a + b for a, b in zip(parts, values, strict=True)))
+    return out
+
+
+def _stamped(log: Log, key: str, column: Column, used: Sequence[Expression]) -> tuple[np.ndarray, str]:
+    try:
+        stamps = STAMPS[column.stamp]([text.strip() for text in _filled(log, column, used)])
+    except NoStampError as error:
+        remedy = f"state the kind, one of {', '.join(STAMPS)}, or a unit of time"
+        raise BayescalError(f"`{key}`: {error}", f"{log.name}:{log.line[error.row]}", remedy) from None
+    return stamps.seconds, stamps.clock
+
+
+def _unit_of(log: Log, key: str, column: Column, used: Expression) -> Unit:
+    """The unit of an entry: as stated; else that of the header."""
+    headed = [(i, log.units[i]) for i in used.columns]
+    if column.unit is not None:
+        for i, unit in headed:
+            if unit is not None and unit != column.unit:
+                head = log.header[i]
+                what = f"`{key}` is stated in {column.unit.name}, but `{head}` of the file is in {unit.name}"
+                raise BayescalError(what, log.name, "correct the map, or the header")
+        return column.unit
+    dimension = dimension_of(_base(key), 99, log.name)
+    units = {unit for _, unit in headed}
+    if len(units) == 1 and (unit := units.pop()) is not None:
+        return unit_of(unit.name, dimension, f"{log.name}: `{key}`")
+    example = listed(dimension).split(", ")[0]
+    remedy = f"write `{key}={column.name} {example}`, or one of {listed(dimension)}"
+    raise BayescalError(f"column `{column.name}` of `{key}` has no unit", column.where, remedy)
+
+
+def _mark(log: Log, numeric: set[int], decimal: str) -> str:
+    """The decimal mark of the numbers with a comma; "" if there are none."""
+    if decimal == "comma":
+        return ","
+    every = [
+        (row[i].strip("[]"), n) for i in sorted(numeric) for row, n in zip(log.rows, log.line, strict=True)
+    ]
+    commas = [(cell, n) for cell, n in every if "," in cell]
+    if not commas:
+        return ""
+    if any(re.fullmatch(r"[+-]?\d*\.\d+(?:[eE][+-]?\d+)?", cell) for cell, _ in every):
+        return "."
+    if all(GROUPED.fullmatch(cell) for cell, _ in commas):
+        what = f"'{commas[0][0]}' may have a decimal comma or a separator of thousands"
+        raise BayescalError(
+            what, f"{log.name}:{commas[0][1]}", "give --decimal comma, or remove the separators"
+        )
+    return ","
+
+
+class _Cells:
+    """Numbers of the columns of a log."""
+
+    def __init__(self, log: Log, mark: str) -> None:
+        self.log, self.mark = log, mark
+        self.known: dict[int, np.ndarray] = {}
+
+    def numbers(self, key: str, index: int) -> np.ndarray:
+        """Numbers (N,) of a column, nan where its cell is empty."""
+        if index not in self.known:
+            rows = self.log.rows
+            self.known[index] = np.array(
+                [self._number(row, cells[index], key) for row, cells in enumerate(rows)]
+            )
+        return self.known[index]
+
+    def _number(self, row: int, cell: str, key: str) -> float:
+        text = cell.strip("[]")  # a list of joints, as URScript logs it
+        if self.mark == "," and "." not in text:
+            text = text.replace(",", ".")
+        if not text:
+            return np.nan
+        if not is_number(text):
+            where = f"{self.log.name}:{self.log.line[row]}"
+            remedy = "correct the cell or remove the row"
+            if "," in text or "'" in text or " " in text:
+                remedy = "write numbers without separators of thousands"
+            raise BayescalError(f"`{key}` is not a number: '{cell}'", where, remedy)
+        return float(text)
+
+
+def _check_finite(log: Log, key: str, used: Expression, values: np.ndarray, cells: _Cells) -> None:
+    """Refuse an expression that has no finite value where all its cells have."""
+    given = np.ones(len(values), bool)
+    for i in used.columns:
+        given &= np.isfinite(cells.numbers(key, i))
+    if (bad := given & ~np.isfinite(values)).any():
+        where = f"{log.name}:{log.line[int(np.argmax(bad))]}"
+        raise BayescalError(f"`{key}` = {used.text} has no finite value", where, "correct the expression")
+
+
+def first(columns: Columns, bad: np.ndarray, what: Callable[[int], str], remedy: str) -> None:
+    """Refuse the first row where `bad` (N,) holds, with its line."""
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise BayescalError(what(row), f"{columns.name}:{columns.line[row]}", remedy)
