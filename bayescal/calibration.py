@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf
 
 import numpy as np
 
 from bayescal.assess.acceptance import Acceptance, acceptance, widened
+from bayescal.assess.budget import Basis
 from bayescal.assess.conformance import Tolerance, check_tolerance, conformance
 from bayescal.assess.directions import Directions, directions
 from bayescal.assess.findings import Assessed, Finding, findings
@@ -63,11 +66,24 @@ class Fit:
     tolerance: Tolerance | None = None  # conformance decisions, where a tolerance was given
     robust: bool = True  # whether outliers were excluded
     without: tuple[str, ...] = ()  # parts of the effects that stay nominal: "geometry at joint 4"
+    excess: float = 0.0  # m a coordinate, of points: unexplained, beyond the discrepancy of `stated`
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """The findings as text."""
         return tuple(f.text for f in self.findings)
+
+    @cached_property
+    def basis(self) -> Basis:
+        """The stated uncertainty, from which the budget of any quantity follows."""
+        left = unexplained(self.final.estimate)
+        own = self.stated.remaining(left).excess
+        beyond, checked = max(self.excess**2 - own**2, 0.0), self.final.validation
+        # beyond the residuals, the unexplained error was estimated from validation rows
+        rows = [len(c.residuals) for c in checked.planes] + [c.residuals.shape[1] for c in checked.points]
+        shown = len(checked.distances) or sum(rows)
+        below = own**4 / left.excess_dof + beyond**2 / max(shown, 1)
+        return Basis(self.stated, self.excess, self.excess**4 / below if below > 0 else inf)
 
     @property
     def final(self) -> ModelLevel:
@@ -169,7 +185,7 @@ def fit(
     return Fit(
         dataset, seed, prior_width, tuple(levels), wide, draws,
         replace(draws, z=wide.reported(every).reshape(draws.z.shape)), known,
-        faces, expected, seen, tests, told, decided, robust, tuple(map(str, parts)),
+        faces, expected, seen, tests, told, decided, robust, tuple(map(str, parts)), rest.excess,
     )  # fmt: skip
 
 

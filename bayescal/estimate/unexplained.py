@@ -42,6 +42,13 @@ class Unexplained:
         """Best estimate of the noise of one contact, m."""
         return self.stated if self.repeats is None else self.repeats
 
+    @property
+    def excess_dof(self) -> float:
+        """Effective degrees of freedom of `excess`, the root of a difference of variances (Satterthwaite)."""
+        of_floor = 0.0 if self.repeats is None else self.floor**4 / self.repeats_dof
+        difference = max(self.fitted**2 - self.floor**2, 0.0)
+        return max(difference**2 / (self.fitted**4 / self.dof + of_floor), 1.0)
+
     def limit(self, chance: float) -> float:
         """Ratio of residuals to noise that noise alone exceeds with probability `chance`."""
         if self.repeats is None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayescal.arm.motion import Motion
 from bayescal.estimate import Estimate
 from bayescal.estimate.discrepancy import EFFECT
 from bayescal.estimate.flatness import FORM
@@ -158,31 +159,43 @@ def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
     )  # fmt: skip
 
 
-def _workspace(
-    fitted: Estimate, z: np.ndarray, excess: float, rng: np.random.Generator
-) -> tuple[DistanceErrors, np.ndarray]:
-    """Distances between positions of the same tool, and their slopes (K, P) by z of the arm, m."""
+@dataclass(frozen=True)
+class Workspace:
+    """Points of the probed workspace, and the pairs between which distances are predicted."""
+
+    motion: Motion  # of the rows
+    values: np.ndarray  # (P,) deviations of the arm's parameters, SI
+    pairs: np.ndarray  # (K, 2) of the rows
+
+
+def workspace(fitted: Estimate) -> Workspace:
+    """Positions of the same tool, evenly among the rows of fitted tools, and pairs that are far apart."""
     model, scene = fitted.model, fitted.model.scene
     tool = scene.dataset.measurements.tool
     rows = scene.rows("calibrate", "validate")
     rows = rows[np.isin(tool[rows], tool[scene.rows("calibrate")])]
     rows = rows[evenly(len(rows), POINTS)]
-    motion, arm = model.motion(rows), model.slices[ARM]
-    values = model.deviations(fitted.z[arm])
-    at = motion.points(values)
-    pairs = far_pairs(at)
-    pairs = pairs[tool[rows[pairs[:, 0]]] == tool[rows[pairs[:, 1]]]]
-    true = lengths(at, pairs)
-    drawn = motion.points(model.deviations(z[evenly(len(z), DRAWS), arm]))
+    motion, values = model.motion(rows), model.deviations(fitted.z[model.slices[ARM]])
+    pairs = far_pairs(motion.points(values))
+    return Workspace(motion, values, pairs[tool[rows[pairs[:, 0]]] == tool[rows[pairs[:, 1]]]])
+
+
+def _workspace(
+    fitted: Estimate, z: np.ndarray, excess: float, rng: np.random.Generator
+) -> tuple[DistanceErrors, np.ndarray]:
+    """Distances between positions of the same tool, and their slopes (K, P) by z of the arm, m."""
+    model, space = fitted.model, workspace(fitted)
+    true = lengths(space.motion.points(space.values), space.pairs)
+    drawn = space.motion.points(model.deviations(z[evenly(len(z), DRAWS), model.slices[ARM]]))
     if excess:
         drawn = drawn + excess * rng.standard_normal(drawn.shape)
     found = DistanceErrors(
-        "points of the workspace", len(pairs), float(np.min(true, initial=np.inf)),
-        float(np.max(true, initial=0.0)), lengths(drawn, pairs) - true, None,
+        "points of the workspace", len(space.pairs), float(np.min(true, initial=np.inf)),
+        float(np.max(true, initial=0.0)), lengths(drawn, space.pairs) - true, None,
     )  # fmt: skip
-    if not model.parameters or not len(pairs):
+    if not model.parameters or not len(space.pairs):
         return found, np.zeros((0, 0))
-    return found, slopes(model, motion, values, pairs)
+    return found, slopes(model, space.motion, space.values, space.pairs)
 
 
 def _rms(errors: np.ndarray) -> np.ndarray:

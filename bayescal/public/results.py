@@ -67,11 +67,11 @@ class FitResult(FitTables):
         return summary if self.agreement is None else Group(summary, "", agreement_summary(self.agreement))
 
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
-        """Write fit.json, posterior.nc, robot.yaml, arm.json and the dataset; return their names."""
-        from bayescal.reporting.fit.files import write_fit
+        """Write fit.json, posterior.nc, budgets, robot.yaml, arm.json and the dataset; return their names."""
+        from bayescal.reporting.fit.files import WRITTEN, write_fit
 
         write_fit(self.data, Path(folder), self.agreement)
-        return ("fit.json", "posterior.nc", "robot.yaml", "arm.json", "dataset")
+        return WRITTEN
 
     def inference_data(self) -> Any:
         """The content of posterior.nc for ArviZ: InferenceData (ArviZ 0.x) or DataTree (1.x)."""

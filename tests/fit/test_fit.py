@@ -53,6 +53,8 @@ def test_command_writes_the_contract(written):
     assert {p.name for p in folder.glob("[!.]*")} == {
         "fit.json",
         "posterior.nc",
+        "budget.json",
+        "budget.csv",
         "robot.yaml",
         "arm.json",
         "dataset",

@@ -10,8 +10,10 @@ SMALLEST = 1e-6
 """Share of a pose's residual below which the fit leaves none."""
 
 
-def scatter(c: np.ndarray, j: np.ndarray, e: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Covariance (D, D) of an estimate from the noise of its poses.
+def scatter_factor(
+    c: np.ndarray, j: np.ndarray, e: np.ndarray, pose: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Changes of an estimate by independent errors of its poses.
 
     The estimator CR2 (Bell and McCaffrey 2002), sum of Delta Delta' with
     Delta_p = C J_p' (1 - J_p C J_p')^(-1/2) e_p: without bias where all rows are independent. With few poses
@@ -28,13 +30,19 @@ def scatter(c: np.ndarray, j: np.ndarray, e: np.ndarray, pose: np.ndarray) -> np
         Whitened residuals.
     pose : np.ndarray of int, shape (R,)
         Pose of each residual.
+
+    Returns
+    -------
+    by : np.ndarray, shape (D, M)
+        One column for each pose, then one for each residual; by by' is the covariance.
+    of : np.ndarray of int, shape (M,)
+        A residual of the pose that each column belongs to.
     """
     by = j @ c
-    plain = by.T @ by
     count = int(pose.max()) + 1 if len(pose) else 0
     if count < 2:
-        return plain
-    out = np.zeros_like(c)
+        return by.T, np.arange(len(by))
+    delta, first = np.zeros((count, len(c))), np.zeros(count, int)
     for at in of_equal_size(pose):
         own = by[at]  # (poses, k, D)
         left = np.eye(at.shape[1]) - own @ np.swapaxes(j[at], 1, 2)
@@ -42,8 +50,10 @@ def scatter(c: np.ndarray, j: np.ndarray, e: np.ndarray, pose: np.ndarray) -> np
         # a pose that alone determines a direction has no residual there: nothing to divide
         inverse = np.where(values > SMALLEST, np.maximum(values, SMALLEST) ** -0.5, 1.0)
         rotated = np.swapaxes(vectors, 1, 2) @ e[at][..., None]
-        delta = np.sum(own * (vectors @ (inverse[..., None] * rotated)), axis=1)
-        out += delta.T @ delta
+        which = pose[at[:, 0]]
+        delta[which] = np.sum(own * (vectors @ (inverse[..., None] * rotated)), axis=1)
+        first[which] = at[:, 0]
     share = min(float(np.sum(by * j)) / count, 1.0)
-    factor = max(float(np.trace(out)) / float(np.trace(plain)), 1.0)
-    return (1.0 - share) * out + share * factor * plain
+    factor = max(float(np.sum(delta**2)) / float(np.sum(by**2)), 1.0)
+    columns = np.concatenate([np.sqrt(1.0 - share) * delta, np.sqrt(share * factor) * by])
+    return columns.T, np.concatenate([first, np.arange(len(by))])

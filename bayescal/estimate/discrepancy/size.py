@@ -68,6 +68,16 @@ def variances(
     return out
 
 
+def degrees_of_freedom(h: np.ndarray) -> float:
+    """Effective degrees of freedom of a family's variance, from its columns `h` (R, K) after the fit.
+
+    The variance is estimated from the squared scores H' e of K functions. With amplitudes of this variance
+    the scores have the covariance (H'H)^2, and their sum of squares these degrees of freedom (Satterthwaite).
+    """
+    square = np.linalg.matrix_power(h.T @ h, 2)
+    return float(np.trace(square) ** 2 / max(np.sum(square**2), np.finfo(float).tiny))
+
+
 def within_poses(h: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """Sum over the poses of (H_pk' H_pl)^2, (K, K)."""
     out = np.zeros((h.shape[1], h.shape[1]))

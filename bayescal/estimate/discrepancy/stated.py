@@ -22,8 +22,8 @@ import numpy as np
 from bayescal.effects import Parameter
 from bayescal.estimate.clusters import poses
 from bayescal.estimate.discrepancy.families import Family, families
-from bayescal.estimate.discrepancy.poses import scatter
-from bayescal.estimate.discrepancy.size import CHANCE, LIKELY, UNSEEN, variances
+from bayescal.estimate.discrepancy.poses import scatter_factor
+from bayescal.estimate.discrepancy.size import CHANCE, LIKELY, UNSEEN, degrees_of_freedom, variances
 from bayescal.estimate.estimate import Estimate
 from bayescal.estimate.linear import linearise, root
 from bayescal.estimate.unexplained import Unexplained, unexplained
@@ -43,6 +43,9 @@ class Stated:
     slopes: Mapping[str, np.ndarray]  # A (D, K) by family
     variances: Mapping[str, float]  # Lambda by family; 0 where the residuals show nothing
     white: float  # w
+    noise: np.ndarray  # (D, M) changes of the unknowns by independent errors of poses: w S is noise noise'
+    noise_rows: np.ndarray  # (M,) a row of the session of each of these errors
+    dof: Mapping[str, float]  # effective degrees of freedom of the variances
 
     @property
     def families(self) -> tuple[str, ...]:
@@ -69,12 +72,12 @@ class Stated:
     @property
     def sd(self) -> np.ndarray:
         """Stated standard deviations of z, (D,)."""
-        return np.linalg.norm(self._limit() @ root(self.covariance), axis=1)
+        return np.linalg.norm(self.limit @ root(self.covariance), axis=1)
 
     @property
     def limited(self) -> np.ndarray:
         """Stated covariance (D, D), no wider than the prior: that of `sd` and of `reported` draws."""
-        by = self._limit() @ root(self.covariance)
+        by = self.limit @ root(self.covariance)
         return by @ by.T
 
     def draws(self, z: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -98,14 +101,15 @@ class Stated:
 
     def reported(self, draws: np.ndarray) -> np.ndarray:
         """Draws (S, D) of the plain estimate's unknowns, from `draws`, no wider than the prior."""
-        return self.plain.z + (draws[:, self.own] - self.plain.z) @ self._limit().T
+        return self.plain.z + (draws[:, self.own] - self.plain.z) @ self.limit.T
 
     def remaining(self, left: Unexplained) -> Unexplained:
         """Unexplained residual without the part that the discrepancy explains."""
         square = left.excess**2 - (1.0 - self.white) * left.fitted**2
         return replace(left, excess=float(np.sqrt(max(square, 0.0))))
 
-    def _limit(self) -> np.ndarray:
+    @property
+    def limit(self) -> np.ndarray:
         """Map (D, D) of deviations that limits their covariance to the prior's."""
         values, vectors = np.linalg.eigh(self.covariance)
         return (vectors / np.sqrt(np.maximum(values, 1.0))) @ vectors.T
@@ -144,7 +148,9 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     z, covariance = np.zeros(wide.size), np.zeros((wide.size, wide.size))
     z[own] = fitted.z
     bias = a[:, kept] * sd
-    covariance[np.ix_(own, own)] = c - by.T @ by + white * scatter(c, j, e, pose) + bias @ bias.T
+    noise, of = scatter_factor(c, j, e, pose)
+    noise = np.sqrt(white) * noise
+    covariance[np.ix_(own, own)] = c - by.T @ by + noise @ noise.T + bias @ bias.T
     covariance[np.ix_(own, extra)] = -bias
     covariance[np.ix_(extra, own)] = -bias.T
     covariance[extra, extra] = 1.0
@@ -156,6 +162,13 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
         {name: a[:, family == k] for k, name in enumerate(names)},
         dict(zip(names, size.tolist(), strict=True)),
         white,
+        noise,
+        rows[of],
+        {
+            name: degrees_of_freedom(h[:, family == k])
+            for k, (name, own_size) in enumerate(zip(names, size, strict=True))
+            if own_size > 0
+        },
     )
 
 

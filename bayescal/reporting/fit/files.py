@@ -7,16 +7,23 @@ from pathlib import Path
 from typing import Any
 
 from bayescal.assess.agreement import Agreement
+from bayescal.assess.budget import usual
 from bayescal.calibration import Fit
 from bayescal.exporting import of_fit, write_arm
+from bayescal.exporting.arm_file import ARM_FILE, COPY
 from bayescal.exporting.robot import robot_text
+from bayescal.files import json_text
 from bayescal.folders import whole
 from bayescal.posterior.inference import save
 from bayescal.reporting.fit.agreement import agreement_record, disagreement
+from bayescal.reporting.fit.budget import budget_csv, budget_record
 from bayescal.reporting.fit.posterior import fit_draws
 from bayescal.reporting.fit.record import fit_record
 
 FIT = "fit.json"
+BUDGET, BUDGET_CSV = "budget.json", "budget.csv"
+WRITTEN = (FIT, "posterior.nc", BUDGET, BUDGET_CSV, "robot.yaml", ARM_FILE, COPY)
+"""Names of all that `write_fit` writes."""
 
 
 def fit_contents(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
@@ -29,14 +36,17 @@ def fit_contents(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
 
 
 def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None:
-    """Write fit.json, posterior.nc, the calibrated robot.yaml, arm.json and the dataset atomically.
+    """Write fit.json, posterior.nc, budgets, the calibrated robot.yaml, arm.json and the dataset atomically.
 
     `compared` is what the sessions of a joint fit say of the arm each by itself.
     """
     robot = robot_text(fit.final.estimate.model, fit.final.estimate.arm, FIT)
     record = json.dumps(fit_contents(fit, compared), indent=1, allow_nan=False) + "\n"
+    budgets = usual(fit.basis)
     with whole(folder, FIT) as stage:
         (stage / FIT).write_text(record, encoding="utf-8")
         save(fit_draws(fit), stage / "posterior.nc")
         (stage / "robot.yaml").write_text(robot, encoding="utf-8")
+        (stage / BUDGET).write_text(json_text(budget_record(budgets, fit.basis, fit.seed)), encoding="utf-8")
+        (stage / BUDGET_CSV).write_text(budget_csv(budgets), encoding="utf-8")
         write_arm(of_fit(fit), stage)

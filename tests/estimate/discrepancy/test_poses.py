@@ -3,10 +3,16 @@
 import numpy as np
 import pytest
 
-from bayescal.estimate.discrepancy.poses import scatter
+from bayescal.estimate.discrepancy.poses import scatter_factor
 
 D, POSES, EACH = 5, 400, 3
 POSE = np.repeat(np.arange(POSES), EACH)
+
+
+def scatter(c, j, e, pose):
+    by, of = scatter_factor(c, j, e, pose)
+    assert by.shape == (len(c), len(of))
+    return by @ by.T
 
 
 def linear(seed, shared):

@@ -1,0 +1,183 @@
+"""`budget.json` and `budget.csv`: uncertainty budgets in numbers, and as a table of the terminal."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from io import StringIO
+from typing import Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+
+from bayescal.assess.budget import COVERAGE, Basis, Budget, Component
+from bayescal.dataset import Dataset
+from bayescal.effects import UNITS
+from bayescal.reporting.shared.origin import origin
+from bayescal.reporting.shared.plain import plain
+from bayescal.reporting.shared.text import facts, percent, plain_table, size, unit_label
+
+SCHEMA = "bayescal-budget/1"
+LIBRARIES = ("numpy", "scipy")
+COLUMNS = (
+    "group", "name", "type", "distribution", "value", "u", "unit", "dof", "sensitivity", "sensitivity_unit",
+    "contribution", "contribution_um", "share",
+)  # fmt: skip
+SHOWN = 1e-3
+"""Share of the variance below which the terminal does not list a component."""
+
+
+def budget_record(budgets: Sequence[Budget], basis: Basis, seed: int) -> dict[str, Any]:
+    """The content of budget.json: the first budget at the top, and all of them as a list."""
+    every = [measurand_record(b) for b in budgets]
+    dataset: Dataset = basis.stated.plain.model.scene.dataset
+    record = {
+        **origin(SCHEMA, dataset, seed, LIBRARIES),
+        **every[0],
+        "unexplained_um": 1e6 * basis.excess,
+        "correlations": [
+            {"between": [a, b], "correlation": r} for a, b, r in (budgets[0].correlations if budgets else ())
+        ],
+        "budgets": every,
+    }
+    out: dict[str, Any] = plain(record)
+    return out
+
+
+def measurand_record(budget: Budget) -> dict[str, Any]:
+    """One budget. Contributions are in the unit of the measurand, and in µm where that is a length."""
+    m = budget.measurand
+    unit, factor = UNITS[m.unit]
+    length = m.unit == "m"
+    return {
+        "measurand": m.name,
+        "kind": m.kind,
+        "unit": unit,
+        "value": None if m.value is None else factor * m.value,
+        "components": [_component(budget, c) for c in budget.components],
+        "u": factor * budget.u,
+        "U": factor * budget.expanded,
+        "u_um": 1e6 * budget.u if length else None,
+        "U_um": 1e6 * budget.expanded if length else None,
+        "effective_dof": budget.dof,
+        "k": budget.k,
+        "coverage": COVERAGE,
+        "text": in_words(budget),
+    }
+
+
+def _component(budget: Budget, c: Component) -> dict[str, Any]:
+    unit, factor = UNITS[c.input.unit]
+    of, scale = UNITS[budget.measurand.unit]
+    length = budget.measurand.unit == "m"
+    return {
+        "group": c.input.group,
+        "name": c.input.name,
+        "type": c.input.evaluation,
+        "distribution": c.input.distribution,
+        "value": None if c.input.value is None else factor * c.input.value,
+        "u": None if c.input.u is None else factor * c.input.u,
+        "unit": unit,
+        "dof": c.input.dof,
+        "sensitivity": None if c.sensitivity is None else c.sensitivity * scale / factor,
+        "sensitivity_unit": f"{of}/{unit}" if of != unit else "1",
+        "contribution": scale * c.contribution,
+        "contribution_um": 1e6 * c.contribution if length else None,
+        "share": c.contribution**2 / budget.u**2 if budget.u else 0.0,
+        "by_target": [
+            {"target": name, "contribution": scale * own, "contribution_um": 1e6 * own if length else None}
+            for name, own in c.by_target
+        ],
+    }
+
+
+def budget_csv(budgets: Sequence[Budget]) -> str:
+    """All components of all budgets, and the sum of each, as CSV."""
+    out = StringIO()
+    table = csv.writer(out, lineterminator="\n")
+    table.writerow(("measurand", *COLUMNS))
+    for b in budgets:
+        record = plain(measurand_record(b))
+        for c in record["components"]:
+            table.writerow([b.measurand.name, *("" if c[key] is None else c[key] for key in COLUMNS)])
+        for name, key in (("combined standard uncertainty", "u"), ("expanded uncertainty", "U")):
+            total = dict.fromkeys(COLUMNS, "") | {
+                "group": key, "name": name, "unit": record["unit"], "contribution": record[key],
+                "contribution_um": "" if record["u_um"] is None else record[f"{key}_um"],
+                "dof": record["effective_dof"] or "", "sensitivity": record["k"] if key == "U" else "",
+                "value": "" if record["value"] is None else record["value"],
+            }  # fmt: skip
+            table.writerow([b.measurand.name, *(total[key] for key in COLUMNS)])
+    return out.getvalue()
+
+
+def in_words(budget: Budget) -> str:
+    """``(0.1 ± 15.2) µm, k = 2.00``: two digits of U, the value to the same decimal (JCGM 100, 7.2.6)."""
+    m = budget.measurand
+    unit, factor = ("um", 1e6) if m.unit == "m" and _is_error(budget) else UNITS[m.unit]
+    value, u = rounded(None if m.value is None else factor * m.value, factor * budget.expanded)
+    of = unit_label(unit)
+    said = f"U = {u} {of}" if value is None else f"({value} ± {u}) {of}"
+    return f"{said.rstrip()}, k = {budget.k:.2f}"
+
+
+def _is_error(budget: Budget) -> bool:
+    """Whether the value is an error, or there is none: then lengths are in µm."""
+    value = budget.measurand.value
+    return value is None or abs(value) < 1e3 * budget.u
+
+
+def rounded(value: float | None, u: float) -> tuple[str | None, str]:
+    """A value and its uncertainty as text: two significant digits of u."""
+    if not (np.isfinite(u) and u > 0):
+        return (None if value is None else f"{value:.9g}"), f"{u:.2g}"
+    decimals = 1 - int(np.floor(np.log10(u)))
+    decimals = 1 - int(np.floor(np.log10(round(u, decimals))))  # 0.0996 has become 0.10
+    digits = max(decimals, 0)
+    first = None if value is None else f"{round(value, decimals) + 0.0:.{digits}f}"
+    return first, f"{round(u, decimals):.{digits}f}"
+
+
+def budget_table(budget: Budget) -> RenderableType:
+    """The components of a budget, its sum and its expanded uncertainty."""
+    m = budget.measurand
+    length = m.unit == "m"
+    unit, factor = ("um", 1e6) if length else UNITS[m.unit]
+    table = plain_table(
+        "component", "type", "u", "sensitivity", f"contribution ({unit_label(unit) or '1'})", "share"
+    )
+    shown = [c for c in budget.components if c.contribution**2 >= SHOWN * budget.u**2]
+    for c in shown:
+        table.add_row(
+            c.input.name,
+            c.input.evaluation,
+            "-" if c.input.u is None else size(c.input.u, c.input.unit),
+            _sensitivity(budget, c),
+            f"{factor * c.contribution:.2g}",
+            percent(c.contribution**2 / budget.u**2),
+        )
+    small = [c for c in budget.components if c not in shown]
+    if small:
+        rest = float(np.sqrt(sum(c.contribution**2 for c in small)))
+        share = percent(rest**2 / budget.u**2)
+        table.add_row(f"{len(small)} smaller components", "", "", "", f"{factor * rest:.2g}", share)
+    return Group(table, "", facts(_sums(budget)))
+
+
+def _sensitivity(budget: Budget, c: Component) -> str:
+    if c.sensitivity is None:
+        return "-"
+    (of, scale), (unit, factor) = UNITS[budget.measurand.unit], UNITS[c.input.unit]
+    number = f"{c.sensitivity * scale / factor:.2g}"
+    return number if of == unit else f"{number} {unit_label(of) or '1'}/{unit_label(unit)}".removesuffix("/")
+
+
+def _sums(budget: Budget) -> list[tuple[str, str, str]]:
+    unit, factor = ("um", 1e6) if budget.measurand.unit == "m" else UNITS[budget.measurand.unit]
+    dof = "normal" if not np.isfinite(budget.dof) else f"{budget.dof:.0f} effective degrees of freedom"
+    u = rounded(None, factor * budget.u)[1]
+    return [
+        ("measurand", budget.measurand.name, "bold"),
+        ("u", f"{u} {unit_label(unit)} ({dof})", ""),
+        ("result", f"{in_words(budget)}, coverage {100 * COVERAGE:.2f} %", "bold"),
+    ]

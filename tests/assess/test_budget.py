@@ -1,0 +1,236 @@
+"""The uncertainty budget: its sum is what a fit states, and each contribution is what a refit shows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from scipy.stats import t as student
+
+from bayescal.assess.budget import (
+    COVERAGE,
+    Basis,
+    Budget,
+    budget,
+    certified_distances,
+    distance,
+    parameter,
+    volume,
+)
+from bayescal.assess.budget.budget import Component
+from bayescal.assess.budget.inputs import CERTIFICATE, NOISE, PRIOR, READINGS, Input
+from bayescal.assess.budget.measurand import Measurand
+from bayescal.assess.budget.readings import readings
+from bayescal.calibration import fit
+from bayescal.estimate import calibrated, estimate
+from bayescal.estimate.discrepancy import stated
+from bayescal.model import with_parameters
+from bayescal.model.scene import Scene
+from bayescal.simulation import Options, simulate
+
+MODEL = ("geometry", "compliance")
+
+
+@pytest.fixture(scope="module")
+def session():
+    """Noise of contacts and of joint readings, spheres, and an effect that the model lacks."""
+    return simulate(
+        Options(effects=MODEL, contacts=140, later=10, repeats=5, spheres=3, placements=2, joint_noise=2e-5,
+                seed=4)
+    ).dataset  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def fitted(session):
+    """Without the compliance of the arm, so that there is a discrepancy and an unexplained error."""
+    return fit(session, ("geometry",), samples=4000, seed=1)
+
+
+def of(inputs, group):
+    return sum(p.by @ p.by.T for p in inputs if p.input.group == group)
+
+
+def test_inputs_add_up_to_the_stated_covariance(fitted):
+    """Including the functions of the discrepancy, which this session has."""
+    assert fitted.stated.families
+    inputs = fitted.basis.propagated
+    sd = np.sqrt(np.diag(fitted.stated.wide.covariance))
+    total = sum(p.by @ p.by.T for p in inputs)
+    np.testing.assert_allclose(
+        total / np.outer(sd, sd), fitted.stated.wide.covariance / np.outer(sd, sd), atol=1e-5
+    )
+    assert {NOISE, READINGS, CERTIFICATE, PRIOR, "model discrepancy"} == {p.input.group for p in inputs}
+    assert {p.input.name for p in inputs if p.input.group == "model discrepancy"} == {
+        f"model discrepancy: {name}" for name in fitted.stated.families
+    }
+
+
+def test_contributions_add_up(fitted):
+    """In quadrature, to the stated variance of a parameter; by targets to each contribution."""
+    model = fitted.final.estimate.model
+    for name in ("a2", "theta4", "d2"):
+        k = model.names.index(name)
+        b = budget(fitted.basis, parameter(fitted.basis, name))
+        assert b.u == pytest.approx(model.sd[k] * fitted.stated.limited[k, k] ** 0.5, rel=1e-6)
+        assert b.u**2 == pytest.approx(sum(c.contribution**2 for c in b.components))
+        for c in b.components:
+            if c.by_target:
+                assert c.contribution**2 == pytest.approx(sum(own**2 for _, own in c.by_target))
+
+
+def test_sum_is_that_of_the_posterior(fitted):
+    """Within 5 %, for every parameter of the arm and every certified distance."""
+    model, draws = fitted.final.estimate.model, fitted.draws
+    assert draws.acceptance  # sampled, not the Gaussian approximation
+    sd = np.std(model.physical(draws.flat), axis=0)
+    for k, p in enumerate(model.parameters):
+        assert budget(fitted.basis, parameter(fitted.basis, p.name)).u == pytest.approx(sd[k], rel=0.05), (
+            p.name
+        )
+    pairs = certified_distances(fitted.basis)
+    assert len(pairs) == len(fitted.final.validation.distances) == 6
+    for pair, drawn in zip(pairs, fitted.final.validation.distances, strict=True):
+        m = distance(fitted.basis, pair)
+        assert m.value == pytest.approx(drawn.error)
+        assert budget(fitted.basis, m).u == pytest.approx(np.std(drawn.predicted), rel=0.05)
+
+
+def test_volume_is_that_of_the_forecast(fitted):
+    """Up to the 400 draws of the forecast, whose distances have few directions in common."""
+    assert budget(fitted.basis, volume(fitted.basis)).u == pytest.approx(
+        fitted.forecast.workspace.rms, rel=0.12
+    )
+
+
+def measured(dataset, pair):
+    """Distance that the calibrated arm measures, m, and the budget's basis."""
+    basis = Basis(stated(calibrated(Scene(dataset, oriented=True), MODEL, robust=False)))
+    m = distance(basis, pair)
+    return m.value, basis, m
+
+
+def component(b, text):
+    (found,) = [c for c in b.components if text in c.input.name]
+    return found
+
+
+@pytest.fixture(scope="module")
+def plain_session():
+    return simulate(
+        Options(contacts=90, later=4, repeats=2, spheres=2, placements=1, noise=2e-6, seed=7)
+    ).dataset
+
+
+def test_a_certificate_in_error_by_its_u_moves_the_distance_by_its_contribution(plain_session):
+    pair = ("ball.A@1", "ball.B@1")
+    before, basis, m = measured(plain_session, pair)
+    b = budget(basis, m)
+    for text in ("distance cube", "diameter ball.A@1"):
+        own = component(b, f"certificate: {text}")
+        assert own.sensitivity * own.input.u == pytest.approx(np.sign(own.sensitivity) * own.contribution)
+    own = component(b, "certificate: distance cube")
+    k = next(k for k, c in enumerate(plain_session.certificates) if c.kind == "parallel")
+    entry = plain_session.certificates[k]
+    step = 0.2 * own.input.u
+    entries = list(plain_session.certificates)
+    entries[k] = replace(entry, distance=entry.distance + step)
+    after, _, _ = measured(replace(plain_session, certificates=tuple(entries)), pair)
+    # a longer certified distance makes the arm longer
+    assert after - before == pytest.approx(abs(own.sensitivity) * step, rel=0.02)
+
+
+def test_a_prior_value_off_by_its_u_moves_a_parameter_by_its_contribution(plain_session):
+    """d2 and d3 of parallel axes: only their sum is identifiable, the rest is from the robot file."""
+    found = stated(calibrated(Scene(plain_session, oriented=True), MODEL, robust=False))
+    m = parameter(Basis(found), "d2")
+    own = component(budget(Basis(found), m), "prior value of d2")
+    step = 0.1 * own.input.u
+    robot = plain_session.robot
+    d = robot.d.copy()
+    d[1] += step
+    moved = replace(plain_session, robot=replace(robot, d=d))
+    again = parameter(Basis(stated(calibrated(Scene(moved, oriented=True), MODEL, robust=False))), "d2")
+    assert again.value - m.value == pytest.approx(own.sensitivity * step, rel=0.02)
+    assert own.contribution == pytest.approx(abs(own.sensitivity) * own.input.u)
+
+
+def test_noise_by_monte_carlo(tracker):
+    """JCGM 101: the measurement repeated with other noise, and fitted each time."""
+    dataset, u = tracker(0, 30).dataset, 10e-6
+    some = calibrated(Scene(dataset), ("joint",)).model.parameters
+    model = with_parameters(Scene(dataset), ("joint",), some)
+    block, state = model.blocks[0], np.zeros(6)
+    # what the instrument reads of the arm as the model has it
+    p = block.seen(model.deviations(np.zeros(len(some))))
+    empty = replace(block.kind, xyz=0.0 * block.kind.xyz)
+    exact = empty.residual(block.state(state), p).T
+
+    def fitted_to(xyz):
+        again = replace(dataset, measurements=replace(dataset.measurements, xyz=xyz))
+        return estimate(with_parameters(Scene(again), ("joint",), some), robust=False)
+
+    rng = np.random.default_rng(5)
+    noise = u * rng.standard_normal((100, *exact.shape))
+    values = [fitted_to(exact + own).arm for own in noise]
+    one = fitted_to(exact + noise[0])
+    plain = one.covariance @ one.linear.jacobian.T
+    basis = Basis(replace(stated(one), noise=plain, noise_rows=np.tile(block.rows, 3)))
+    for name, sd in zip(model.names, np.std(values, axis=0), strict=False):
+        own = component(budget(basis, parameter(basis, name)), "noise of points")
+        assert own.contribution * u / own.input.u == pytest.approx(sd, rel=0.25), name
+
+
+def of_size(contributions, any_of=False, count=1):
+    """A budget of components (contribution, degrees of freedom) of independent estimates."""
+    m = Measurand("distance", "d", "m", 0.0, np.zeros((count, 1)), (), any_of)
+    each = tuple(
+        Component(Input(NOISE, f"n{k}", "A", "m", 0.0, c, dof), c, 1.0)
+        for k, (c, dof) in enumerate(contributions)
+    )
+    u = np.sqrt(sum(c**2 for c, _ in contributions))
+    return Budget(m, each, np.full(count, u if any_of else u / np.sqrt(count)), ())
+
+
+@pytest.mark.parametrize(
+    ("dof", "k"), [(1, 13.97), (5, 2.65), (10, 2.28), (20, 2.13), (50, 2.05), (np.inf, 2.0)]
+)
+def test_coverage_factor_is_that_of_the_guide(dof, k):
+    """JCGM 100, table G.2, p = 95.45 %."""
+    assert round(of_size([(1e-6, dof)]).k, 2) == k
+    assert round(of_size([(1e-6, dof)], any_of=True, count=3).k, 2) == k
+
+
+def test_effective_degrees_of_freedom():
+    """JCGM 100, G.4.1, with the figures of its example: u = 1 and 2 of 5 and 10 degrees of freedom."""
+    b = of_size([(1.0, 5), (2.0, 10), (3.0, np.inf)])
+    assert b.dof == pytest.approx(14.0**2 / (1 / 5 + 16 / 10))
+    assert b.k == pytest.approx(student.ppf(0.5 + COVERAGE / 2, b.dof))
+
+
+def test_length_of_a_vector():
+    """Three equal coordinates: chi of three degrees of freedom."""
+    assert of_size([(1.0, np.inf)], count=3).k == pytest.approx(np.sqrt(chi2.ppf(COVERAGE, 3) / 3), rel=1e-5)
+
+
+def test_inputs_with_one_estimate_of_their_size_count_once():
+    """Two halves of a component have the degrees of freedom of the whole."""
+    whole = of_size([(5.0, 8)])
+    halves = of_size([(3.0, 8), (4.0, 8)])
+    shared = tuple(replace(c, input=replace(c.input, scale="contact")) for c in halves.components)
+    assert replace(halves, components=shared).dof == pytest.approx(whole.dof)
+    assert halves.dof > whole.dof
+
+
+def test_readings_of_an_instrument(tracker):
+    """Distances between validation readings, as the forecast draws them."""
+    dataset = tracker(1, 90).dataset
+    role = np.where(np.arange(90) % 3 == 0, "validate", "calibrate")
+    dataset = replace(dataset, measurements=replace(dataset.measurements, role=role))
+    found = fit(dataset, ("geometry",), samples=0)
+    m = readings(found.basis)
+    read = found.forecast.checked[0]
+    assert read.over == "readings of the instrument"
+    assert len(m.by_z) == read.count
+    b = budget(found.basis, m)
+    assert b.u == pytest.approx(np.sqrt(np.mean(np.var(read.errors, axis=0))), rel=0.05)
+    np.testing.assert_allclose(b.spread, np.std(read.errors, axis=0), rtol=0.2)
