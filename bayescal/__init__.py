@@ -5,7 +5,7 @@
 True
 
 Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `verify`, `compensate`,
-`plan`, `load`; packages: `robots`, `effects`. All are imported when first used.
+`plan`, `init`, `schema`, `load`; packages: `robots`, `effects`. All are imported when first used.
 """
 
 from importlib import import_module
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
     from bayescal.public.planning import plan
     from bayescal.public.saved import load
+    from bayescal.public.starting import init, schema
     from bayescal.public.verifying import verify
 
 __version__ = "0.1.0"
@@ -31,10 +32,12 @@ __all__ = [
     "effects",
     "export",
     "fit",
+    "init",
     "load",
     "plan",
     "read_dataset",
     "robots",
+    "schema",
     "simulate",
     "verify",
 ]
@@ -42,6 +45,8 @@ __all__ = [
 _FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate"), "bayescal.public.functions")
 _FROM |= {
     "compensate": "bayescal.public.compensating",
+    "init": "bayescal.public.starting",
+    "schema": "bayescal.public.starting",
     "export": "bayescal.public.exports",
     "load": "bayescal.public.saved",
     "plan": "bayescal.public.planning",

@@ -8,8 +8,8 @@ import math
 import os
 import re
 import secrets
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path as File
 from typing import Annotated, Any, TypeVar
 
@@ -33,6 +33,10 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Vector = tuple[Number, Number, Number]
+FILL_IN = "!FILL_IN"
+"""Mark (a YAML tag) of a value that the user has still to write; a value behind it is only assumed."""
+MORE_LINES = 6
+"""Maximum number of further lines that an error message names."""
 Path = tuple[str | int, ...]
 M = TypeVar("M", bound=BaseModel)
 
@@ -101,18 +105,24 @@ def decoded(path: File) -> tuple[str, bytes]:
         line = content.count(b"\n", 0, error.start) + 1
         raise BayescalError("not UTF-8 text", f"{path.name}:{line}", "save the file as UTF-8") from None
     if not text.strip():
-        raise BayescalError("the file is empty", path.name, "see the dataset contract for what it holds")
+        raise BayescalError(
+            "the file is empty", path.name, "`bayescal init` writes an example of what it holds"
+        )
     return text, content
 
 
 @dataclass(frozen=True)
 class Document:
-    """A YAML file: plain `data` (scalars as text), the line of every value, and the `content` to hash."""
+    """A YAML file: plain `data` (scalars as text), the line of every value, and the `content` to hash.
+
+    `unfilled` are the paths of values marked with `FILL_IN`, with the line of each mark.
+    """
 
     name: str
     data: Any
     lines: dict[Path, int]
     content: bytes
+    unfilled: dict[Path, int] = field(default_factory=dict)
 
     def where(self, path: Iterable[str | int]) -> str:
         """``file:line`` of the deepest part of `path` that the file holds."""
@@ -122,8 +132,14 @@ class Document:
                 found = (*found, part)
         return f"{self.name}:{self.lines[found]}"
 
-    def parse(self, model: type[M]) -> M:
-        """Read as `model`, or tell of the first thing wrong."""
+    def parse(self, model: type[M], assume: Collection[str] = ()) -> M:
+        """Read as `model`, or tell of the first thing wrong.
+
+        Values marked with `FILL_IN` are refused; below the keys `assume` only those without a value.
+        """
+        empty = [p for p in self.unfilled if self._at(p) in (None, [])]
+        self._refuse_unfilled(empty if assume else [], " and has no value that could be assumed")
+        self._refuse_unfilled([p for p in self.unfilled if p[:1] not in {(key,) for key in assume}])
         try:
             return model.model_validate(self.data)
         except ValidationError as error:
@@ -131,6 +147,26 @@ class Document:
         told.sort(key=lambda t: self._line(t[0]))
         path, what, remedy = told[0]
         raise BayescalError(what, self.where(path), remedy)
+
+    def _refuse_unfilled(self, paths: list[Path], why: str = "") -> None:
+        if not paths:
+            return
+        lines = sorted({self.unfilled[p] for p in paths})
+        first = min(paths, key=lambda p: self.unfilled[p])
+        more = ", ".join(map(str, lines[1 : 1 + MORE_LINES])) + (
+            ", ..." if len(lines) > 1 + MORE_LINES else ""
+        )
+        others = (
+            f", as are values in {len(lines) - 1} more line{'s' * (len(lines) > 2)} ({more})" if more else ""
+        )
+        what = f"`{first[-1]}` is not filled in: it is marked {FILL_IN}{others}"
+        raise BayescalError(what + why, f"{self.name}:{lines[0]}", "write your value and delete the mark")
+
+    def _at(self, path: Path) -> Any:
+        found = self.data
+        for part in path:
+            found = found[part]
+        return found
 
     def _line(self, path: Path) -> int:
         return int(self.where(path).rpartition(":")[2])
@@ -143,11 +179,11 @@ def read_document(path: File) -> Document:
     pydantic model parses numbers from the text.
     """
     text, content = decoded(path)
-    lines: dict[Path, int] = {(): 1}
+    reader = _Reader(path.name)
     loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
     try:
         node = yaml.compose(text, Loader=loader)
-        data = _plain(node, (), lines, path.name, set())
+        data = reader.plain(node, (), frozenset())
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f"{path.name}:{mark.line + 1}" if mark else path.name
@@ -156,7 +192,7 @@ def read_document(path: File) -> Document:
         raise BayescalError(f"not YAML: {error}", path.name) from None
     if not isinstance(data, dict):
         raise BayescalError("expected keys and values", f"{path.name}:1", "start with `schema: ...`")
-    return Document(path.name, data, lines, content)
+    return Document(path.name, data, reader.lines, content, reader.unfilled)
 
 
 def check_schema(document: Document, schema: str) -> None:
@@ -171,35 +207,51 @@ def check_schema(document: Document, schema: str) -> None:
     raise BayescalError(what, document.where(("schema",)), f"this version reads `{schema}`")
 
 
-def _plain(node: yaml.Node | None, path: Path, lines: dict[Path, int], name: str, open_: set[int]) -> Any:
-    """Data of a node; fills `lines`. `open_` holds the nodes being read: a loop of aliases is refused."""
-    if node is None:
-        return None
-    if isinstance(node, yaml.ScalarNode):
-        return None if not node.style and node.value in ("", "~", "null") else node.value
-    if id(node) in open_:
-        where = f"{name}:{node.start_mark.line + 1}"
-        raise BayescalError("an alias contains itself", where, "write the values out")
-    inside = open_ | {id(node)}
-    if isinstance(node, yaml.SequenceNode):
-        items = []
-        for i, item in enumerate(node.value):
-            lines[(*path, i)] = item.start_mark.line + 1
-            items.append(_plain(item, (*path, i), lines, name, inside))
-        return items
-    out: dict[str, Any] = {}
-    for key, value in node.value:
-        line = key.start_mark.line + 1
-        if not isinstance(key, yaml.ScalarNode):
-            raise BayescalError("a key must be a plain name", f"{name}:{line}", "write `key: value`")
-        if key.value in out:
-            first = lines[(*path, key.value)]
-            raise BayescalError(
-                f"`{key.value}` is given twice", f"{name}:{line}", f"the first is in line {first}; keep one"
-            )
-        lines[(*path, key.value)] = line
-        out[key.value] = _plain(value, (*path, key.value), lines, name, inside)
-    return out
+@dataclass(frozen=True)
+class _Reader:
+    """Turns the nodes of a YAML file to plain data, and collects the lines of values and of marks."""
+
+    name: str
+    lines: dict[Path, int] = field(default_factory=lambda: {(): 1})
+    unfilled: dict[Path, int] = field(default_factory=dict)
+
+    def plain(self, node: yaml.Node | None, path: Path, open_: frozenset[int]) -> Any:
+        """Data of a node. `open_` holds the nodes being read: a loop of aliases is refused."""
+        if node is None:
+            return None
+        line = node.start_mark.line + 1
+        if node.tag == FILL_IN:
+            self.unfilled[path] = line
+        if isinstance(node, yaml.ScalarNode):
+            empty = ("",) if node.tag == FILL_IN else () if node.style else ("", "~", "null")
+            return None if node.value in empty else node.value
+        if id(node) in open_:
+            raise BayescalError("an alias contains itself", f"{self.name}:{line}", "write the values out")
+        inside = open_ | {id(node)}
+        if isinstance(node, yaml.SequenceNode):
+            items = []
+            for i, item in enumerate(node.value):
+                self.lines[(*path, i)] = item.start_mark.line + 1
+                items.append(self.plain(item, (*path, i), inside))
+            return items
+        return self._mapping(node, path, inside)
+
+    def _mapping(self, node: yaml.Node, path: Path, inside: frozenset[int]) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        for key, value in node.value:
+            line = key.start_mark.line + 1
+            if not isinstance(key, yaml.ScalarNode):
+                raise BayescalError("a key must be a plain name", f"{self.name}:{line}", "write `key: value`")
+            own = (*path, key.value)
+            if key.value in out:
+                what, remedy = (
+                    f"`{key.value}` is given twice",
+                    f"the first is in line {self.lines[own]}; keep one",
+                )
+                raise BayescalError(what, f"{self.name}:{line}", remedy)
+            self.lines[own] = line
+            out[key.value] = self.plain(value, own, inside)
+        return out
 
 
 _TOLD: dict[str, Callable[[str, dict[str, Any], Any], tuple[str, str]]] = {

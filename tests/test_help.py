@@ -11,7 +11,20 @@ import sys
 import pytest
 
 HEAVY = ("numpy", "scipy", "gtsam", "matplotlib", "numba", "rich", "yaml", "emcee", "arviz", "xarray", "h5py")
-COMMANDS = ("fit", "gap", "compare", "simulate", "import", "blind", "export", "verify", "compensate", "plan")
+COMMANDS = (
+    "fit",
+    "gap",
+    "compare",
+    "simulate",
+    "import",
+    "blind",
+    "export",
+    "verify",
+    "compensate",
+    "plan",
+    "init",
+    "schema",
+)
 
 PROGRAM = """
 import contextlib, io, sys
@@ -54,6 +67,7 @@ def test_every_command_is_asked():
         fit,
         gap,
         import_,
+        init,
         plan,
         simulate,
         verify,

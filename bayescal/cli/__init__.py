@@ -38,7 +38,19 @@ def main() -> None:
     """Entry point of the console script: a `BayescalError` becomes one line and exit code 1."""
     # the matrices are small: several BLAS threads would slow the computation down
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from bayescal.cli import blind, compare, compensate, export, fit, gap, import_, plan, simulate, verify  # noqa: F401  (they register their commands)
+    from bayescal.cli import (  # noqa: F401  (they register their commands)
+        blind,
+        compare,
+        compensate,
+        export,
+        fit,
+        gap,
+        import_,
+        init,
+        plan,
+        simulate,
+        verify,
+    )
 
     try:
         app()

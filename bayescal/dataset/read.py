@@ -19,6 +19,8 @@ from bayescal.files import Document, check_schema, read_document
 from bayescal.robots import load_robot
 
 SETTINGS, TABLE = "dataset.yaml", "measurements.csv"
+MARKED = ("tools", "noise", "targets", "certificates")
+"""Keys below which values that are not filled in may be assumed; the writer marks them again."""
 
 
 def read_dataset(folder: Path | str, judge: bool = True, allow_xacro: bool = False) -> Dataset:
@@ -63,14 +65,17 @@ def read_dataset(folder: Path | str, judge: bool = True, allow_xacro: bool = Fal
     return dataset
 
 
-def read_settings(path: Path, allow_xacro: bool = False) -> tuple[Dataset, Document, bytes]:
+def read_settings(
+    path: Path, allow_xacro: bool = False, assume: bool = False
+) -> tuple[Dataset, Document, bytes]:
     """Read a dataset.yaml and its robot: a `Dataset` of no rows, the document, the robot file's content.
 
-    Its `sha256` is that of both files. `allow_xacro` as of `read_dataset`.
+    Its `sha256` is that of both files. `allow_xacro` as of `read_dataset`. `assume`: values that are marked
+    as not filled in are taken as assumed, and named in `unfilled`; they are refused otherwise.
     """
     document = read_document(path)
     check_schema(document, SCHEMA)
-    file = document.parse(file_model())
+    file = document.parse(file_model(), MARKED if assume else ())
     try:
         robot, robot_content = load_robot(file.robot, path.parent, allow_xacro)
     except BayescalError as error:
@@ -94,6 +99,7 @@ def read_settings(path: Path, allow_xacro: bool = False) -> tuple[Dataset, Docum
         torques=file.torques,
         plan=session.plan_of(document, file, targets, robot.n),
         source=file.source,
+        unfilled=tuple(document.unfilled),
         sha256=_digest(document.content, robot_content),
     )
     return dataset, document, robot_content

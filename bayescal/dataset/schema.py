@@ -7,131 +7,193 @@ from typing import Annotated, Any, Literal, Union
 
 from pydantic import Field, create_model
 
-from bayescal.dataset.target_kinds import KINDS, TargetKind
+from bayescal.dataset.target_kinds import KINDS, MEANING, TargetKind
 from bayescal.files import Keys, NotNegative, Number, Positive, Vector
 
 SCHEMA = "bayescal-dataset/1"
 
 
 class ToolEntry(Keys):
-    """A point carried by the flange."""
+    """A point carried by the flange: the centre of a stylus ball, or of a reflector."""
 
-    centre_mm: Vector
-    ball_radius_mm: NotNegative | None = None
-    mass_kg: NotNegative = 0.0
-    centre_of_mass_mm: Vector | None = None
-    rpy_deg: Vector | None = None
-    u_mm: NotNegative | None = None
-    u_rad: NotNegative | None = None
+    centre_mm: Vector = Field(description="Centre of the ball or reflector in the flange frame, nominal.")
+    ball_radius_mm: NotNegative | None = Field(
+        default=None,
+        description="Effective radius of the stylus ball, as calibrated; needed to touch surfaces.",
+    )
+    mass_kg: NotNegative = Field(
+        default=0.0,
+        description="Mass of all that hangs on the flange while the tool is used; needed for compliance.",
+    )
+    centre_of_mass_mm: Vector | None = Field(
+        default=None, description="Centre of that mass in the flange frame; default: the centre of the ball."
+    )
+    rpy_deg: Vector | None = Field(
+        default=None,
+        description="Roll, pitch, yaw of the tool frame in the flange frame: R = Rz(yaw) Ry(pitch) Rx(roll).",
+    )
+    u_mm: NotNegative | None = Field(
+        default=None,
+        description="Standard uncertainty of each coordinate of `centre_mm`; 0: known; default 5 mm.",
+    )
+    u_rad: NotNegative | None = Field(
+        default=None, description="Standard uncertainty of the orientation; 0: known; default 0.2 rad."
+    )
 
 
 class NoiseEntry(Keys):
-    """Stated standard uncertainties."""
+    """Stated standard uncertainties (k = 1)."""
 
-    contact_mm: Positive | None = None
-    point_mm: Positive | None = None
-    joint_deg: NotNegative = 0.0
-    orientation_deg: Positive | None = None
+    contact_mm: Positive | None = Field(
+        default=None, description="Repeatability of a contact along the surface normal; needed of contacts."
+    )
+    point_mm: Positive | None = Field(
+        default=None,
+        description="Standard uncertainty of a coordinate that an instrument reads; needed of instruments.",
+    )
+    joint_deg: NotNegative = Field(default=0.0, description="Noise of a joint reading.")
+    orientation_deg: Positive | None = Field(
+        default=None,
+        description="Standard uncertainty of an orientation that an instrument reads, about each axis.",
+    )
 
 
 class Loose(Keys):
-    """What every target may carry: how well its nominal place is known."""
+    """Keys of every target: how well its nominal place is known."""
 
-    u_mm: NotNegative | None = None
-    u_rad: NotNegative | None = None
+    u_mm: NotNegative | None = Field(
+        default=None, description="Standard uncertainty of the nominal position; 0: known; default 50 mm."
+    )
+    u_rad: NotNegative | None = Field(
+        default=None, description="Standard uncertainty of the nominal direction; 0: known; default 0.2 rad."
+    )
 
 
 Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
+FACES = Field(description="Names of two targets: planes or cylinders.")
+LENGTH = Field(description="Certified distance.")
+U_LENGTH = Field(description="Its standard uncertainty: U of the certificate divided by k.")
+U_ANGLE = Field(description="Standard uncertainty of the angle between them, from the certificate.")
 
 
 class Parallel(Keys):
-    """Two faces or axes, at a distance."""
+    """Two faces or axes are parallel, at a certified distance."""
 
     kind: Literal["parallel"]
-    faces: Pair
-    distance_mm: Positive
-    u_distance_mm: Positive
-    u_angle_rad: Positive
+    faces: Pair = FACES
+    distance_mm: Positive = LENGTH
+    u_distance_mm: Positive = U_LENGTH
+    u_angle_rad: Positive = U_ANGLE
 
 
 class Perpendicular(Keys):
-    """Two faces or axes, square to each other."""
+    """Two faces or axes are perpendicular."""
 
     kind: Literal["perpendicular"]
-    faces: Pair
-    u_angle_rad: Positive
+    faces: Pair = FACES
+    u_angle_rad: Positive = U_ANGLE
 
 
 class Between(Keys):
-    """A point and another, a plane or an axis, or two parallel axes, at a distance."""
+    """Certified distance of a point from another, from a plane or an axis, or of two parallel axes."""
 
     kind: Literal["distance"]
-    between: Pair
-    distance_mm: Positive
-    u_distance_mm: Positive
+    between: Pair = Field(description="Names of two targets.")
+    distance_mm: Positive = LENGTH
+    u_distance_mm: Positive = U_LENGTH
 
 
 class Diameter(Keys):
-    """A ball's or pin's own diameter is that of its entry, to this."""
+    """The diameter of a sphere or cylinder is certified: it is that of its entry."""
 
     kind: Literal["diameter"]
-    target: str
-    u_diameter_mm: Positive
+    target: str = Field(description="Name of a sphere or cylinder.")
+    u_diameter_mm: Positive = Field(description="Standard uncertainty of its `diameter_mm`.")
 
 
 class Flat(Keys):
-    """A face's form error."""
+    """The form error of a face is certified."""
 
     kind: Literal["flat"]
-    target: str
-    u_form_mm: Positive
+    target: str = Field(description="Name of a plane.")
+    u_form_mm: Positive = Field(description="Standard deviation of the face from a plane.")
 
 
 class VolumeEntry(Keys):
     """A box with edges along the axes of F0."""
 
-    centre_mm: Vector
-    size_mm: tuple[Positive, Positive, Positive]
+    centre_mm: Vector = Field(description="Centre of the box in F0.")
+    size_mm: tuple[Positive, Positive, Positive] = Field(description="Lengths of its edges along x, y, z.")
 
 
 class RegionEntry(Keys):
     """Where contacts may be: a rectangle of a face, or a length of a cylinder."""
 
-    centre_mm: Vector
-    size_mm: Annotated[list[Positive], Field(min_length=1, max_length=2)]
-    along: Vector | None = None
+    centre_mm: Vector = Field(description="Centre of the region, on the surface or the axis, in F0.")
+    size_mm: Annotated[list[Positive], Field(min_length=1, max_length=2)] = Field(
+        description="[width, height] of a face, [length] of a cylinder."
+    )
+    along: Vector | None = Field(
+        default=None, description="Direction of the width of a face, a unit vector in F0."
+    )
 
 
 class PlanEntry(Keys):
-    """What `bayescal plan` needs beyond the targets."""
+    """What `bayescal plan` needs beyond the targets; no other command reads it."""
 
-    volume_of_interest: VolumeEntry | None = None
-    regions: dict[str, RegionEntry] = Field(default={})
-    table_mm: Number | None = None
-    payload_kg: tuple[Positive, ...] = ()
-    cone_deg: Annotated[float, Field(gt=0, le=90)] | None = None
-    poses_deg: tuple[tuple[Number, ...], ...] = ()
+    volume_of_interest: VolumeEntry | None = Field(
+        default=None, description="Volume in which distances shall be accurate."
+    )
+    regions: dict[str, RegionEntry] = Field(
+        default={}, description="Where contacts may be, by the name of the target."
+    )
+    table_mm: Number | None = Field(default=None, description="Height of the table in F0, against gravity.")
+    payload_kg: tuple[Positive, ...] = Field(
+        default=(), description="Masses that can be attached in addition to the tool."
+    )
+    cone_deg: Annotated[float, Field(gt=0, le=90)] | None = Field(
+        default=None,
+        description="Greatest angle between the tool's z axis and the inward normal; default 60.",
+    )
+    poses_deg: tuple[tuple[Number, ...], ...] = Field(
+        default=(), description="Joint readings of poses between which distances shall be accurate."
+    )
 
 
 AnyCertificate = Annotated[Parallel | Perpendicular | Between | Diameter | Flat, Field(discriminator="kind")]
+TARGETS = "What is touched or read, by name, at its nominal place in F0; the fit estimates the true place."
 
 
 class DatasetFile(Keys):
-    """dataset.yaml. Left out, gravity is that of an arm standing upright."""
+    """The set-up of a measuring session: robot, tools, noise, targets and certificates."""
 
-    schema_: Literal["bayescal-dataset/1"] = Field(alias="schema")
-    name: str
-    robot: str
-    readings: Literal["encoder", "command"]
-    gravity_mps2: Vector = (0.0, 0.0, -9.81)
-    tools: Annotated[dict[str, ToolEntry], Field(min_length=1)]
-    noise: NoiseEntry = NoiseEntry()
-    targets: Annotated[dict[str, Any], Field(min_length=1)]  # see `file_model`
-    certificates: tuple[AnyCertificate, ...] = ()
-    temperature_of: Literal["arm", "air", "artefact"] | None = None
-    torques: Literal["computed", "measured"] = "computed"
-    plan: PlanEntry | None = None
-    source: str | None = None
+    schema_: Literal["bayescal-dataset/1"] = Field(alias="schema", description="Version of the format.")
+    name: str = Field(description="Name of the session, in reports.")
+    robot: str = Field(description="Built-in robot, or a path beside this file: robot.yaml, arm.urdf.")
+    readings: Literal["encoder", "command"] = Field(
+        description="What the joint columns contain: readings of the encoders, or commanded angles."
+    )
+    gravity_mps2: Vector = Field(
+        default=(0.0, 0.0, -9.81), description="Gravity in F0, the base frame; [0, 0, 0]: not modelled."
+    )
+    tools: Annotated[dict[str, ToolEntry], Field(min_length=1)] = Field(
+        description="Points carried by the flange, by name; each row of measurements.csv uses one."
+    )
+    noise: NoiseEntry = Field(default=NoiseEntry(), description="Stated standard uncertainties (k = 1).")
+    targets: Annotated[dict[str, Any], Field(min_length=1)] = Field(description=TARGETS)  # see `file_model`
+    certificates: tuple[AnyCertificate, ...] = Field(
+        default=(), description="Certified values of the artefacts; u_ is a standard uncertainty (k = 1)."
+    )
+    temperature_of: Literal["arm", "air", "artefact"] | None = Field(
+        default=None, description="What the column `temperature_c` is the temperature of."
+    )
+    torques: Literal["computed", "measured"] = Field(
+        default="computed", description="Joint torques: computed from the masses, or the columns `j1_nm` ..."
+    )
+    plan: PlanEntry | None = Field(
+        default=None, description="What `bayescal plan` needs; no other command reads it."
+    )
+    source: str | None = Field(default=None, description="Free text: origin, licence, notes.")
 
 
 CERTIFICATES: dict[str, type[Keys]] = {
@@ -148,8 +210,13 @@ def entry_of(kind: TargetKind) -> type[Keys]:
     """The model of a target's entry: the keys of its kind, and those of every target."""
     fields: dict[str, Any] = {"kind": (Literal[kind.name], ...)}
     for key, value in kind.keys.items():
-        fields[key] = (value | None, None) if key in kind.optional else (value, ...)
-    return create_model(kind.name, __base__=Loose, **fields)
+        told = MEANING.get(key)
+        fields[key] = (
+            (value | None, Field(default=None, description=told))
+            if key in kind.optional
+            else (value, Field(description=told))
+        )
+    return create_model(kind.name, __base__=Loose, __doc__=kind.summary, **fields)
 
 
 def file_model() -> type[DatasetFile]:
@@ -162,4 +229,9 @@ def _file_model(kinds: tuple[TargetKind, ...]) -> type[DatasetFile]:
     entries: Any = Union[tuple(entry_of(kind) for kind in kinds)]  # noqa: UP007
     entry: Any = Annotated[entries, Field(discriminator="kind")]
     targets: Any = Annotated[dict[str, entry], Field(min_length=1)]
-    return create_model("DatasetFile", __base__=DatasetFile, targets=(targets, ...))
+    return create_model(
+        "DatasetFile",
+        __base__=DatasetFile,
+        __doc__=DatasetFile.__doc__,
+        targets=(targets, Field(description=TARGETS)),
+    )

@@ -29,6 +29,32 @@ PLAIN = (
 JOINT = ("deg", "degps", "command_deg", "nm")
 """Columns there are one of a joint: ``j1_deg`` ... ``jn_deg``, and so on."""
 
+COLUMNS = {
+    "id": "name of the row, unique",
+    "role": "`calibrate` (default); `validate`: never fitted, only predicted; `locate`: finds its own "
+    "target, never the arm",
+    "target": "a name of `targets`",
+    "tool": "a name of `tools`; needed where there are several",
+    "jN_deg": "reading of joint N as the controller shows it, deg",
+    "jN_degps": "velocity of joint N as the contact triggered, deg/s: its sign is the direction of approach",
+    "jN_command_deg": "commanded angle of joint N beside the measured one, deg",
+    "jN_nm": "measured torque of joint N, N m; used where `torques: measured`",
+    "x_mm": "x that the instrument read, in its own frame, mm",
+    "y_mm": "y that the instrument read, mm",
+    "z_mm": "z that the instrument read, mm",
+    "rx_deg": "roll of the tool frame in the instrument's frame, deg: the row is then a full pose",
+    "ry_deg": "pitch of the tool frame, deg",
+    "rz_deg": "yaw of the tool frame, deg: R = Rz(rz) Ry(ry) Rx(rx)",
+    "length_mm": "length that a bar or wire read, mm; needed where its target states none",
+    "u_mm": "standard uncertainty of this row, mm, in place of the stated noise; may be empty",
+    "stop": "rows with the same value were taken at one standstill of the arm; may be empty",
+    "time_s": "time since the session began, s",
+    "temperature_c": "temperature, deg C, of what `temperature_of` says",
+    "payload_kg": "mass at the flange in addition to the tool, kg; empty: 0",
+    "repeat": "rows with the same value repeat one contact: their scatter is the noise; may be empty",
+}
+"""What the columns of measurements.csv mean; N stands for the number of a joint."""
+
 
 def joint_columns(kind: str, n: int) -> tuple[str, ...]:
     """``j1_deg`` to ``jn_deg`` for `kind` ``deg``."""

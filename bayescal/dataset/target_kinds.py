@@ -28,6 +28,19 @@ LOOSE, LOOSE_ANGLE = 50e-3, 0.2
 DIAMETER_SD = 1e-3
 """m, of a diameter that no certificate states."""
 
+MEANING = {
+    "normal": "Outward unit normal of the surface.",
+    "offset_mm": "Distance of the surface from the origin of F0 along its normal: n.x = offset.",
+    "centre_mm": "Centre in F0: of the sphere, of the ball in its seat, of the pivot of the bar.",
+    "diameter_mm": "Diameter, as certified where a `diameter` certificate names the target.",
+    "point_mm": "A point of the axis in F0.",
+    "axis": "Unit vector along the axis.",
+    "length_mm": "Length of the bar; left out if each row states its own.",
+    "xyz_mm": "Origin of the instrument's frame in F0; roughly, because the rows locate it.",
+    "rpy_deg": "Roll, pitch, yaw of the instrument's frame in F0: R = Rz(yaw) Ry(pitch) Rx(roll).",
+}
+"""What the keys of targets mean; a further kind adds its own."""
+
 
 @dataclass(frozen=True)
 class Seen:

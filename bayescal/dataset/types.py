@@ -170,5 +170,6 @@ class Dataset:
     torques: str = "computed"  # of the joints: "computed" from the masses, or "measured"
     source: str | None = None
     plan: PlanSettings | None = None  # for `bayescal plan`; no other computation depends on it
+    unfilled: tuple[tuple[str | int, ...], ...] = ()  # keys in dataset.yaml of values that are only assumed
     sha256: str = ""  # of dataset.yaml, measurements.csv and the robot file
     sessions: tuple[Dataset, ...] = ()  # those joined in this one, each as it was read

@@ -16,7 +16,7 @@ from bayescal.dataset.table import JOINT, RPY, XYZ, joint_columns
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Certificate, Dataset, PlanSettings, Target, Tool
 from bayescal.errors import BayescalError
-from bayescal.files import si, stem_of
+from bayescal.files import FILL_IN, si, stem_of
 from bayescal.folders import whole
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 from bayescal.robots.writing import number, scalar
@@ -97,11 +97,17 @@ def _rounded(value: float, decimals: int) -> str:
     return number(round(float(value), decimals), 15)
 
 
-def _flow(items: Iterable[tuple[str, str]]) -> str:
+Keys = Iterable[tuple[str, str]]
+"""Keys of an entry with their values as text."""
+
+
+def flow(items: Keys) -> str:
+    """An entry on one line."""
     return "{" + ", ".join(f"{key}: {text}" for key, text in items) + "}"
 
 
-def _tool(tool: Tool) -> str:
+def tool_keys(tool: Tool) -> Keys:
+    """The entry of a tool."""
     values = {
         "centre_mm": tool.centre,
         "ball_radius_mm": tool.ball_radius,
@@ -112,40 +118,36 @@ def _tool(tool: Tool) -> str:
         "u_rad": tool.u_angle,
     }
     assert values.keys() == ToolEntry.model_fields.keys()
-    return _flow((key, _text(key, value)) for key, value in values.items() if value is not None)
+    return ((key, _text(key, value)) for key, value in values.items() if value is not None)
 
 
-def _target(target: Target) -> str:
-    def items() -> Iterator[tuple[str, str]]:
-        yield "kind", target.kind
-        own = {"u_mm": target.u, "u_rad": target.u_angle}
-        for key in (*KINDS[target.kind].keys, *own):
-            value = own[key] if key in own else target.values[stem_of(key)[0]]
-            if value is not None and not np.isnan(value).any():
-                yield key, _text(key, value)
-
-    return _flow(items())
+def target_keys(target: Target) -> Keys:
+    """The entry of a target."""
+    yield "kind", target.kind
+    own = {"u_mm": target.u, "u_rad": target.u_angle}
+    for key in (*KINDS[target.kind].keys, *own):
+        value = own[key] if key in own else target.values[stem_of(key)[0]]
+        if value is not None and not np.isnan(value).any():
+            yield key, _text(key, value)
 
 
-def _certificate(certificate: Certificate) -> str:
-    def items() -> Iterator[tuple[str, str]]:
-        yield "kind", certificate.kind
-        key = NAMES[certificate.kind]
-        names = ", ".join(map(scalar, certificate.targets))
-        yield key, names if key == "target" else f"[{names}]"
-        for key in CERTIFICATES[certificate.kind].model_fields:
-            if key in FIELDS:
-                yield key, _text(key, getattr(certificate, FIELDS[key]))
-
-    return _flow(items())
+def certificate_keys(certificate: Certificate) -> Keys:
+    """The entry of a certificate."""
+    yield "kind", certificate.kind
+    key = NAMES[certificate.kind]
+    names = ", ".join(map(scalar, certificate.targets))
+    yield key, names if key == "target" else f"[{names}]"
+    for key in CERTIFICATES[certificate.kind].model_fields:
+        if key in FIELDS:
+            yield key, _text(key, getattr(certificate, FIELDS[key]))
 
 
-def _plan(plan: PlanSettings) -> Iterator[str]:
+def plan_lines(plan: PlanSettings) -> Iterator[str]:
     """The lines of `plan`, in the order of its model."""
     yield "plan:" if plan != PlanSettings() else "plan: {}"
     if plan.volume is not None:
         keys = {"centre_mm": plan.volume.centre, "size_mm": plan.volume.size}
-        yield f"  volume_of_interest: {_flow((k, _text(k, v)) for k, v in keys.items())}"
+        yield f"  volume_of_interest: {flow((k, _text(k, v)) for k, v in keys.items())}"
     if plan.regions:
         yield "  regions:"
     for name, patch in plan.regions.items():
@@ -153,7 +155,7 @@ def _plan(plan: PlanSettings) -> Iterator[str]:
         items = [(key, _text(key, value)) for key, value in keys.items()]
         if patch.along is not None:
             items.append(("along", _text("along", patch.along)))
-        yield f"    {scalar(name)}: {_flow(items)}"
+        yield f"    {scalar(name)}: {flow(items)}"
     if plan.table is not None:
         yield f"  table_mm: {_text('table_mm', plan.table)}"
     if plan.payloads:
@@ -166,13 +168,23 @@ def _plan(plan: PlanSettings) -> Iterator[str]:
 
 
 def _settings(dataset: Dataset, robot: str) -> str:
-    """dataset.yaml, in the contract's order."""
+    """dataset.yaml, in the contract's order; values that are only assumed are marked again."""
     noise = {
         "contact_mm": dataset.noise.contact,
         "point_mm": dataset.noise.point,
         "joint_deg": dataset.noise.joint,
         "orientation_deg": dataset.noise.orientation,
     }
+
+    def marked(items: Keys, *path: str | int) -> Keys:
+        for key, text in items:
+            own = (*path, key)
+            assumed = any(
+                other == own[: len(other)] or own == other[: len(own)] for other in dataset.unfilled
+            )
+            yield key, f"{FILL_IN} {text}" if assumed else text
+
+    stated = ((k, number(v / si(k), UNCERTAINTY)) for k, v in noise.items() if v is not None)
     lines = [
         f"schema: {SCHEMA}",
         f"name: {scalar(dataset.name)}",
@@ -180,20 +192,21 @@ def _settings(dataset: Dataset, robot: str) -> str:
         f"readings: {dataset.readings}",
         f"gravity_mps2: {_text('gravity_mps2', dataset.gravity)}",
         "tools:",
-        *(f"  {scalar(tool.name)}: {_tool(tool)}" for tool in dataset.tools),
+        *(f"  {scalar(t.name)}: {flow(marked(tool_keys(t), 'tools', t.name))}" for t in dataset.tools),
         "noise:",
-        *(f"  {k}: {number(v / si(k), UNCERTAINTY)}" for k, v in noise.items() if v is not None),
+        *(f"  {key}: {text}" for key, text in marked(stated, "noise")),
         "targets:",
-        *(f"  {scalar(target.name)}: {_target(target)}" for target in dataset.targets),
+        *(f"  {scalar(t.name)}: {flow(marked(target_keys(t), 'targets', t.name))}" for t in dataset.targets),
     ]
     if dataset.certificates:
-        lines += ["certificates:", *(f"  - {_certificate(c)}" for c in dataset.certificates)]
+        each = (marked(certificate_keys(c), "certificates", i) for i, c in enumerate(dataset.certificates))
+        lines += ["certificates:", *(f"  - {flow(items)}" for items in each)]
     if dataset.temperature_of is not None:
         lines.append(f"temperature_of: {dataset.temperature_of}")
     if dataset.torques != "computed":
         lines.append(f"torques: {dataset.torques}")
     if dataset.plan is not None:
-        lines += _plan(dataset.plan)
+        lines += plan_lines(dataset.plan)
     if dataset.source is not None:
         lines.append(f"source: {scalar(dataset.source)}")
     return "\n".join(lines) + "\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -40,10 +41,19 @@ def read_setup(folder: Path | str, allow_xacro: bool = False) -> Setup:
     if not folder.is_dir():
         remedy = "give the folder, not a file in it" if folder.exists() else "check the path"
         raise BayescalError("no such folder", str(folder), remedy)
-    dataset, _, _ = read_settings(folder / SETTINGS, allow_xacro)
+    dataset, _, _ = read_settings(folder / SETTINGS, allow_xacro, assume=True)
     rows = _rows_in(folder / TABLE)
     notes = (f"the {rows} rows of {TABLE} are ignored: `--after` continues a session",) if rows else ()
-    return _setup(dataset, notes)
+    return _setup(dataset, (*notes, *assumed(dataset)))
+
+
+def assumed(dataset: Dataset) -> tuple[str, ...]:
+    """A note on the values that are not filled in yet; none if there are none."""
+    if not dataset.unfilled:
+        return ()
+    keys = Counter(".".join(map(str, [path[0], path[-1]])) for path in dataset.unfilled)
+    some = ", ".join(f"{key} ({count})" if count > 1 else key for key, count in keys.items())
+    return (f"not filled in, only assumed: {some}; `fit` refuses the dataset until they are",)
 
 
 def continued(dataset: Dataset) -> Setup:

@@ -23,6 +23,7 @@ DOCUMENTED = (
     "bayescal.public.functions",
     "bayescal.public.planning",
     "bayescal.public.saved",
+    "bayescal.public.starting",
     "bayescal.effects",
     "bayescal.robots",
 )
