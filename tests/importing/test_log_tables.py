@@ -98,7 +98,7 @@ def test_texts_of_several_columns(tmp_path):
         (
             "a,2\n1,5\n",
             "x=2 mm, y=a mm",
-            r"`2` is the number 2 and the name of a column; write {2} for the column, 2.0",
+            r"`2` is the number 2 and the name of a column; write \{2\} for the column, 2.0",
         ),
         ("a,a\n1,2\n", "x=a mm", "columns #1 and #2 are both called `a`; give the number"),
         ("a [m],b\n1,2\n", "x=a mm", r"`x` is stated in mm, but `a \[m\]` of the file is in m"),
