@@ -8,7 +8,6 @@ import typer
 
 from bayescal.cli import app
 from bayescal.cli.options import AllowXacro
-from bayescal.errors import BayescalError
 
 
 @app.command("import")
@@ -24,11 +23,18 @@ def import_(
     format_: str = typer.Option(
         "csv", "--format", help="csv, or robodk (a calibration table; needs no map)."
     ),
-    points: list[Path] = typer.Option([], help="File with the points of the instrument."),
-    points_map: str = typer.Option(
-        "", help="Unit of the points if rows are names, x, y, z; else a map: id=#1, x=#2 mm, ..."
+    points: list[Path] = typer.Option(
+        [],
+        help="File with the points of the instrument, or with conditions such as a temperature; repeatable.",
     ),
-    pair: str = typer.Option("row", help="How points are assigned to readings: row or id."),
+    points_map: list[str] = typer.Option(
+        [],
+        help="Unit of the points if rows are names, x, y, z; else a map: id=#1, x=#2 mm, ...; for each file, "
+        "or one for all.",
+    ),
+    pair: str = typer.Option(
+        "row", help="How points are assigned to readings: row, id, or time:0.5 s (nearest, with a tolerance)."
+    ),
     template: Path | None = typer.Option(
         None, help="dataset.yaml, or its folder, with tools, targets and noise of the session."
     ),
@@ -40,7 +46,10 @@ def import_(
     tool: str = typer.Option(
         "", help='Position of the reflector on the flange, "0 0 31 mm" [default: estimated].'
     ),
-    noise: str = typer.Option("", help='Standard uncertainty of a coordinate of the instrument: "0.03 mm".'),
+    noise: str = typer.Option(
+        "",
+        help='Standard uncertainty of a coordinate of the instrument, and of an angle: "0.03 mm, 0.01 deg".',
+    ),
     readings: str = typer.Option("encoder", help="Contents of the joint columns: encoder or command."),
     validate: str = typer.Option(
         "",
@@ -59,15 +68,13 @@ def import_(
     """Convert a log to a dataset folder. Units must be stated and are checked."""
     from bayescal.importing import Request, convert, write
 
-    if len(points) > 1:
-        raise BayescalError("two files of points", "--points", "join them into one file, or import each")
     request = Request(
         log=log,
         map=map_,
         format=format_,
         robot=robot,
-        points=points[0] if points else None,
-        points_map=points_map,
+        points=points,
+        points_map=points_map or "",
         pair=pair,
         template=template,
         plan=plan,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +14,6 @@ from bayescal.errors import BayescalError
 from bayescal.importing.columns import DECIMALS, Columns
 from bayescal.importing.log import read_log
 from bayescal.importing.onto import files_of
-from bayescal.importing.pair import PAIRS
 from bayescal.importing.rows import names, points
 from bayescal.importing.units import quantity
 from bayescal.importing.unplaced import Loose
@@ -25,7 +24,6 @@ UPRIGHT = np.array([0.0, 0.0, -9.81])
 
 CHOICES = {
     "format": ("csv", "robodk"),
-    "pair": tuple(PAIRS),
     "readings": ("encoder", "command"),
     "decimal": DECIMALS,
 }
@@ -40,8 +38,8 @@ class Request:
     map: str = ""
     format: str = "csv"
     robot: str = ""
-    points: Path | None = None
-    points_map: str = ""
+    points: Path | Sequence[Path] | None = None
+    points_map: str | Sequence[str] = ""
     pair: str = "row"
     template: Path | None = None
     plan: Path | None = None
@@ -52,6 +50,19 @@ class Request:
     validate: str = ""
     decimal: str = ""
     allow_xacro: bool = False
+
+    @property
+    def files(self) -> tuple[tuple[Path, str], ...]:
+        """Files beside the log, each with its map."""
+        paths = [self.points] if isinstance(self.points, Path) else list(self.points or ())
+        maps = [self.points_map] if isinstance(self.points_map, str) else list(self.points_map)
+        maps = maps * len(paths) if len(maps) == 1 else maps
+        if len(maps) != len(paths):
+            what = f"{len(paths)} files of points, but {len(maps)} maps"
+            raise BayescalError(
+                what, "--points-map", "give one for each file, in their order, or one for all"
+            )
+        return tuple(zip(paths, maps, strict=True))
 
     @property
     def source(self) -> Path | None:
@@ -78,9 +89,10 @@ class Request:
             columns = ", ".join(read_log(self.log).header) or "#1, #2, ... (without names)"
             remedy = f'write --map "j*=A* deg, x=X mm, ..."; the columns are {columns}'
             raise BayescalError("the contents and units of the columns are not stated", self.log.name, remedy)
-        if self.points is not None and not self.points_map:
-            remedy = 'write `--points-map mm`, or `--points-map "id=#1, x=#2 mm, y=#3 mm, z=#4 mm"`'
-            raise BayescalError("the unit of the points is not stated", self.points.name, remedy)
+        for path, said in self.files if self.points else ():
+            if not said:
+                remedy = 'write `--points-map mm`, or `--points-map "id=#1, x=#2 mm, y=#3 mm, z=#4 mm"`'
+                raise BayescalError("the unit of the points is not stated", path.name, remedy)
 
 
 def base_of(request: Request) -> Dataset:
@@ -99,7 +111,10 @@ def base_of(request: Request) -> Dataset:
         )
     noise = base.noise
     if request.noise:
-        noise = replace(noise, point=quantity(request.noise, "length", 1, "--noise")[0])
+        length, _, angle = request.noise.partition(",")
+        noise = replace(noise, point=quantity(length, "length", 1, "--noise")[0])
+        if angle.strip():
+            noise = replace(noise, orientation=quantity(angle, "angle", 1, "--noise")[0])
     told = [f"imported from {request.log.name}", *([base.source] if base.source else [])]
     return replace(base, name=request.name or base.name, noise=noise, source="; ".join(told))
 

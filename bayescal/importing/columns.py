@@ -13,6 +13,7 @@ from bayescal.errors import BayescalError
 from bayescal.importing.expressions import Expression, parse, place
 from bayescal.importing.log import Log
 from bayescal.importing.mapping import TEXTS, Column, Map, dimension_of
+from bayescal.importing.rotations import CONVENTIONS
 from bayescal.importing.stamps import LONG, STAMPS, NoStampError
 from bayescal.importing.units import Unit, is_number, listed, unit_of
 
@@ -101,6 +102,12 @@ def columns_of(log: Log, map_: Map, decimal: str = "") -> Columns:
     for key, column in map_.items():
         if _base(key) in TEXTS:
             texts[key] = np.array(_filled(log, column, used[key]))
+        elif column.turn:
+            base, at, tool = key.partition("@")
+            scale = column.unit.scale if column.unit else 1.0
+            for i, part in enumerate(used[key]):
+                raw = part.value(partial(cells.numbers, key), len(log.rows))
+                numbers[f"{base}{i}{at}{tool}"] = scale * raw
         elif column.stamp:
             numbers[key], clock = _stamped(log, key, column, used[key])
         else:
@@ -145,7 +152,16 @@ def _used(column: Column, key: str, header: Sequence[str], width: int, where: st
         else:
             names = [column.name]
         return [Expression(name, (place(name, header, width, where),)) for name in names]
-    return [parse(column.name, header, width, where)]
+    if not column.turn:
+        return [parse(column.name, header, width, where)]
+    names = re.findall(r"\{[^{}]+\}|\S+", column.name)
+    span = re.fullmatch(r"#(\d+)\.\.#?(\d+)", column.name)
+    if span:
+        names = [f"#{i}" for i in range(int(span[1]), int(span[2]) + 1)]
+    if len(names) != CONVENTIONS[column.turn].count:
+        what = f"{column.turn} needs {CONVENTIONS[column.turn].count} columns, {len(names)} are given"
+        raise BayescalError(what, column.where, "separate them by spaces; names with spaces stand in braces")
+    return [parse(name, header, width, where) for name in names]
 
 
 def _filled(log: Log, column: Column, used: Sequence[Expression]) -> list[str]:

@@ -21,7 +21,9 @@ from bayescal.importing.log import read_log
 from bayescal.importing.mapping import Map, own_map, read_map, setting
 from bayescal.importing.messages import accusation, found_words
 from bayescal.importing.onto import files_of, measured_before, onto
-from bayescal.importing.pair import PAIRS
+from bayescal.importing.orientations import compared
+from bayescal.importing.pair import is_measured, pair
+from bayescal.importing.reflectors import stacked, unfolded
 from bayescal.importing.roles import role_note, with_roles
 from bayescal.importing.rows import measurements, readings
 from bayescal.importing.units import is_unit
@@ -79,8 +81,10 @@ def convert(request: Request) -> Draft:
     wrong = "" if found is None else accusation(found, columns)
     if joined is not None and not wrong:
         joined.check()
+    turned, agree = compared(dataset, columns)
+    wrong = wrong or ("" if agree else turned)
     dataset, roles = _roles(request, dataset, "role" in columns.texts)
-    notes = (*notes, *found_words(dataset, loose), roles)
+    notes = (*notes, *found_words(dataset, loose), *filter(None, [turned if agree else ""]), roles)
     understood = (*mapped, row_words(dataset, int(columns.line[0])))
     dataset, before, notes = _continuing(request, dataset, notes)
     return Draft(dataset, notes, wrong, columns.name, columns.line, understood, before)
@@ -179,18 +183,29 @@ def _columns(request: Request, n: int) -> Read:
         columns, centres = formats.robodk(log, n)
         if left := len(log.rows) - columns.count:
             notes.append(f"{left} row{'s' * (left > 1)} of {log.name} excluded: not measured (0, 0, 0)")
-    mapped = mapping_words(columns)
-    if request.points is not None:
-        said = request.points_map.strip()
-        if is_unit(said):
-            log = read_log(request.points)
-            points = columns_of(log, formats.points_map(log, said), request.decimal)
+    mapped = [mapping_words(columns)]
+    files = [_points(request, path, said, n) for path, said in request.files] if request.points else []
+    mapped += [mapping_words(points) for points in files]
+    parts = []
+    for points in sorted(files, key=is_measured):  # conditions first: they are those of all measurements
+        both, left_out = pair(request.pair, columns, points)
+        notes += left_out
+        if is_measured(points):
+            parts.append(both)
         else:
-            points = _mapped(request.points, read_map(said, n), request.decimal)
-        mapped = (*mapped, *mapping_words(points))
-        columns, left_out = PAIRS[request.pair](columns, points)
-        notes += [f"excluded: {left_out}"] if left_out else []
-    return columns, centres, tuple(notes), mapped
+            columns = both
+    unfolds = [unfolded(part) for part in parts or [columns]]
+    notes += [note for _, left_out in unfolds for note in left_out]
+    columns = stacked([part for part, _ in unfolds]) if len(unfolds) > 1 else unfolds[0][0]
+    return columns, centres, tuple(notes), tuple(words for part in mapped for words in part)
+
+
+def _points(request: Request, path: Path, said: str, n: int) -> Columns:
+    """A file beside the log; its map may be the unit of its points alone."""
+    if is_unit(said.strip()):
+        log = read_log(path)
+        return columns_of(log, formats.points_map(log, said.strip()), request.decimal)
+    return _mapped(path, read_map(said, n), request.decimal)
 
 
 def _mapped(path: Path, map_: Map, decimal: str) -> Columns:

@@ -83,5 +83,7 @@ def _alike(columns: list[Column]) -> bool:
 def _source(column: Column) -> str:
     if column.constant:
         return f"'{column.name}'"
+    if column.turn:
+        return f"{column.name} {column.turn}" + (f" {column.unit.name}" if column.unit else "")
     unit = column.stamp or (column.unit.name if column.unit else "")
     return f"{column.name} {unit}".strip()

@@ -12,6 +12,7 @@ from bayescal.dataset.table import JOINT as JOINTS
 from bayescal.dataset.table import PLAIN, joint_columns
 from bayescal.errors import BayescalError
 from bayescal.files import read_document, stem_of, unknown
+from bayescal.importing.rotations import CONVENTIONS
 from bayescal.importing.stamps import STAMPS
 from bayescal.importing.units import ALIASES, UNITS, Unit, is_unit, listed, unit_of
 
@@ -33,6 +34,12 @@ OF_UNIT = {"degps": "_velocity", "radps": "_velocity", "nm": "_torque"}
 SETTINGS = ("validate",)
 """Entries of a map that are not columns."""
 
+ROTATION = "rotation"
+"""The measured orientation, in a convention of `CONVENTIONS`."""
+
+OF_REFLECTOR = ("x", "y", "z", "u", "rx", "ry", "rz", ROTATION)
+"""Quantities that may be those of a named reflector, ``x@A``."""
+
 TEXTS = ("id", "role", "target", "tool", "stop", "repeat")
 """Quantities that are text."""
 
@@ -43,7 +50,8 @@ class Column:
 
     `name` is the name of a column, its number (``#3``), an expression on columns, or a `constant` text for
     all rows, in which names in braces stand for the texts of columns. Without `unit` it is that of the
-    header; `stamp` is the kind of a time stamp. An `optional` entry counts if its columns are there.
+    header; `stamp` is the kind of a time stamp, `turn` the convention of an orientation (spaces between its
+    columns). An `optional` entry counts if its columns are there.
     """
 
     name: str
@@ -52,6 +60,7 @@ class Column:
     stamp: str = ""
     optional: bool = False
     where: str = "--map"
+    turn: str = ""
 
 
 Map = Mapping[str, Column]
@@ -84,7 +93,12 @@ def read_map(text: str, n: int, formal: bool = False) -> dict[str, Column]:
         key = key.rstrip("?") if optional else key
         for joint in range(1, n + 1) if key.startswith("j*") else (0,):
             name, said = (_of_joint(t, joint) if joint else t for t in (key, value))
-            quantity, unit = quantity_of(name, n, where)
+            base, at, tool = name.partition("@")
+            quantity, unit = quantity_of(base, n, where)
+            if at and (quantity not in OF_REFLECTOR or not tool):
+                what = f"`{name}` is not a quantity of a reflector"
+                raise BayescalError(what, where, f"those are {', '.join(OF_REFLECTOR)}, as in x@A")
+            quantity += at + tool
             if quantity in out:
                 raise BayescalError(f"`{quantity}` is given twice", where, "keep a single entry")
             out[quantity] = _column(quantity, said, unit, optional, where, n)
@@ -120,7 +134,7 @@ def setting(text: str, key: str) -> tuple[str, str]:
 
 def quantity_of(key: str, n: int, where: str) -> tuple[str, Unit | None]:
     """The quantity that a key names, and the unit in its name: ``x_mm``, ``j1_degps``; None without one."""
-    if key in TEXTS:
+    if key in TEXTS or key == ROTATION:
         return key, None
     stem, suffix = stem_of(key)
     name = ALIASES.get(suffix, suffix)
@@ -141,7 +155,7 @@ def dimension_of(key: str, n: int, where: str) -> str:
         return JOINT[joint[2]]
     if key not in DIMENSIONS:
         joints = [f"j{i + 1}{tail}" for tail in JOINT for i in range(n)]
-        what, remedy = unknown("quantity", key, [*joints[:n], *DIMENSIONS, *TEXTS, *SETTINGS])
+        what, remedy = unknown("quantity", key, [*joints[:n], *DIMENSIONS, ROTATION, *TEXTS, *SETTINGS])
         raise BayescalError(what, where, remedy)
     return DIMENSIONS[key]
 
@@ -182,6 +196,9 @@ def _of_text(text: str) -> list[tuple[str, str, str]]:
 
 def _column(key: str, said: str, unit: Unit | None, optional: bool, where: str, n: int) -> Column:
     """One entry; texts have no unit."""
+    key = key.partition("@")[0]
+    if key == ROTATION:
+        return _rotation(said, optional, where)
     if key in TEXTS:
         quoted = re.fullmatch(r"""(['"])(.+)\1""", said)
         return Column(quoted[2] if quoted else said, None, bool(quoted), "", optional, where)
@@ -196,3 +213,18 @@ def _column(key: str, said: str, unit: Unit | None, optional: bool, where: str, 
         remedy = f"give one of {listed(dimension)}; a name with spaces stands in braces: {{{said}}}"
         raise BayescalError(f"unknown unit `{last}`", where, remedy)
     return Column(name, unit_of(last, dimension_of(key, n, where), where), False, "", optional, where)
+
+
+def _rotation(said: str, optional: bool, where: str) -> Column:
+    """An orientation: columns, the convention and, of angles, the unit."""
+    words = said.split()
+    unit = unit_of(words.pop(), "angle", where) if words and is_unit(words[-1]) else None
+    turn = words.pop() if words else ""
+    if turn not in CONVENTIONS or not words:
+        remedy = f"write `rotation=q1 q2 q3 q4 wxyz` or `A B C abc deg`; known are {', '.join(CONVENTIONS)}"
+        raise BayescalError("the convention of the orientation is not stated", where, remedy)
+    if CONVENTIONS[turn].angles and unit is None:
+        raise BayescalError("the orientation has no unit", where, f"write `rotation={said} deg`")
+    if not CONVENTIONS[turn].angles and unit is not None:
+        raise BayescalError(f"{turn} has no unit", where, f"remove `{unit.name}`")
+    return Column(" ".join(words), unit, False, "", optional, where, turn)

@@ -1,64 +1,198 @@
-"""Joint readings and measured points of two files, side by side."""
+"""Rows of two files side by side: in their order, by id, or by time."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.importing.columns import Columns, first
+from bayescal.importing.reflectors import MEASURED, OWN, distinct
+from bayescal.importing.units import quantity
+
+STILL = np.radians(0.01)
+"""rad: readings that change by more than this within the tolerance of time: the arm was moving."""
+
+CLOCKS = {
+    "": "seconds of a session",
+    "UTC": "time since 1970",
+    "local": "local time",
+    "day": "time of day",
+}
 
 
-def by_row(log: Columns, points: Columns) -> tuple[Columns, str]:
-    """The i-th row of one beside the i-th of the other; they must have as many."""
-    if log.count != points.count:
-        what = f"{log.count} rows in {log.name}, {points.count} in {points.name}"
-        raise BayescalError(what, "--pair row", "map `id` in both files and pair them by id")
-    return _joined(log, points), ""
+def pair(rule: str, log: Columns, points: Columns) -> tuple[Columns, tuple[str, ...]]:
+    """Pair the rows of two files.
 
-
-def by_id(log: Columns, points: Columns) -> tuple[Columns, str]:
-    """Rows of one id side by side, in the log's order; those without a partner are left out.
+    Parameters
+    ----------
+    rule : str
+        ``row``: the i-th with the i-th; ``id``; or ``time:0.5 s``, the nearest in time within a tolerance.
+    log, points : Columns
+        Of which `points` are measurements or conditions (a temperature).
 
     Returns
     -------
-    tuple of Columns and str
-        The rows, and the excluded rows as text, or "".
+    tuple of Columns and tuple of str
+        The rows with the quantities of both, and notes on what has no partner.
+
+    Raises
+    ------
+    BayescalError
+        For counts that differ, ids given twice, clocks that differ, and rows that pair twice.
     """
-    for columns in (log, points):
-        check_ids(columns)
-    place = {name: row for row, name in enumerate(points.texts["id"].tolist())}
-    known = np.array([name in place for name in log.texts["id"].tolist()])
-    if not known.any():
-        what = f"no id of {log.name} is in {points.name}"
-        examples = f"`{log.texts['id'][0]}` and `{points.texts['id'][0]}` are the first ids"
-        raise BayescalError(what, "--pair id", f"{examples}; map the right columns, or pair by row")
-    log = log.take(known)
-    partners = points.take(np.array([place[name] for name in log.texts["id"].tolist()]))
-    lost, spare = int((~known).sum()), points.count - partners.count
-    excluded = [
-        f"{count} row{'s' * (count > 1)} of {name} without a partner"
-        for count, name in ((lost, log.name), (spare, points.name))
-        if count
-    ]
-    return _joined(log, partners), " and ".join(excluded)
+    found = re.fullmatch(r"(row|id|time)(?:[:\s]\s*(.+))?", rule.strip())
+    if found is None or bool(found[2]) != (found[1] == "time"):
+        raise BayescalError(f"'{rule}' is not known", "--pair", "must be row, id or time:0.5 s")
+    if found[1] == "time":
+        return _by_time(log, points, quantity(found[2], "time", 1, "--pair")[0])
+    return _by_row(log, points) if found[1] == "row" else _by_id(log, points)
 
 
-def check_ids(columns: Columns) -> None:
-    """Refuse a file without ids, or with one twice."""
+def is_measured(columns: Columns) -> bool:
+    """Whether a file holds measurements, not conditions alone."""
+    return any(key.partition("@")[0] in MEASURED for key in columns.numbers)
+
+
+def check_ids(columns: Columns, besides: Sequence[str] = ()) -> None:
+    """Refuse a file without ids, or with one twice for the same of `besides`."""
     if "id" not in columns.texts:
         raise BayescalError("no column holds `id`", columns.name, "map it (`id=Name`), or pair by row")
-    ids = columns.texts["id"].tolist()
-    often = Counter(ids)
-    twice = np.array([often[name] > 1 for name in ids])
+    keys = _keys(columns, ("id", *besides))
+    often = Counter(keys)
+    twice = np.array([often[key] > 1 for key in keys])
     first(
-        columns, twice, lambda row: f"id `{ids[row]}` is given twice", "keep a single row, or rename the id"
+        columns,
+        twice,
+        lambda row: f"id `{columns.texts['id'][row]}` is given twice",
+        "keep a single row, or rename the id",
     )
 
 
-PAIRS = {"row": by_row, "id": by_id}
+def _keys(columns: Columns, names: Sequence[str]) -> list[tuple[str, ...]]:
+    return list(zip(*(columns.texts[name].tolist() for name in names), strict=True))
+
+
+def _by_row(log: Columns, points: Columns) -> tuple[Columns, tuple[str, ...]]:
+    if log.count != points.count:
+        what = f"{log.count} rows in {log.name}, {points.count} in {points.name}"
+        raise BayescalError(what, "--pair row", "map `id` in both files and pair them by id")
+    return _joined(log, points), ()
+
+
+def _by_id(log: Columns, points: Columns) -> tuple[Columns, tuple[str, ...]]:
+    """Rows of one id side by side, in the log's order; points of several tools or targets may share an id."""
+    own = [key for key in OWN if key in points.texts]
+    shared = [key for key in own if key in log.texts]
+    check_ids(log, shared)
+    check_ids(points, own)
+    places: dict[tuple[str, ...], list[int]] = {}
+    for row, key in enumerate(_keys(points, ("id", *shared))):
+        places.setdefault(key, []).append(row)
+    pairs = [(i, j) for i, key in enumerate(_keys(log, ("id", *shared))) for j in places.get(key, ())]
+    if not pairs:
+        what = f"no id of {log.name} is in {points.name}"
+        examples = f"`{log.texts['id'][0]}` and `{points.texts['id'][0]}` are the first ids"
+        raise BayescalError(what, "--pair id", f"{examples}; map the right columns, or pair by row")
+    mine, theirs = np.array(pairs).T
+    lost = log.count - len(np.unique(mine)), points.count - len(np.unique(theirs))
+    excluded = [
+        f"{count} row{'s' * (count > 1)} of {name} without a partner"
+        for count, name in zip(lost, (log.name, points.name), strict=True)
+        if count
+    ]
+    both = _joined(log.take(mine), _without(points.take(theirs), shared))
+    return distinct(both), (f"excluded: {' and '.join(excluded)}",) if excluded else ()
+
+
+def _by_time(log: Columns, points: Columns, tolerance: float) -> tuple[Columns, tuple[str, ...]]:
+    """The nearest in time: each measurement takes a row of the log, each row of the log its conditions."""
+    for columns in (log, points):
+        if "time" not in columns.numbers:
+            raise BayescalError("no column holds `time`", columns.name, "map it, `time=T s`")
+        time = columns.numbers["time"]
+        first(columns, np.isnan(time), lambda row: "`time` is empty", "fill in the cell")
+    if log.clock != points.clock:
+        clocks = f"{CLOCKS[log.clock]} in {log.name}, {CLOCKS[points.clock]} in {points.name}"
+        raise BayescalError(f"the times do not have the same origin: {clocks}", "--pair", "pair by id or row")
+    forward = is_measured(points)
+    of, among = (points, log) if forward else (log, points)
+    nearest, apart = _nearest(of.numbers["time"], among.numbers["time"])
+    near = apart <= tolerance
+    if not near.any():
+        what = f"no rows of {log.name} and {points.name} are within {tolerance:g} s: the nearest differ by "
+        raise BayescalError(f"{what}{apart.min():.6g} s", "--pair", "check the clocks, or pair by id or row")
+    mine, theirs = np.flatnonzero(near), nearest[near]
+    notes = [
+        f"paired by time: differences of {np.median(apart[near]):.3g} s (median), {apart[near].max():.3g} s "
+        "(maximum)"
+    ]
+    if count := int((~near).sum()):
+        notes.append(
+            f"excluded: {count} row{'s' * (count > 1)} of {of.name} without a row of {among.name} within "
+            f"{tolerance:g} s"
+        )
+    if forward:
+        _check_single(points.take(mine), theirs)
+        notes += _motion(log, points.numbers["time"][mine], tolerance)
+        order = np.argsort(theirs, kind="stable")
+        mine, theirs = theirs[order], mine[order]
+        notes.append(f"{len(np.unique(mine))} of {log.count} rows of {log.name} are used")
+    both = _joined(
+        log.take(mine), _without(points.take(theirs), ("time", "id") if not forward else ("time",))
+    )
+    return distinct(both), tuple(notes)
+
+
+def _nearest(of: np.ndarray, among: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Index (N,) of the nearest of `among` to each `of`, and how far it is."""
+    order = np.argsort(among, kind="stable")
+    right = np.clip(np.searchsorted(among[order], of), 0, len(among) - 1)
+    left = np.maximum(right - 1, 0)
+    closer = np.abs(among[order[left]] - of) <= np.abs(among[order[right]] - of)
+    index = order[np.where(closer, left, right)]
+    return index, np.abs(among[index] - of)
+
+
+def _check_single(points: Columns, theirs: np.ndarray) -> None:
+    """Refuse two measurements of the same tool and target that pair with the same row."""
+    own = [key for key in OWN if key in points.texts]
+    keys = list(zip(theirs.tolist(), *(points.texts[k].tolist() for k in own), strict=True))
+    often = Counter(keys)
+    twice = np.array([often[key] > 1 for key in keys])
+    remedy = "pair by id, give a smaller tolerance, or map `tool`"
+    first(points, twice, lambda row: "two rows have the same nearest row of the log", remedy)
+
+
+def _motion(log: Columns, times: np.ndarray, tolerance: float) -> list[str]:
+    """A note on measurements during which the arm moved."""
+    joints = [v for k, v in log.numbers.items() if re.fullmatch(r"j\d+", k)]
+    if not joints:
+        return []
+    order = np.argsort(log.numbers["time"], kind="stable")
+    readings, clock = np.column_stack(joints)[order], log.numbers["time"][order]
+    low = np.searchsorted(clock, times - tolerance)
+    high = np.searchsorted(clock, times + tolerance, side="right")
+    spread = np.array(
+        [np.ptp(readings[a:b], axis=0).max() if b > a else 0.0 for a, b in zip(low, high, strict=True)]
+    )
+    moved = int((spread > STILL).sum())
+    if not moved:
+        return []
+    return [
+        f"the arm moved by up to {np.degrees(spread.max()):.2g} deg within {tolerance:g} s of {moved} of "
+        f"{len(times)} measurements: check the clocks"
+    ]
+
+
+def _without(columns: Columns, keys: Sequence[str]) -> Columns:
+    numbers = {k: v for k, v in columns.numbers.items() if k not in keys}
+    texts = {k: v for k, v in columns.texts.items() if k not in keys}
+    return replace(columns, numbers=numbers, texts=texts)
 
 
 def _joined(log: Columns, points: Columns) -> Columns:
@@ -72,4 +206,5 @@ def _joined(log: Columns, points: Columns) -> Columns:
         numbers=log.numbers | points.numbers,
         texts=points.texts | log.texts,
         said=points.said | log.said,
+        clock=log.clock or points.clock,
     )

@@ -11,6 +11,7 @@ from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.files import unknown
 from bayescal.importing.columns import Columns, first
+from bayescal.importing.orientations import measured
 
 
 def readings(columns: Columns, n: int) -> np.ndarray:
@@ -58,7 +59,7 @@ def measurements(
         line=np.arange(2, count + 2),
         velocity=_block(columns, [f"j{i + 1}_velocity" for i in range(n)]),
         xyz=points(columns),
-        rpy=_block(columns, ["rx", "ry", "rz"]),
+        rpy=measured(columns),
         length=number("length"),
         u=number("u"),
         stop=stop,

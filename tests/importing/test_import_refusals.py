@@ -129,16 +129,3 @@ def test_which_columns_are_points(tmp_path, row, columns):
         return
     got = columns_of(log, points_map(log, "mm"))
     np.testing.assert_allclose([got.numbers[k][1] for k in "xyz"], [1.5e-3, 2e-3, 3e-3])
-
-
-def test_two_files_of_points_are_refused(tmp_path):
-    """The second used to replace the first in silence."""
-    from typer.testing import CliRunner
-
-    from bayescal.cli import app, import_  # noqa: F401
-
-    (tmp_path / "log.csv").write_text("A1\n1\n")
-    arguments = ["import", str(tmp_path / "log.csv"), "--points", "a.csv", "--points", "b.csv"]
-    done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out")])
-    assert isinstance(done.exception, BayescalError)
-    assert "two files of points" in str(done.exception)
