@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from fnmatch import fnmatch
 from typing import Any
 
-from analysis.site import api, commands, effects, frames
+from analysis.site import api, commands, effects, frames, scripts
 from analysis.site.links import ROOT, TOP
 
 
@@ -16,12 +16,12 @@ def texts() -> dict[str, str]:
         page: (ROOT / path).read_text(encoding="utf-8") for path, page in TOP.items() if path != "README.md"
     }
     out |= {"reference/commands.md": commands.page(), "reference/python.md": api.page()}
-    return out | effects.texts()
+    return out | effects.texts() | scripts.texts()
 
 
 def pictures() -> dict[str, bytes]:
     """Generated pictures, by path."""
-    return {"pictures/frames.png": frames.picture()} | effects.pictures()
+    return {"pictures/frames.png": frames.picture()} | effects.pictures() | scripts.pictures()
 
 
 def entries(nav: Any) -> list[str]:
