@@ -67,7 +67,7 @@ class FitResult(FitTables):
         return summary if self.agreement is None else Group(summary, "", agreement_summary(self.agreement))
 
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
-        """Write fit.json, posterior.nc, budgets, robot.yaml, arm.json and the dataset; return their names."""
+        """Write fit.json, report.html, posterior.nc, budgets, robot.yaml, arm.json, dataset; return the names."""
         from bayescal.reporting.fit.files import WRITTEN, write_fit
 
         write_fit(self.data, Path(folder), self.agreement)
@@ -121,7 +121,7 @@ class GapResult(GapTables):
         return summary if self.agreement is None else Group(summary, "", facts(verdicts(self.agreement)))
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
-        """Write gap.json, arm.json, the dataset and, where `pictures`, the figures; return the names."""
+        """Write gap.json, gap.html, arm.json, the dataset, the figures where `pictures`; return the names."""
         from bayescal.reporting.gap.files import write_gap
 
         return write_gap(self.data, Path(folder), pictures)

@@ -129,7 +129,7 @@ def test_play_is_named_and_removed(loud, tmp_path, command):
     assert rungs[-1]["distance_rms_um"] < 0.6 * rungs[-2]["distance_rms_um"]
     assert set(record["missing"]) <= {"latency", "ball-radius"}  # at one speed nothing tells them apart
     assert {p.name for p in out.glob("[!.]*")} == {
-        "gap.json", "arm.json", "dataset", "gap-where.png", "gap-which.png", "gap-levels.png",
+        "gap.json", "gap.html", "arm.json", "dataset", "gap-where.png", "gap-which.png", "gap-levels.png",
         "gap-residuals.png",
     }  # fmt: skip
     arm = open_run(out)  # with the named effect, which the validation rows confirm

@@ -19,10 +19,11 @@ from bayescal.reporting.fit.agreement import agreement_record, disagreement
 from bayescal.reporting.fit.budget import budget_csv, budget_record
 from bayescal.reporting.fit.posterior import fit_draws
 from bayescal.reporting.fit.record import fit_record
+from bayescal.reporting.page.build import PAGES, write_page
 
 FIT = "fit.json"
 BUDGET, BUDGET_CSV = "budget.json", "budget.csv"
-WRITTEN = (FIT, "posterior.nc", BUDGET, BUDGET_CSV, "robot.yaml", ARM_FILE, COPY)
+WRITTEN = (FIT, PAGES["fit"], "posterior.nc", BUDGET, BUDGET_CSV, "robot.yaml", ARM_FILE, COPY)
 """Names of all that `write_fit` writes."""
 
 
@@ -36,7 +37,7 @@ def fit_contents(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
 
 
 def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None:
-    """Write fit.json, posterior.nc, budgets, the calibrated robot.yaml, arm.json and the dataset atomically.
+    """Write fit.json, report.html, posterior.nc, budgets, robot.yaml, arm.json and the dataset atomically.
 
     `compared` is what the sessions of a joint fit say of the arm each by itself.
     """
@@ -50,3 +51,4 @@ def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None
         (stage / BUDGET).write_text(json_text(budget_record(budgets, fit.basis, fit.seed)), encoding="utf-8")
         (stage / BUDGET_CSV).write_text(budget_csv(budgets), encoding="utf-8")
         write_arm(of_fit(fit), stage)
+        write_page(stage, folder)

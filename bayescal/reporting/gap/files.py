@@ -10,6 +10,7 @@ from bayescal.folders import whole
 from bayescal.gap.result import Gap
 from bayescal.reporting.gap.contacts import table_of_contacts
 from bayescal.reporting.gap.record import gap_record
+from bayescal.reporting.page.build import write_page
 
 GAP = "gap.json"
 NEXT = "next.csv"
@@ -17,7 +18,7 @@ NEXT = "next.csv"
 
 
 def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
-    """Write gap.json, arm.json with the dataset, next.csv and the figures atomically.
+    """Write gap.json, gap.html, arm.json with the dataset, next.csv and the figures atomically.
 
     Parameters
     ----------
@@ -49,4 +50,5 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
             for name, draw in PICTURES.items():
                 save_figure(draw(gap), stage / name)
                 names.append(name)
+        names.insert(1, write_page(stage, folder))
     return tuple(names)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from bayescal.effects import EFFECTS
@@ -11,6 +9,7 @@ from bayescal.gap.result import Gap, Named, Place
 from bayescal.model.orientations import posed
 from bayescal.reporting.gap.amplitudes import sites
 from bayescal.reporting.gap.causes import PLAIN, sentence
+from bayescal.reporting.shared.text import listed, probability, rival
 
 NO_PLACE = "at no single location"
 LOOSE = 4.0
@@ -40,26 +39,6 @@ def named(effect: Named, gap: Gap) -> str:
         )
     setting = f", {effect.setting}" if effect.setting else ""
     return f"{who} {does}{setting} ({effect.effect}, probability {probability(effect.probability)})"
-
-
-def probability(value: float) -> str:
-    """A probability with two decimals, ``< 0.01`` or ``> 0.99`` beyond."""
-    if value > 0.99:
-        return "> 0.99"
-    return "< 0.01" if value < 0.01 else f"{value:.2f}"
-
-
-def p_value(value: float) -> str:
-    """A p-value with one significant digit."""
-    if value < 1e-4:
-        return "< 0.0001"
-    return f"{value:.4f}" if value < 0.01 else f"{value:.2f}"
-
-
-def listed(names: Iterable[str], last: str = "and") -> str:
-    """Names joined by commas, the last by `last`."""
-    *some, final = list(names)
-    return f"{', '.join(some)} {last} {final}" if some else final
 
 
 def unexplained(gap: Gap) -> Place | None:
@@ -103,11 +82,6 @@ def _cause(at: Place | None, gap: Gap) -> list[str]:
     """What a significant unmodelled location shows, as a sentence; none if it shows nothing."""
     text = sentence(at, gap.dataset) if at else ""
     return [text[:1].upper() + text[1:]] if text else []
-
-
-def rival(name: str) -> str:
-    """A member of the 90 % set as text."""
-    return {"null": "noise only", "unknown": "unmodelled effect"}.get(name, name)
 
 
 def warnings(gap: Gap) -> tuple[str, ...]:

@@ -14,9 +14,9 @@ import numpy as np
 from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Gap
 from bayescal.reporting.gap.arm import draw_where
 from bayescal.reporting.gap.lengths import length, main, per_residual
-from bayescal.reporting.gap.phrases import headline, probability, rival
+from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, NOISE, SERIES, figure, remark, tidy
-from bayescal.reporting.shared.text import UM, model_label, short
+from bayescal.reporting.shared.text import UM, model_label, probability, rival, short
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,17 +14,19 @@ from bayescal.reporting.gap import amplitudes
 from bayescal.reporting.gap.causes import cause
 from bayescal.reporting.gap.contacts import first_contacts
 from bayescal.reporting.gap.lengths import as_lengths, length, main, per_residual
-from bayescal.reporting.gap.phrases import (
-    headline,
+from bayescal.reporting.gap.phrases import headline, place, unexplained, warnings
+from bayescal.reporting.shared.text import (
+    NEVER,
+    facts,
+    level_label,
     listed,
     p_value,
-    place,
+    plain_table,
     probability,
     rival,
-    unexplained,
-    warnings,
+    size,
+    um,
 )
-from bayescal.reporting.shared.text import facts, model_label, plain_table, short, size, um
 
 PLACES = 5
 BLIND = 4
@@ -35,8 +37,6 @@ LEAST_PROBABILITY = 0.01
 STYLES = {"null": "bold green", "named": "bold", "ambiguous": "bold yellow"}
 
 Facts = Iterable[tuple[str, str, str]]
-NEVER = 1000.0
-"""Ratio to the plausible amplitude from which on an effect is not detectable at any amplitude."""
 
 
 def gap_summary(gap: Gap) -> RenderableType:
@@ -240,14 +240,6 @@ def _levels(gap: Gap) -> Table:
         table.add_row(level_label(step.model, before), *cells, gain)
         before = step.model
     return table
-
-
-def level_label(model: tuple[str, ...], before: tuple[str, ...]) -> str:
-    """A model level by what it adds to the one before: ``nominal``, ``geometry``, ``+ backlash``."""
-    added = model[len(before) :]
-    if len(before) > 1 and added and model[: len(before)] == before:
-        return f"+ {', '.join(map(short, added))}"
-    return model_label(model)
 
 
 def _next(gap: Gap) -> Facts:

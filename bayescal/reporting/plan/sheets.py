@@ -9,14 +9,12 @@ import numpy as np
 
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Detectable, ExpectedDistances, Plan
 from bayescal.reporting.plan.contacts import payloads
-from bayescal.reporting.shared.text import percent, size, um2, unit_label
+from bayescal.reporting.shared.text import NEVER, percent, size, um2, unit_label
 
 PURPOSES = {DISTANCES: "distances", GAP: "gap", REPEAT: "repeats", VALIDATE: "validation"}
 """Purposes of contacts, and their heading."""
 SHARES = ("noise", "certificate", "probing", "prior")
 """Origins of the variance of a distance, in the order of the columns."""
-NEVER = 1000.0
-"""Ratio to the plausible amplitude from which on an effect is not detectable at any amplitude."""
 COVERAGE = 2
 """Coverage factor k of U = k u."""
 INDICES = {

@@ -21,6 +21,8 @@ LABELS: dict[tuple[str, ...], str] = {
     ("joint",): "joint offsets",
 }
 """Model levels that the names of their effects do not describe."""
+NEVER = 1000.0
+"""Ratio to the plausible amplitude from which on an effect is not detectable at any amplitude."""
 FEW_SITES = 2
 """Sites of an effect that its label names."""
 
@@ -108,3 +110,36 @@ def facts(rows: Iterable[tuple[str, str, str]]) -> Table:
 def plain_table(title: str, *headings: str) -> FigureTable:
     """A table without rules, headed by its title; its figures are never truncated."""
     return FigureTable(title, *headings)
+
+
+def probability(value: float) -> str:
+    """A probability with two decimals, ``< 0.01`` or ``> 0.99`` beyond."""
+    if value > 0.99:
+        return "> 0.99"
+    return "< 0.01" if value < 0.01 else f"{value:.2f}"
+
+
+def p_value(value: float) -> str:
+    """A p-value with one significant digit."""
+    if value < 1e-4:
+        return "< 0.0001"
+    return f"{value:.4f}" if value < 0.01 else f"{value:.2f}"
+
+
+def listed(names: Iterable[str], last: str = "and") -> str:
+    """Names joined by commas, the last by `last`."""
+    *some, final = list(names)
+    return f"{', '.join(some)} {last} {final}" if some else final
+
+
+def rival(name: str) -> str:
+    """A member of the 90 % set as text."""
+    return {"null": "noise only", "unknown": "unmodelled effect"}.get(name, name)
+
+
+def level_label(model: tuple[str, ...], before: tuple[str, ...]) -> str:
+    """A model level by what it adds to the one before: ``nominal``, ``geometry``, ``+ backlash``."""
+    added = model[len(before) :]
+    if len(before) > 1 and added and model[: len(before)] == before:
+        return f"+ {', '.join(map(short, added))}"
+    return model_label(model)

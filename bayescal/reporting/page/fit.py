@@ -1,0 +1,373 @@
+"""The page of a calibration, `report.html`: its sections, each a function of the run."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from bayescal.reporting.page import rows, svg
+from bayescal.reporting.page.numbers import MISSING, interval, length, measured, share, uncertainty
+from bayescal.reporting.page.run import Run
+from bayescal.reporting.page.section import (
+    Bar,
+    Block,
+    Facts,
+    Fault,
+    Figures,
+    Section,
+    Sheet,
+    Text,
+    blocks,
+    texts,
+)
+from bayescal.reporting.shared.text import model_label, p_value, unit_label
+
+REASONS = 4
+"""Failed tests that the first screen names."""
+ARM = ("target", "plane-form")
+"""Effects whose parameters are not those of the arm."""
+PAIRS = 12
+MATRIX = 45
+"""Most parameters of the drawing of correlations."""
+LEVELS = {"determined": "yes", "partly": "weakly", "prior_only": "no"}
+
+
+def first(run: Run) -> Section:
+    """Verdict, distance error with U, failed tests, next command."""
+    record, verdict = run.record, run.record["verdict"]
+    good = verdict["explains"] and verdict["validated"]
+    tone = "good" if good else "warn" if verdict["explains"] else "bad"
+    reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
+    faults = [
+        Fault(c["words"], () if c["p"] is None else (("p", p_value(c["p"])),)) for c in reasons[:REASONS]
+    ]
+    context = {
+        "tone": tone,
+        "sign": {"good": "✓", "warn": "?", "bad": "✗"}[tone],
+        "word": verdict["words"][:1].upper() + verdict["words"][1:],
+        "lines": () if good else [_why(run)],
+        "keys": _keys(record),
+        "fault_title": "What is wrong: tests that fail",
+        "faults": faults,
+        "arm": None,
+        "arm_caption": "",
+        "next": _next(run),
+        "warnings": record["warnings"],
+    }
+    return Section("result", "", "first.html.j2", context)
+
+
+def _why(run: Run) -> str:
+    if run.record["verdict"]["explains"]:
+        return "No independent rows check the calibration: the errors below are predictions of the model."
+    return "The machine differs from the model by more than noise: the uncertainties below are too small."
+
+
+def _keys(record: Any) -> list[tuple[str, str, str]]:
+    expected, validation = record["predicted_distance"], record["validation"]
+    low, high = expected["lengths_mm"]
+    over = f"{expected['count']} of {low:.0f} to {high:.0f} mm between {expected['over']}"
+    out = [
+        (
+            "Distance error, expected",
+            f"U = {uncertainty(expected['expanded_U_um'])} µm (k = 2)",
+            f"RMS {uncertainty(expected['predicted_rms_um'])} µm, 95 %: "
+            f"{interval(expected['predicted_interval95_um'])} µm; {over}",
+        )
+    ]
+    distances = validation["distances"]
+    if distances:
+        errors = np.array([d["calibrated_error_um"] for d in distances])
+        within = sum(bool(d["inside95"]) for d in distances)
+        rms = float(np.sqrt(np.mean(errors**2)))
+        value = f"{length(float(np.max(np.abs(errors))))} µm maximum"
+        detail = f"RMS {length(rms)} µm; {within} of {len(distances)} within the 95 % prediction interval"
+        out.append(("Distance error, measured", value, detail))
+    if validation["points"]["count"]:
+        p = validation["points"]
+        value = f"{length(p['calibrated_max_um'])} µm maximum"
+        detail = f"mean {length(p['calibrated_mean_um'])} µm over {p['count']} validation points"
+        out.append(("Point error, measured", value, detail))
+    if validation["planes"]:
+        count = sum(p["count"] for p in validation["planes"])
+        rms = math.sqrt(sum(p["count"] * p["calibrated_rms_um"] ** 2 for p in validation["planes"]) / count)
+        largest = max(p["calibrated_max_um"] for p in validation["planes"])
+        detail = f"maximum {length(largest)} µm over {count} validation contacts"
+        out.append(("Contact error, measured", f"{length(rms)} µm RMS", detail))
+    if decided := record["acceptance"]:
+        value = f"{decided['decision']} at {decided['tolerance_mm']:g} mm"
+        out.append(("Tolerance (ISO 14253-1)", value, decided["why"]))
+    return out
+
+
+def _next(run: Run) -> list[tuple[str, str]]:
+    folder, verdict = shlex.quote(run.folder), run.record["verdict"]
+    codes = {f["code"] for f in run.record["findings"]}
+    if not verdict["explains"]:
+        sessions = run.record["dataset"].get("sessions") or ()
+        parts = [f"{folder}/dataset/{k}" for k in range(1, len(sessions) + 1)] or [f"{folder}/dataset"]
+        return [("Find the cause in the machine.", f"bayescal gap {' '.join(parts)}")]
+    if not verdict["validated"]:
+        return [
+            ("Measure rows with role validate, best on spheres at certified distances; then fit again.", "")
+        ]
+    if codes & {"directions", "prior", "no_length", "contrast"}:
+        return [("Measure what the warnings say is missing; then fit again.", "")]
+    return [
+        ("Use robot.yaml of the run folder, or export the arm.", f"bayescal export {folder} --to urdf"),
+        ("Check whether effects remain that the model lacks.", f"bayescal gap {folder}/dataset"),
+    ]
+
+
+def levels(run: Run) -> Section | None:
+    """Errors of validation rows by model level."""
+    columns = (
+        ("contacts RMS", "heldout_planes_rms_um"),
+        ("distances RMS", "distance_rms_um"),
+        ("maximum", "worst_distance_um"),
+        ("points mean", "points_mean_um"),
+    )
+    return blocks("levels", "Model levels", level_sheet(run.record["ladder"], columns))
+
+
+def level_sheet(ladder: Any, columns: tuple[tuple[str, str], ...], names: tuple[str, ...] = ()) -> Sheet:
+    """Model levels with a bar of the first column that has values; bars are logarithmic."""
+    shown = [(h, key) for h, key in columns if any(step.get(key) is not None for step in ladder)]
+    sheet_rows = []
+    for k, step in enumerate(ladder):
+        cells: list[Any] = [length(step[key]) for _, key in shown]
+        if shown:
+            every = [s[shown[0][1]] for s in ladder]
+            cells[0] = Bar(log_fraction(every[k], every), cells[0], marked=k == len(ladder) - 1)
+        sheet_rows.append((names[k] if names else model_label(step["model"]), *cells))
+    caption = "RMS errors of validation rows, µm; bars are logarithmic"
+    return Sheet("model", tuple(h for h, _ in shown), tuple(sheet_rows), caption)
+
+
+def log_fraction(value: float | None, every: list[float | None]) -> float:
+    """Length of a bar on a logarithmic scale that begins at a third of the smallest value."""
+    known = [v for v in every if v]
+    if not value or not known:
+        return 0.0
+    low, high = math.log(min(known) / 3.0), math.log(max(known))
+    return (math.log(value) - low) / (high - low)
+
+
+def distances(run: Run) -> Section | None:
+    """Certified distances and diameters, measured and predicted; validation targets."""
+    validation = run.record["validation"]
+    found = Sheet(
+        "distance",
+        ("certified (mm)", "nominal (µm)", "calibrated (µm)", "u (µm)", "95 % predicted (µm)", ""),
+        tuple(
+            (
+                " – ".join(d["between"]),
+                f"{d['certified_mm']:.3f}",
+                f"{d['nominal_error_um']:+.0f}",
+                f"{d['calibrated_error_um']:+.1f}",
+                uncertainty(d["predicted_sd_um"]),
+                _ends(d["predicted_interval95_um"]),
+                "within" if d["inside95"] else "outside",
+            )
+            for d in sorted(validation["distances"], key=lambda d: -abs(d["calibrated_error_um"]))
+        ),
+        "Errors of certified distances, the largest first",
+        shown=10,
+    )
+    faces = Sheet(
+        "target",
+        ("contacts", "nominal RMS (µm)", "calibrated RMS (µm)", "maximum (µm)", "expected RMS (µm)"),
+        tuple(
+            (
+                p["target"],
+                str(p["count"]),
+                length(p["nominal_rms_um"]),
+                length(p["calibrated_rms_um"]),
+                length(p["calibrated_max_um"]),
+                length(p["predicted_rms_um"]),
+            )
+            for p in validation["planes"]
+        ),
+        "Validation contacts by target",
+    )
+    predicted = Sheet(
+        "distances between",
+        ("number", "lengths (mm)", "expected RMS (µm)", "U, k = 2 (µm)", "95 % (µm)", "measured RMS (µm)"),
+        tuple(
+            (
+                d["over"],
+                str(d["count"]),
+                "{:.0f} to {:.0f}".format(*d["lengths_mm"]),
+                uncertainty(d["predicted_rms_um"]),
+                uncertainty(d["expanded_U_um"]),
+                interval(d["predicted_interval95_um"]),
+                length(d["measured_rms_um"]),
+            )
+            for d in run.record["predicted_distance"]["all"]
+        ),
+        "Distance errors to expect",
+    )
+    return blocks("distances", "Distances and validation", predicted, found, faces)
+
+
+def _ends(ends: list[float]) -> str:
+    return f"{ends[0]:+.1f} to {ends[1]:+.1f}"
+
+
+def by_target(run: Run) -> Sheet:
+    """Residuals of every target and role."""
+    largest = max((r["rms_um"] or 0.0 for r in run.record["residuals"]), default=0.0) or 1.0
+    return Sheet(
+        "target",
+        ("role", "rows", "rejected", "RMS (µm)", "maximum (µm)"),
+        tuple(
+            (
+                r["target"],
+                "validation" if r["role"] == "validate" else "fitted",
+                str(r["count"]),
+                str(r["rejected"]),
+                Bar((r["rms_um"] or 0.0) / largest, length(r["rms_um"])),
+                length(r["max_um"]),
+            )
+            for r in run.record["residuals"]
+        ),
+        "Residuals by target",
+        words=(1,),
+    )
+
+
+def parameters(run: Run) -> Section | None:
+    """Parameters with prior and posterior."""
+    known = run.record["identifiability"]
+    state = {name: word for key, word in LEVELS.items() for name in known[key]}
+
+    def entry(p: Any) -> tuple[Any, ...]:
+        text = measured(p["estimate"], p["sd"], "")
+        decimals = len(text.partition("(")[0].partition(".")[2])
+        prior = (p.get("prior_mean", p["nominal"]), p["prior_sd"])
+        return (
+            p["name"],
+            f"{p['nominal']:.{decimals}f}",
+            text,
+            unit_label(p["unit"]),
+            f"{float(format(p['prior_sd'], '.2g')):.9g}",
+            svg.prior_posterior(prior, tuple(p["interval95"]), p["estimate"]),
+            state.get(p["name"], MISSING),
+        )
+
+    headings = ("nominal", "value(u)", "unit", "prior u", "prior and posterior", "identifiable")
+    own = [p for p in run.record["parameters"] if p["effect"] not in ARM]
+    other = [p for p in run.record["parameters"] if p["effect"] in ARM]
+    caption = (
+        "value(u): standard uncertainty u in units of the last digits. Band: prior, two standard deviations; "
+        "line and dot: 95 % interval and estimate, at the edge where beyond three"
+    )
+    weak = [f"Weakly identifiable: {d['words']}" for d in known["weak_directions"]]
+    return blocks(
+        "parameters",
+        "Parameters",
+        Sheet("parameter", headings, tuple(map(entry, own)), caption, words=(3,)),
+        *texts(weak),
+        Sheet("parameter", headings, tuple(map(entry, other)), "Targets and faces", words=(3,), shown=0),
+    )
+
+
+def correlations(run: Run) -> Section | None:
+    """Correlations of the parameters of the arm."""
+    pairs = run.record.get("correlations")
+    if not pairs:
+        return None
+    order = [p["name"] for p in run.record["parameters"]]
+    names = sorted({p[side] for p in pairs for side in "ab"}, key=order.index)[:MATRIX]
+    values = np.zeros((len(names), len(names)))
+    for p in pairs:
+        if p["a"] in names and p["b"] in names:
+            i, j = names.index(p["a"]), names.index(p["b"])
+            values[i, j] = values[j, i] = p["r"]
+    drawing = svg.matrix(names, values, "Correlations of the parameters; the table lists the strongest")
+    table = Sheet(
+        "parameter",
+        ("parameter", "correlation"),
+        tuple((p["a"], p["b"], f"{p['r']:+.3f}") for p in pairs),
+        "The strongest correlations: only their combination is well known",
+        words=(1,),
+        shown=PAIRS,
+    )
+    legend = "Squares: absolute value of 0.3 and above; filled: positive; open: negative."
+    return blocks("correlations", "Correlations", Figures((("", drawing),)), Text(legend, "quiet"), table)
+
+
+def sampler(run: Run) -> Section | None:
+    """Whether the posterior draws suffice."""
+    s = run.record["sampler"]
+    if not s["acceptance"]:
+        return blocks(
+            "sampler", "Sampler", Text("Gaussian approximation (--samples 0): nothing was sampled.")
+        )
+    lines = [
+        ("state", "converged" if s["converged"] else f"not converged: {s['complaint']}"),
+        ("draws", f"{s['draws']} from {s['ensembles']} ensembles of {s['walkers']} walkers"),
+        ("effective draws", f"at least {s['ess']['min']:.0f} ({s['ess']['of']}), {s['ess']['counted_on']}"),
+        ("R-hat", MISSING if s["rhat"]["max"] is None else f"at most {s['rhat']['max']:.4f}"),
+        ("acceptance", ", ".join(f"{name} {rate:.2f}" for name, rate in s["acceptance"].items())),
+        ("moves", s["moves"]),
+        (
+            "Monte Carlo error",
+            f"at most {share(s['monte_carlo_error']['largest_over_sd'])} of an uncertainty",
+        ),
+    ]
+    return blocks("sampler", "Sampler", Facts(tuple(lines)))
+
+
+def outliers(run: Run) -> Section | None:
+    """Rejected rows and what they share, noise, tests."""
+    record, noise = run.record, run.record["noise"]
+    rejected = record["rejected"]
+    words = (
+        f"{len(rejected)} rows were rejected: {', '.join(rejected)}" if rejected else "No row was rejected."
+    )
+    causes = [
+        f"Rejected rows share {c['label']}: {c['rejected']} of {c['rows_in_group']} rows (p {c['p']:.1g})"
+        for c in record["verdict"]["shared_causes"]
+    ]
+    repeats = noise["repeats_um"]
+    scatter = "" if repeats is None else f", repeated {noise['group']}s {length(repeats)} µm"
+    told = (
+        f"Noise: residual standard deviation {length(noise['estimated_um'])} µm, stated "
+        f"{length(noise['stated_um'])} µm{scatter}."
+    )
+    tests = Sheet(
+        "test",
+        ("value", "limit", "p"),
+        tuple(
+            (
+                c["words"],
+                *(MISSING if c[key] is None else f"{c[key]:.3g}" for key in ("value", "limit", "p")),
+            )
+            for c in record["verdict"]["tests"]
+        ),
+        "Tests of the model",
+    )
+    parts: list[Block] = [Text(words), *texts(causes, "warning"), Text(told), tests]
+    return blocks("outliers", "Outliers, noise and tests", *parts)
+
+
+SECTIONS: tuple[Callable[[Run], Section | None], ...] = (
+    first,
+    rows.scene,
+    lambda run: rows.residuals(run, by_target(run)),
+    distances,
+    levels,
+    rows.budget,
+    parameters,
+    correlations,
+    sampler,
+    outliers,
+    rows.figures,
+    rows.inputs,
+)
+"""Sections of report.html, in their order."""

@@ -1,0 +1,85 @@
+"""Sections as a page: one file, everything in it, a policy that permits nothing from outside."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from bayescal import __version__
+from bayescal.reporting.page.plotly_js import csp_hash, plotly
+from bayescal.reporting.page.section import Section
+
+TEMPLATES = Path(__file__).parent / "templates"
+
+
+def environment(*folders: Path) -> Environment:
+    """The templates of pages, and those of further folders; values are escaped."""
+    return Environment(
+        loader=FileSystemLoader([*folders, TEMPLATES]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def script_json(value: Any) -> Markup:
+    """JSON for the inside of a script element: no text in it can end the element."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))  # ASCII: U+2028 is escaped too
+    for sign in "<>&":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return Markup(text)
+
+
+def asset(name: str) -> str:
+    """The text of a file beside the templates."""
+    return (TEMPLATES / name).read_text(encoding="utf-8")
+
+
+def page(
+    title: str,
+    subtitle: str,
+    sections: Sequence[Section],
+    foot: Sequence[str],
+    data: Mapping[str, Any] | None = None,
+) -> str:
+    """A page as text.
+
+    Parameters
+    ----------
+    title, subtitle : str
+    sections : sequence of Section
+        In the order of the page; the first one is seen first.
+    foot : sequence of str
+        Lines at the end.
+    data : mapping, optional
+        What interactive figures draw, as JSON; without it the page has no scripts.
+    """
+    templates = environment()
+    packed, allowed, script = "", "'none'", ""
+    if data is not None:
+        packed, permitted = plotly()
+        script = asset("page.js")
+        allowed = f"{permitted} {csp_hash(script.encode())}"
+    bodies = [
+        (section, Markup(templates.get_template(section.template).render(section.context)))
+        for section in sections
+    ]
+    return templates.get_template("base.html.j2").render(
+        title=title,
+        subtitle=subtitle,
+        bodies=bodies,
+        foot=foot,
+        style=Markup(asset("page.css")),
+        policy=f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src {allowed}; "
+        "base-uri 'none'; form-action 'none'",
+        data=None if data is None else script_json(data),
+        script=Markup(script),
+        packed=packed,
+        version=__version__,
+    )

@@ -1,0 +1,216 @@
+"""Sections that every run has: arm and contacts in 3-D, residuals, inputs; data of interactive figures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from bayescal.reporting.page import svg
+from bayescal.reporting.page.arm import draw_arm, marked_sites, numbers, typical
+from bayescal.reporting.page.numbers import MISSING, length
+from bayescal.reporting.page.run import Run
+from bayescal.reporting.page.section import Block, Facts, Figures, Section, Sheet, Text, blocks
+
+LARGEST, MOST = 12, 200
+"""Rows that the table of residuals shows unfolded, and at most."""
+CLIP = 0.985
+"""Quantile of the absolute residuals that a drawing covers."""
+
+
+def drawable(run: Run) -> bool:
+    """Whether the record has rows and an arm."""
+    return bool(run.record.get("arm") and run.record.get("rows", {}).get("id"))
+
+
+def noise(run: Run) -> float | None:
+    """Noise of a contact, or of the length of a point's error vector, µm."""
+    record = run.record
+    found = record["noise"]["estimated_um"] if run.kind == "fit" else record["lengths"]["noise_um"]
+    return None if found is None else float(found)
+
+
+def signed(run: Run) -> bool:
+    """Whether residuals have a sign: those of contacts do, lengths of error vectors do not."""
+    return any((r or 0.0) < 0 for r in run.record["rows"]["residual_um"])
+
+
+def interactive(run: Run) -> dict[str, Any] | None:
+    """What the page's script draws; None for a record without rows."""
+    if not drawable(run):
+        return None
+    rows, sites = run.record["rows"], marked_sites(run)
+    points = np.array(rows["point_mm"], float)
+    base = np.array(run.record["arm"]["links_mm"][0])
+    away = np.median(points[:, :2], axis=0) - base[:2]
+    angle = float(np.arctan2(away[1], away[0])) - np.radians(65.0)  # the arm from the side
+    kinds = {s.kind for s in sites}
+    return {
+        "rows": {**rows, "angle_deg": np.round(rows["angle_deg"], 2).tolist()},
+        "arm": run.record["arm"],
+        "typical": typical(rows),
+        "eye": {"x": 1.5 * np.cos(angle), "y": 1.5 * np.sin(angle), "z": 0.65},
+        "marks": {
+            "joints": numbers(sites, "joint"),
+            "links": numbers(sites, "link"),
+            "base": "base" in kinds,
+            "tip": bool(kinds & {"tool", "probe"}),
+        },
+        "noise_um": noise(run),
+        "signed": signed(run),
+        "residual_label": "residual (µm)" if signed(run) else "length of the error vector (µm)",
+    }
+
+
+def scene(run: Run) -> Section | None:
+    """The arm in 3-D with its contacts."""
+    if not drawable(run):
+        return None
+    drawing = draw_arm(run, contacts=True)
+    return Section("arm", "Arm and contacts", "scene.html.j2", {"drawing": drawing})
+
+
+def residuals(run: Run, *tables: Block | None) -> Section | None:
+    """Residuals over time and over the angle of each joint, and tables by group."""
+    if not drawable(run):
+        return blocks("residuals", "Residuals", *tables)
+    some = [t for t in tables if t is not None and not (isinstance(t, Sheet) and not t.rows)]
+    parts = [_drawings(run), Text(_legend(run), "quiet"), *some, _largest(run)]
+    return Section("residuals", "Residuals", "residuals.html.j2", {"blocks": parts})
+
+
+def _legend(run: Run) -> str:
+    band = noise(run)
+    grey = f" Grey band: twice the noise of {length(band)} µm." if band is not None else ""
+    return f"Blue: fitted rows; orange: validation rows; triangles: beyond the axis.{grey}"
+
+
+def _drawings(run: Run) -> Figures:
+    rows = run.record["rows"]
+    r = np.array([np.nan if v is None else v for v in rows["residual_um"]], float)
+    keep = np.isfinite(r) & ~np.array(rows["rejected"], bool)
+    check = np.array(rows["role"]) == "validate"
+    edge = float(np.quantile(np.abs(r[keep]), CLIP)) if np.any(keep) else 1.0
+    edge = 1.15 * max(edge, 2.2 * (noise(run) or 0.0), 1e-3)
+    y_label = "residual (µm)" if signed(run) else "length of error (µm)"
+    band = None if noise(run) is None else 2.0 * (noise(run) or 0.0)
+    angles = np.array(rows["angle_deg"], float)
+    coordinates = [("row", np.arange(len(r)) + 1.0)]
+    if rows["time_s"] is not None:
+        coordinates = [("time (min)", np.array(rows["time_s"], float) / 60.0)]
+    coordinates += [(f"J{k} (deg)", column) for k, column in enumerate(angles.T, start=1)]
+
+    def drawn(label: str, x: np.ndarray) -> tuple[str, Markup]:
+        groups = [
+            svg.Dots(x[some], r[some], style)
+            for style, some in (("dot", keep & ~check), ("check", keep & check))
+        ]
+        return "", svg.scatter(groups, label, y_label, band, f"Residuals over {label}", edge)
+
+    return Figures(tuple(drawn(label, x) for label, x in coordinates))
+
+
+def _largest(run: Run) -> Sheet:
+    rows = run.record["rows"]
+    size = [-1.0 if v is None else abs(v) for v in rows["residual_um"]]
+    order = sorted(range(len(size)), key=lambda k: -size[k])[:MOST]
+    entries = []
+    for k in order:
+        value = rows["residual_um"][k]
+        entries.append(
+            (
+                rows["id"][k],
+                rows["target"][k],
+                "validation" if rows["role"][k] == "validate" else "fitted",
+                MISSING if value is None else f"{value:.1f}" + (", rejected" if rows["rejected"][k] else ""),
+                MISSING if rows["time_s"] is None else f"{rows['time_s'][k] / 60:.1f}",
+                MISSING if rows["direction"] is None else rows["direction"][k],
+            )
+        )
+    return Sheet(
+        "row",
+        ("target", "role", "residual (µm)", "time (min)", "direction of motion"),
+        tuple(entries),
+        f"The {len(order)} largest residuals" if len(size) > MOST else "Residuals, the largest first",
+        words=(1, 2),
+        shown=LARGEST,
+    )
+
+
+def budget(run: Run) -> Section | None:
+    """The uncertainty budget, where the run folder has one."""
+    if run.budget is None:
+        return None
+    each = run.budget.get("budgets") or [run.budget]
+    parts: list[Block] = []
+    for one in each:
+        parts.append(
+            Sheet(
+                "component",
+                ("type", "distribution", "value", "u", "unit", "sensitivity", "contribution (µm)"),
+                tuple(
+                    (
+                        str(c["name"]),
+                        *(_cell(c.get(key)) for key in ("type", "distribution", "value", "u", "unit")),
+                        _cell(c.get("sensitivity")),
+                        _cell(c.get("contribution_um")),
+                    )
+                    for c in one.get("components", ())
+                ),
+                _measurand(one.get("measurand")),
+                words=(1, 2),
+            )
+        )
+        if one.get("U_um") is not None:
+            u, expanded = _cell(one.get("u_um")), _cell(one.get("U_um"))
+            coverage = _cell(one.get("coverage"))
+            parts.append(
+                Text(f"u = {u} µm; U = {expanded} µm, k = {_cell(one.get('k'))}, coverage {coverage}")
+            )
+    return blocks("budget", "Uncertainty budget", *parts)
+
+
+def _measurand(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in value.items() if v is not None)
+    return str(value or "")
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return MISSING
+    return f"{value:.3g}" if isinstance(value, float | int) else str(value)
+
+
+def figures(run: Run) -> Section | None:
+    """Figures that the run folder has, as pictures: their text runs no script."""
+    import base64
+
+    if not run.figures:
+        return None
+    pictures = [
+        (name, f"data:image/svg+xml;base64,{base64.b64encode(text.encode()).decode('ascii')}")
+        for name, text in run.figures.items()
+    ]
+    return Section("figures", "Figures", "figures.html.j2", {"pictures": pictures})
+
+
+def inputs(run: Run) -> Section | None:
+    """Dataset with its hash, options, seed, versions."""
+    record = run.record
+    dataset = record["dataset"]
+    lines = [("dataset", str(dataset["name"])), ("SHA-256", str(dataset["sha256"] or MISSING))]
+    lines += [
+        (f"session {s['name']}", f"{s['rows']} rows, SHA-256 {s['sha256'] or MISSING}")
+        for s in dataset.get("sessions", ())
+    ]
+    model = record["model"] if run.kind == "fit" else record["baseline"]
+    without = record.get("without") or ()
+    lines += [
+        ("robot", run.robot or MISSING),
+        ("model", ", ".join(model) + (f" without {', '.join(without)}" if without else "")),
+        ("seed", str(record["seed"])),
+        ("versions", ", ".join(f"{name} {v}" for name, v in record["software"].items())),
+    ]
+    return blocks("inputs", "Inputs and versions", Facts(tuple(lines)))

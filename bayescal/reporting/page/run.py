@@ -1,0 +1,87 @@
+"""What a page is made of: the records of a run folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bayescal.errors import BayescalError
+
+Json = Mapping[str, Any]
+SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1"}
+"""Record that identifies a run -> its schema."""
+BUDGET, BUDGET_SCHEMA = "budget.json", "bayescal-budget/1"
+FIGURES = ("*.svg", "figures/*.svg")
+"""Where a run folder has figures that its page shows."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """The records of a run folder.
+
+    Parameters
+    ----------
+    kind : str
+        "fit" or "gap".
+    record : mapping
+        The content of fit.json or gap.json.
+    folder : str
+        The name of the run folder, for commands.
+    budget : mapping or None
+        The content of budget.json.
+    figures : mapping
+        SVG text of further figures, by file name.
+    """
+
+    kind: str
+    record: Json
+    folder: str
+    budget: Json | None = None
+    figures: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The name of the dataset."""
+        return str(self.record["dataset"]["name"])
+
+    @property
+    def robot(self) -> str:
+        """The name of the robot; "" in records without it."""
+        return str(self.record.get("arm", {}).get("robot", ""))
+
+
+def read_run(folder: Path, name: str = "") -> Run:
+    """Read a run folder of `fit` or `gap`; `name` is the folder in commands, by default as given.
+
+    Raises
+    ------
+    BayescalError
+        If the folder has no such record, or one of another version.
+    """
+    there = [record for record in SCHEMAS if (folder / record).is_file()]
+    if not there:
+        what = f"there is no {' or '.join(SCHEMAS)}"
+        raise BayescalError(what, str(folder), "give a run folder of bayescal fit or gap")
+    budget = _record(folder / BUDGET, BUDGET_SCHEMA) if (folder / BUDGET).is_file() else None
+    figures = {
+        path.name: path.read_text(encoding="utf-8")
+        for pattern in FIGURES
+        for path in sorted(folder.glob(pattern))
+    }
+    record = _record(folder / there[0], SCHEMAS[there[0]])
+    return Run(there[0].removesuffix(".json"), record, name or str(folder), budget, figures)
+
+
+def _record(path: Path, schema: str) -> Json:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BayescalError(f"cannot be read: {error}", str(path), "repeat the command") from None
+    found = content.get("schema") if isinstance(content, dict) else None
+    if found != schema:
+        remedy = "repeat the command with this version"
+        raise BayescalError(f"the schema is {found}, not {schema}", str(path), remedy)
+    return dict(content)

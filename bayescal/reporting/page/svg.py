@@ -1,0 +1,145 @@
+"""Small drawings as SVG text that scales with the page: scatter plots, intervals, a matrix.
+
+All text is escaped; colours are those of the page's style sheet (classes), so that they print and read in
+grey. Sizes are in the user units of the drawing, about a pixel at 360 pixels width.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup, escape
+
+WIDTH, HEIGHT = 360, 210
+LEFT, RIGHT, TOP, BOTTOM = 44, 8, 8, 36
+TICKS = 5
+
+
+@dataclass(frozen=True)
+class Dots:
+    """Points of a scatter plot, and their class."""
+
+    x: np.ndarray
+    y: np.ndarray
+    style: str = "dot"
+
+
+def drawing(width: float, height: float, parts: Sequence[str], label: str) -> Markup:
+    """An SVG with its text alternative."""
+    head = f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{escape(label)}">'
+    return Markup(head + "".join(parts) + "</svg>")
+
+
+def text(x: float, y: float, words: str, style: str = "", anchor: str = "middle") -> str:
+    """A line of text at a point."""
+    kind = f' class="{style}"' if style else ""
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{kind}>{escape(words)}</text>'
+
+
+def line(points: np.ndarray, style: str) -> str:
+    """A polyline through points (N, 2)."""
+    path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    return f'<polyline class="{style}" points="{path}"/>'
+
+
+def ticks(low: float, high: float, count: int = TICKS) -> np.ndarray:
+    """Round values within an interval, at most about `count`."""
+    if not high > low:
+        return np.array([low])
+    raw = (high - low) / count
+    power = 10.0 ** np.floor(np.log10(raw))
+    step = power * next(m for m in (1, 2, 5, 10) if m * power >= raw * 0.999)
+    return np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1) * step
+
+
+def scatter(
+    dots: Sequence[Dots], x_label: str, y_label: str, band: float | None, label: str, edge: float
+) -> Markup:
+    """Residuals over a coordinate, with a band of +- `band` about zero; y from -edge to edge.
+
+    Points beyond the edge are drawn at it, as triangles.
+    """
+    x = np.concatenate([d.x for d in dots])
+    low, high = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
+    room = 0.03 * (high - low) or 1.0
+    low, high = low - room, high + room
+
+    def at_x(v: np.ndarray | float) -> np.ndarray:
+        return LEFT + (np.asarray(v) - low) / (high - low) * (WIDTH - LEFT - RIGHT)
+
+    def at_y(v: np.ndarray | float) -> np.ndarray:
+        return TOP + (1 - (np.asarray(v) + edge) / (2 * edge)) * (HEIGHT - TOP - BOTTOM)
+
+    parts: list[str] = []
+    if band is not None:
+        top, bottom = float(at_y(min(band, edge))), float(at_y(-min(band, edge)))
+        size = f'width="{WIDTH - LEFT - RIGHT}" height="{bottom - top:.1f}"'
+        parts.append(f'<rect class="band" x="{LEFT}" y="{top:.1f}" {size}/>')
+    for v in ticks(-edge, edge):
+        y = float(at_y(v))
+        parts.append(line(np.array([[LEFT, y], [WIDTH - RIGHT, y]]), "zero" if abs(v) < 1e-12 else "grid"))
+        parts.append(text(LEFT - 5, y + 4, f"{v:g}", anchor="end"))
+    for v in ticks(low, high):
+        parts.append(text(float(at_x(v)), HEIGHT - BOTTOM + 15, f"{v:g}"))
+    for d in dots:
+        inside = np.abs(d.y) <= edge
+        at = zip(at_x(d.x[inside]), at_y(d.y[inside]), strict=True)
+        # one path of lines without length: their round ends are the dots
+        parts.append(f'<path class="{d.style}" d="{"".join(f"M{px:.1f} {py:.1f}h0" for px, py in at)}"/>')
+        for px, up in zip(at_x(d.x[~inside]), d.y[~inside] > 0, strict=True):
+            py, s = (TOP, 4) if up else (HEIGHT - BOTTOM, -4)
+            path = f"M{px - 4:.1f} {py + s:.1f}L{px + 4:.1f} {py + s:.1f}L{px:.1f} {py - s:.1f}Z"
+            parts.append(f'<path class="beyond" d="{path}"/>')
+    parts.append(text((LEFT + WIDTH - RIGHT) / 2, HEIGHT - 5, x_label))
+    middle = (TOP + HEIGHT - BOTTOM) / 2
+    turned = f'<g transform="translate(11 {middle:.1f}) rotate(-90)">{text(0, 0, y_label)}</g>'
+    return drawing(WIDTH, HEIGHT, [*parts, turned], label)
+
+
+def prior_posterior(prior: tuple[float, float], ends: tuple[float, float], at: float) -> Markup:
+    """A small drawing: prior mean +- 2 standard deviations as a band, posterior 95 % interval and estimate.
+
+    The scale is that of the prior, three standard deviations either side; what lies beyond is at the edge.
+    """
+    mean, sd = prior
+    width, height = 150.0, 16.0
+
+    def x(v: float) -> float:
+        return float(np.clip((v - mean) / (3.0 * sd), -1, 1) * (width / 2 - 4) + width / 2)
+
+    low, high = x(mean - 2 * sd), x(mean + 2 * sd)
+    parts = [
+        f'<rect class="band" x="{low:.1f}" y="2" width="{high - low:.1f}" height="12"/>',
+        line(np.array([[width / 2, 1], [width / 2, 15]]), "grid"),
+        line(np.array([[x(ends[0]), 8], [x(ends[1]), 8]]), "range"),
+        f'<circle class="estimate" cx="{x(at):.1f}" cy="8" r="3"/>',
+    ]
+    words = f"estimate {(at - mean) / sd:+.2f} prior standard deviations from the prior mean"
+    return drawing(width, height, parts, words)
+
+
+def matrix(names: Sequence[str], values: np.ndarray, label: str) -> Markup:
+    """Correlations as squares: their area is the absolute value, they are filled where positive."""
+    cell = 13.0
+    left = 8 + 6.2 * max(map(len, names))
+    size = cell * len(names)
+    parts = []
+    for i, name in enumerate(names):
+        y = 4 + cell * i
+        parts.append(text(left - 5, y + 10, name, anchor="end"))
+        for j in range(i):
+            r = float(values[i, j])
+            half = 0.5 * (cell - 2) * float(np.sqrt(abs(r)))
+            if half < 0.5:
+                continue
+            x, at = left + cell * (j + 0.5), y + 0.5 * cell
+            kind = "positive" if r > 0 else "negative"
+            title = f"<title>{escape(names[j])}, {escape(name)}: {r:+.2f}</title>"
+            square = f'x="{x - half:.1f}" y="{at - half:.1f}" width="{2 * half:.1f}" height="{2 * half:.1f}"'
+            parts.append(f'<rect class="{kind}" {square}>{title}</rect>')
+    for k in range(len(names)):
+        x = left + cell * k
+        parts.append(line(np.array([[x, 4 + cell * k], [x, 4 + size]]), "grid"))
+    return drawing(left + size + 4, size + 8, parts, label)
