@@ -250,7 +250,11 @@ CASES = {
 def test_folder_holds_all(case, session, tracker, tmp_path):
     gap = CASES[case](session, tracker(seed=1, count=40).dataset)
     names = write_gap(gap, tmp_path / "run")
-    assert {p.name for p in (tmp_path / "run").glob("[!.]*")} == set(names) == PICTURES | {"gap.json"}
+    assert (
+        {p.name for p in (tmp_path / "run").glob("[!.]*")}
+        == set(names)
+        == PICTURES | {"gap.json", "gap.html"}
+    )
     for name in PICTURES:
         picture = (tmp_path / "run" / name).read_bytes()
         assert picture.startswith(b"\x89PNG")
@@ -269,8 +273,8 @@ def test_sites_are_marked_wherever_they_are(session, tmp_path):
 
 
 def test_without_pictures_and_into_an_earlier_result(session, tmp_path):
-    assert write_gap(diagnosis(session), tmp_path / "run", pictures=False) == ("gap.json",)
-    assert write_gap(diagnosis(session, "null"), tmp_path / "run", pictures=False) == ("gap.json",)
+    assert write_gap(diagnosis(session), tmp_path / "run", pictures=False) == ("gap.json", "gap.html")
+    assert write_gap(diagnosis(session, "null"), tmp_path / "run", pictures=False) == ("gap.json", "gap.html")
     assert json.loads((tmp_path / "run" / "gap.json").read_text())["verdict"] == "null"
 
 
@@ -311,7 +315,7 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
     ]
     assert "joint 3 has lost motion on reversal" in done.output
     assert "gap.json" in done.output
-    assert [p.name for p in (tmp_path / "run").glob("[!.]*")] == ["gap.json"]
+    assert {p.name for p in (tmp_path / "run").glob("[!.]*")} == {"gap.json", "gap.html"}
 
 
 def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(session, tmp_path, monkeypatch):

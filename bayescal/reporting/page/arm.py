@@ -131,7 +131,7 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
 
 
 def _projected(points: np.ndarray) -> np.ndarray:
-    """Points (N, 3) on the drawing (N, 2), from the side where they are widest."""
+    """Points (N, 3) as coordinates (N, 2) of an SVG, from the side where they are widest."""
     centred = points - 0.5 * (points.min(axis=0) + points.max(axis=0))
     best = max(VIEWS, key=lambda a: float(np.ptp(centred[:, :2] @ [-np.sin(a), np.cos(a)])))
     across = np.array([-np.sin(best), np.cos(best), 0.0])

@@ -32,7 +32,7 @@ ARM = ("target", "plane-form")
 """Effects whose parameters are not those of the arm."""
 PAIRS = 12
 MATRIX = 45
-"""Most parameters of the drawing of correlations."""
+"""Most parameters that the matrix of correlations shows."""
 LEVELS = {"determined": "yes", "partly": "weakly", "prior_only": "no"}
 
 

@@ -1,7 +1,7 @@
 """Small drawings as SVG text that scales with the page: scatter plots, intervals, a matrix.
 
 All text is escaped; colours are those of the page's style sheet (classes), so that they print and read in
-grey. Sizes are in the user units of the drawing, about a pixel at 360 pixels width.
+grey. Sizes are in user units, about a pixel at 360 pixels width.
 """
 
 from __future__ import annotations

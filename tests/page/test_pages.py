@@ -1,0 +1,176 @@
+"""Pages as text: every verdict, figures equal to the records, names from files cannot inject."""
+
+from __future__ import annotations
+
+import copy
+import html
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayescal as bc
+from bayescal.errors import BayescalError
+from bayescal.estimate import calibrated
+from bayescal.model.scene import Scene
+from bayescal.reporting.gap.record import gap_record
+from bayescal.reporting.page.arm import marked_sites, pose
+from bayescal.reporting.page.build import run_page
+from bayescal.reporting.page.run import Run, read_run
+from bayescal.reporting.shared.rows import arm_drawing, rows_record
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
+from test_gap_report import SETS, diagnosis
+
+EVIL = "<script>alert(1)</script><!--"
+
+
+@pytest.fixture(scope="module")
+def found(cube):
+    return calibrated(Scene(cube(seed=1, count=80).dataset), ("geometry",))
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    session = bc.simulate(effects="geometry", contacts=60, later=8, repeats=5, spheres=2, seed=1)
+    folder = tmp_path_factory.mktemp("runs") / "fit"
+    names = bc.fit(session, "geometry", samples=0).save(folder)
+    return folder, names
+
+
+def record_of(found, kind: str) -> dict:
+    record = gap_record(diagnosis(found.model.scene.dataset, kind))
+    return record | {"rows": rows_record(found), "arm": arm_drawing(found.model.scene)}
+
+
+def words(page: str) -> str:
+    """The text of a page, without scripts and styles, with single blanks."""
+    bare = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.DOTALL)
+    return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", bare)))
+
+
+@pytest.mark.parametrize("kind", SETS)
+def test_every_verdict_has_a_page(found, kind):
+    record = record_of(found, kind)
+    page = run_page(Run("gap", record, "runs/x"))
+    text = words(page)
+    for line in record["words"]:
+        assert line in text
+    assert len(page) < 3_000_000
+    assert ("In the workshop" in text) == (kind != "null")
+    if "named" in kind:
+        assert "Adjust the belt tension" in text
+        assert "bayescal fit runs/x/dataset --model" in text
+
+
+def test_nothing_is_marked_where_nothing_is_significant(found):
+    record = record_of(found, "null")
+    assert marked_sites(Run("gap", record, "x")) == ()
+    assert 'class="joint marked"' not in run_page(Run("gap", record, "x"))
+    named = Run("gap", record_of(found, "named"), "x")
+    assert [str(s) for s in marked_sites(named)] == ["joint 3"]
+    assert run_page(named).count('class="joint marked"') == 2  # on the first screen, and with the contacts
+
+
+def test_a_record_without_rows_has_a_page_without_scripts(found):
+    record = {k: v for k, v in record_of(found, "named").items() if k not in ("rows", "arm")}
+    page = run_page(Run("gap", record, "x"))
+    assert "<script" not in page
+    assert "script-src 'none'" in html.unescape(page)
+
+
+def test_fit_writes_its_page(saved):
+    folder, names = saved
+    assert "report.html" in names
+    record = json.loads((folder / "fit.json").read_text())
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert len(page) < 3_000_000
+    text = words(page)
+    expanded = record["predicted_distance"]["expanded_U_um"]
+    assert f"U = {float(f'{expanded:.2g}'):g}" in text.replace(".0 ", " ")
+    for d in record["validation"]["distances"]:
+        assert f"{d['calibrated_error_um']:+.1f}" in text
+    for p in record["parameters"]:
+        assert p["name"] in text
+    again = run_page(read_run(folder, str(folder)))
+    assert again == page  # a page is a function of what the folder holds
+
+
+def test_the_page_has_a_policy_and_loads_nothing(saved):
+    page = (saved[0] / "report.html").read_text(encoding="utf-8")
+    assert "default-src 'none'" in html.unescape(page)
+    assert "unsafe-inline'; script-src 'sha256-" in html.unescape(page)
+    bare = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    assert not re.search(r"(?:src|href)=[\"'](?!#|data:)", bare)
+    assert "@import" not in page
+    assert "url(" not in bare
+
+
+def _renamed(record: dict, found) -> dict:
+    """The record with a name that is markup wherever a file of the user states a name."""
+    out = copy.deepcopy(record)
+    out["dataset"]["name"] = EVIL
+    out["arm"]["robot"] = EVIL
+    out["arm"]["joints"] = [EVIL] * len(out["arm"]["joints"])
+    for key in ("id", "target"):
+        out["rows"][key] = [EVIL] * len(out["rows"][key])
+    for group in out["where_marginal"]["target"]:
+        group["label"] = EVIL
+    out["warnings"] = [EVIL]
+    return out
+
+
+def test_names_from_files_are_inert(found):
+    page = run_page(Run("gap", _renamed(record_of(found, "named"), found), EVIL, figures={EVIL: EVIL}))
+    assert "alert(1)</script>" not in page
+    assert "<!--" not in re.sub(r'<script type="application/gzip".*?</script>', "", page, flags=re.DOTALL)
+    assert EVIL in words(page)
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert json.loads(data[1])["rows"]["target"][0] == EVIL
+
+
+def test_the_budget_is_shown_where_the_folder_has_one(found):
+    part = {
+        "name": "certificate", "type": "B", "distribution": "normal", "value": 0.0, "u": 3.0, "unit": "um",
+        "sensitivity": 1.0, "contribution_um": 3.0,
+    }  # fmt: skip
+    budget = {
+        "schema": "bayescal-budget/1", "measurand": "a distance of 150 mm", "components": [part],
+        "u_um": 3.0, "U_um": 6.0, "k": 2.0, "coverage": 0.954,
+    }  # fmt: skip
+    text = words(run_page(Run("gap", record_of(found, "null"), "x", budget)))
+    assert "Uncertainty budget" in text
+    assert "certificate" in text
+    assert "Uncertainty budget" not in words(run_page(Run("gap", record_of(found, "null"), "x")))
+
+
+def test_the_page_poses_the_arm_like_the_chain(found):
+    scene = found.model.scene
+    from bayescal.arm import chain as reference
+
+    expected = 1e3 * reference.frames(scene.chain, scene.q[:4])[:, :, :3, 3]
+    for q, at in zip(scene.q[:4], expected, strict=True):
+        assert pose(arm_drawing(scene), q) == pytest.approx(at, abs=0.02)
+
+
+@pytest.mark.parametrize("text", ["", "{", '{"schema": "bayescal-fit/9"}', "[]"])
+def test_damaged_records_are_refused(tmp_path, text):
+    (tmp_path / "fit.json").write_text(text)
+    with pytest.raises(BayescalError, match=r"fit\.json"):
+        read_run(tmp_path)
+
+
+def test_a_folder_without_records_is_refused(tmp_path):
+    with pytest.raises(BayescalError, match=r"no fit\.json or gap\.json"):
+        read_run(tmp_path)
+
+
+def test_ticks_are_round():
+    from bayescal.reporting.page.svg import ticks
+
+    assert ticks(-1.0, 1.0) == pytest.approx([-1, -0.5, 0, 0.5, 1])
+    assert len(ticks(3.0, 3.0)) == 1
+    assert np.all(np.diff(ticks(0.0, 777.0)) == 200.0)
