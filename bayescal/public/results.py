@@ -67,7 +67,7 @@ class FitResult(FitTables):
         return summary if self.agreement is None else Group(summary, "", agreement_summary(self.agreement))
 
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
-        """Write fit.json, report.html, posterior.nc, budgets, robot.yaml, arm.json, dataset; return the names."""
+        """Write the record, page, draws, budgets, robot.yaml, arm.json and the dataset; return the names."""
         from bayescal.reporting.fit.files import WRITTEN, write_fit
 
         write_fit(self.data, Path(folder), self.agreement)

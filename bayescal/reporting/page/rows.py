@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,10 @@ from markupsafe import Markup
 
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.arm import draw_arm, marked_sites, numbers, typical
-from bayescal.reporting.page.numbers import MISSING, length
+from bayescal.reporting.page.numbers import MISSING, length, share
 from bayescal.reporting.page.run import Run
-from bayescal.reporting.page.section import Block, Facts, Figures, Section, Sheet, Text, blocks
+from bayescal.reporting.page.section import Bar, Block, Facts, Figures, Section, Sheet, Text, blocks
+from bayescal.reporting.shared.text import unit_label
 
 LARGEST, MOST = 12, 200
 """Rows that the table of residuals shows unfolded, and at most."""
@@ -139,42 +141,59 @@ def _largest(run: Run) -> Sheet:
 
 
 def budget(run: Run) -> Section | None:
-    """The uncertainty budget, where the run folder has one."""
+    """The uncertainty budget, where the run folder has one: all measurands, components of one of each kind."""
     if run.budget is None:
         return None
     each = run.budget.get("budgets") or [run.budget]
-    parts: list[Block] = []
-    for one in each:
-        parts.append(
-            Sheet(
-                "component",
-                ("type", "distribution", "value", "u", "unit", "sensitivity", "contribution (µm)"),
-                tuple(
-                    (
-                        str(c["name"]),
-                        *(_cell(c.get(key)) for key in ("type", "distribution", "value", "u", "unit")),
-                        _cell(c.get("sensitivity")),
-                        _cell(c.get("contribution_um")),
-                    )
-                    for c in one.get("components", ())
-                ),
-                _measurand(one.get("measurand")),
-                words=(1, 2),
+    every = Sheet(
+        "measurand",
+        ("result, U = k u", "u", "k", "coverage"),
+        tuple(
+            (
+                str(one["measurand"]),
+                one.get("text") or f"U = {_cell(one.get('U_um'))} µm",
+                _cell(one.get("u", one.get("u_um"))) + f" {unit_label(one.get('unit', 'um'))}",
+                _cell(one.get("k")),
+                _cell(one.get("coverage")),
             )
-        )
-        if one.get("U_um") is not None:
-            u, expanded = _cell(one.get("u_um")), _cell(one.get("U_um"))
-            coverage = _cell(one.get("coverage"))
-            parts.append(
-                Text(f"u = {u} µm; U = {expanded} µm, k = {_cell(one.get('k'))}, coverage {coverage}")
-            )
-    return blocks("budget", "Uncertainty budget", *parts)
+            for one in each
+        ),
+        "Measurands; all components are in budget.json and budget.csv",
+        words=(1,),
+        shown=8,
+    )
+    kinds = {one.get("kind", ""): one for one in reversed(each)}  # the first of each kind
+    tables = [_components(one) for one in each if kinds[one.get("kind", "")] is one]
+    return blocks("budget", "Uncertainty budget", every, *tables)
 
 
-def _measurand(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in value.items() if v is not None)
-    return str(value or "")
+def _components(one: Mapping[str, Any]) -> Sheet:
+    unit = one.get("unit", "um")
+    contributions = [c.get("contribution", c.get("contribution_um")) or 0.0 for c in one["components"]]
+    total = sum(c**2 for c in contributions) or 1.0
+    order = sorted(range(len(contributions)), key=lambda k: -abs(contributions[k]))
+    lengths = one.get("U_um") is not None
+    return Sheet(
+        "component",
+        ("share of the variance", f"contribution ({'µm' if lengths else unit_label(unit)})", "type")
+        + ("distribution", "u", "sensitivity"),
+        tuple(
+            (
+                str(c["name"]),
+                Bar(contributions[k] ** 2 / total, share(contributions[k] ** 2 / total)),
+                _cell(c.get("contribution_um") if lengths else c.get("contribution")),
+                _cell(c.get("type")),
+                _cell(c.get("distribution")),
+                f"{_cell(c.get('u'))} {unit_label(c.get('unit') or '1')}".rstrip(),
+                _cell(c.get("sensitivity")),
+            )
+            for k in order
+            for c in (one["components"][k],)
+        ),
+        f"Components of: {one['measurand']}",
+        words=(3, 4),
+        shown=10,
+    )
 
 
 def _cell(value: Any) -> str:
