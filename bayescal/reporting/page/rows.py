@@ -141,7 +141,7 @@ def _largest(run: Run) -> Sheet:
 
 
 def budget(run: Run) -> Section | None:
-    """The uncertainty budget, where the run folder has one: all measurands, components of one of each kind."""
+    """The uncertainty budget, where there is one: all measurands, components of one of each kind."""
     if run.budget is None:
         return None
     each = run.budget.get("budgets") or [run.budget]
@@ -175,8 +175,14 @@ def _components(one: Mapping[str, Any]) -> Sheet:
     lengths = one.get("U_um") is not None
     return Sheet(
         "component",
-        ("share of the variance", f"contribution ({'µm' if lengths else unit_label(unit)})", "type")
-        + ("distribution", "u", "sensitivity"),
+        (
+            "share of the variance",
+            f"contribution ({'µm' if lengths else unit_label(unit)})",
+            "type",
+            "distribution",
+            "u",
+            "sensitivity",
+        ),
         tuple(
             (
                 str(c["name"]),
