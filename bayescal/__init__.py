@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bayescal import effects, robots
     from bayescal.errors import BayescalError
+    from bayescal.public.budgets import budget
     from bayescal.public.compensating import compensate
     from bayescal.public.exports import export
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
@@ -26,6 +27,7 @@ __version__ = "0.1.0"
 __all__ = [
     "BayescalError",
     "__version__",
+    "budget",
     "compare",
     "compensate",
     "diagnose",
@@ -44,6 +46,7 @@ __all__ = [
 
 _FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate"), "bayescal.public.functions")
 _FROM |= {
+    "budget": "bayescal.public.budgets",
     "compensate": "bayescal.public.compensating",
     "init": "bayescal.public.starting",
     "schema": "bayescal.public.starting",

@@ -76,14 +76,7 @@ class Fit:
     @cached_property
     def basis(self) -> Basis:
         """The stated uncertainty, from which the budget of any quantity follows."""
-        left = unexplained(self.final.estimate)
-        own = self.stated.remaining(left).excess
-        beyond, checked = max(self.excess**2 - own**2, 0.0), self.final.validation
-        # beyond the residuals, the unexplained error was estimated from validation rows
-        rows = [len(c.residuals) for c in checked.planes] + [c.residuals.shape[1] for c in checked.points]
-        shown = len(checked.distances) or sum(rows)
-        below = own**4 / left.excess_dof + beyond**2 / max(shown, 1)
-        return Basis(self.stated, self.excess, self.excess**4 / below if below > 0 else inf)
+        return _basis(self.stated, self.excess, self.final.validation)
 
     @property
     def final(self) -> ModelLevel:
@@ -206,6 +199,36 @@ def _restated(
         total = np.sqrt(left.excess**2 + wider.excess**2 - rest.excess**2)
         left = replace(left, excess=float(total))
     return left, checked, wider
+
+
+def basis_of(found: Estimate, seed: int = 0) -> Basis:
+    """What a fit states of an estimate, by the Gaussian approximation of its posterior.
+
+    Parameters
+    ----------
+    found : Estimate
+    seed : int
+        Of the draws by which validation rows are tested.
+    """
+    of_draws, of_noise, of_discrepancy = spawned(seed, 3)
+    draws, left, wide = gaussian(found, of_draws, VALIDATION_DRAWS), unexplained(found), stated(found)
+    z, kappa = _spread(draws)
+    tests = acceptance(left, validate(found, z, kappa, left.excess, of_noise), (), rejected_share(found))
+    every = wide.draws(draws.flat, np.random.default_rng(of_discrepancy))
+    _, checked, rest = _restated(wide, left, every[_places(draws)], kappa, tests, of_noise)
+    return _basis(wide, rest.excess, checked)
+
+
+def _basis(wide: Stated, excess: float, checked: Validation) -> Basis:
+    """The basis of budgets; `excess`, m, of points, beyond the discrepancy."""
+    left = unexplained(wide.plain)
+    own = wide.remaining(left).excess
+    beyond = max(excess**2 - own**2, 0.0)
+    # beyond the residuals, the unexplained error was estimated from validation rows
+    rows = [len(c.residuals) for c in checked.planes] + [c.residuals.shape[1] for c in checked.points]
+    shown = len(checked.distances) or sum(rows)
+    below = own**4 / left.excess_dof + beyond**2 / max(shown, 1)
+    return Basis(wide, excess, excess**4 / below if below > 0 else inf)
 
 
 def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bayescal.estimate.checks import check_converged, check_length, check_within_reach
 from bayescal.estimate.enough import check_enough
-from bayescal.estimate.estimate import Estimate, calibrated, estimate, settled
+from bayescal.estimate.estimate import Estimate, at_solution, calibrated, estimate, settled
 from bayescal.estimate.linear import Linear, leverages, linearise, root
 from bayescal.estimate.noise import STATED_WORTH
 from bayescal.estimate.solver import add_block, add_constraints, solve
@@ -17,6 +17,7 @@ __all__ = [
     "Weights",
     "add_block",
     "add_constraints",
+    "at_solution",
     "calibrated",
     "check_converged",
     "check_enough",

@@ -102,6 +102,29 @@ def calibrated(
     raise BayescalError(what, "compliance", "check masses (kg), payload (kg) and gravity (m/s2)")
 
 
+def at_solution(model: Model, z: np.ndarray, rejected: np.ndarray) -> Estimate:
+    """The estimate of a model whose solution is known: noise scales and covariance follow from the residuals.
+
+    Parameters
+    ----------
+    model : Model
+    z : np.ndarray, shape (D,)
+        Its most probable unknowns.
+    rejected : np.ndarray of int
+        Rows of the session that do not count.
+    """
+    weights = unit_weights(model, z)
+    weights = replace(weights, row={b.name: (~np.isin(b.rows, rejected)).astype(float) for b in model.blocks})
+    for _ in range(ROUNDS):
+        linear = linearise(model, z, weights)
+        covariance = np.linalg.inv(linear.jacobian.T @ linear.jacobian + np.eye(model.size))
+        rescaled, dof = rescaled_weights(model, weights, linear, covariance)
+        if max(abs(np.log(rescaled.scale[g] / weights.scale[g])) for g in weights.scale) < 1e-4:
+            break
+        weights = rescaled
+    return Estimate(model, z, covariance, weights, linear, 0, np.unique(rejected), dof)
+
+
 def _smallest_noise(found: Estimate) -> float:
     """Smallest standard uncertainty of a fitted residual, m, of lengths."""
     w, lengths = found.weights, [b for b in found.model.blocks if b.group != ORIENTATION]

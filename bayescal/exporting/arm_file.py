@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.dataset.join import joined
 from bayescal.dataset.write import write_files
-from bayescal.effects import UNITS, parameters_of
+from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.fitted import FittedArm, Origin
 from bayescal.exporting.rows import SETTLED
@@ -46,6 +47,8 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
                 "value": (p.nominal + value) * factor,
                 "deviation": value * factor,
                 "u": own * factor,
+                "prior_mean": p.centre * factor,
+                "prior_sd": p.sd * factor,
             }
         )
     dataset = arm.dataset
@@ -136,6 +139,15 @@ def _copies(names: Sequence[str], folder: Path) -> list[Path]:
     return [folder / name for name in names]
 
 
+def _prior(p: Parameter, entry: dict[str, Any]) -> Parameter:
+    """A parameter with the prior that it was fitted with."""
+    if "prior_sd" not in entry:  # written by an earlier version
+        return p
+    factor = UNITS[p.unit][1]
+    mean = entry["prior_mean"] / factor
+    return replace(p, sd=entry["prior_sd"] / factor, mean=p.mean if p.centre == mean else mean)
+
+
 def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
     of = record["dataset"]
     sessions = [read_dataset(copy, judge=False) for copy in _copies(of["folders"], folder)]
@@ -144,7 +156,8 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
     entries = {e["name"]: e for e in record["parameters"]}
 
     def make(scene: Scene) -> Model:
-        known = {p.name: p for p in parameters_of(effects, scene.circumstances(scene.rows("calibrate")))}
+        made = parameters_of(effects, scene.circumstances(scene.rows("calibrate")))
+        known = {p.name: _prior(p, entries.get(p.name, {})) for p in made}
         return Model(scene, effects, tuple(known[name] for name in entries if name in known), (), ())
 
     def deviations(model: Model) -> np.ndarray:

@@ -38,6 +38,8 @@ class Measurand:
     any_of : bool
         The measurand is any one of the K quantities (a distance in the volume); else all K together (the
         coordinates of a point): its error is then the length of their vector.
+    position : np.ndarray, shape (3,), optional
+        m in F0, of a point.
     """
 
     kind: str
@@ -47,6 +49,7 @@ class Measurand:
     by_z: np.ndarray
     own: tuple[Own, ...] = ()
     any_of: bool = False
+    position: np.ndarray | None = None
 
     @property
     def weight(self) -> float:

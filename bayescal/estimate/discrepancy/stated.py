@@ -143,7 +143,9 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     size = UNSEEN * shown
     kept = np.flatnonzero(size[family] > 0)
     sd = np.sqrt(size[family[kept]])
-    further = [replace(every[k], sd=every[k].sd * s) for k, s in zip(kept, sd, strict=True)]
+    names = [f.name for f in functions]
+    sizes = dict(zip(names, size.tolist(), strict=True))
+    further = sized(functions, sizes)
     wide, own, extra = _with(model, further)
     z, covariance = np.zeros(wide.size), np.zeros((wide.size, wide.size))
     z[own] = fitted.z
@@ -154,13 +156,12 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     covariance[np.ix_(own, extra)] = -bias
     covariance[np.ix_(extra, own)] = -bias.T
     covariance[extra, extra] = 1.0
-    names = [f.name for f in functions]
     return Stated(
         fitted,
         replace(fitted, model=wide, z=z, covariance=covariance),
         own,
         {name: a[:, family == k] for k, name in enumerate(names)},
-        dict(zip(names, size.tolist(), strict=True)),
+        sizes,
         white,
         noise,
         rows[of],
@@ -170,6 +171,16 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
             if own_size > 0
         },
     )
+
+
+def sized(functions: Sequence[Family], variances: Mapping[str, float]) -> list[Parameter]:
+    """The functions of families that have a variance, with their standard deviations."""
+    return [
+        replace(p, sd=p.sd * float(np.sqrt(variances[f.name])))
+        for f in functions
+        if variances[f.name] > 0
+        for p in f.parameters
+    ]
 
 
 def _linearised(

@@ -7,7 +7,7 @@ is brought to the target by the same search, with all fitted effects acting at t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from bayescal.exporting.compensate.frames import BASE, Frame, frame_of
 from bayescal.exporting.compensate.region import Region
 from bayescal.exporting.compensate.targets import Corrected, Target
 from bayescal.exporting.fitted import FittedArm, Poses
+from bayescal.exporting.lost_motion import lost_motion
 
 MOVED = np.radians(0.01)
 """rad: a joint that moves less keeps its direction, as its lost motion is not crossed (assumed)."""
@@ -218,7 +219,8 @@ def _fitted(
                             np.maximum(high, begin.max(axis=0)))  # fmt: skip
     readings = nominal.readings_of(angles)
     poses = at(readings, every)
-    spread = frame.covariance(poses) + _undirected(arm, at, readings, velocity, poses)
+    off = lost_motion(arm, at, readings, velocity, poses)
+    spread = frame.covariance(poses) + np.einsum("cji,cjk->cik", off, off)
     inside = region.contains(poses.points, readings)
     error = np.linalg.norm(at(before, every).points - goals[:, :3, 3], axis=1)
     stated = np.linalg.inv(frame.nominal) @ nominal.tool_poses(nominal.frames(readings))
@@ -230,28 +232,6 @@ def _fitted(
         u = float(np.sqrt(np.trace(spread[k])))
         out.append(Corrected("", readings[k], stated[k], before[k], start[k].solutions, u, float(error[k]),
                              bool(inside[k])))  # fmt: skip
-    return out
-
-
-def _undirected(
-    arm: FittedArm,
-    at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
-    readings: np.ndarray,
-    velocity: np.ndarray,
-    poses: Poses,
-) -> np.ndarray:
-    """Covariance (C, 3, 3), m2, by the lost motion of joints whose direction of motion is not known.
-
-    The joint rests on either side of its lost motion: one standard deviation from the middle.
-    """
-    out = np.zeros((len(readings), 3, 3))
-    if not any(p.driver.kind in ("direction", "flank") for p in arm.model.parameters):
-        return out
-    for j, axis in enumerate(np.eye(readings.shape[1])):
-        rows = np.flatnonzero(velocity[:, j] == 0)
-        if len(rows):
-            off = at(readings[rows], rows, axis).points - poses.points[rows]
-            out[rows] += off[:, :, None] * off[:, None, :]
     return out
 
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from rich.console import Group, RenderableType
 
-from bayescal.assess.budget import COVERAGE, Basis, Budget, Component
+from bayescal.assess.budget import COVERAGE, MOST_DOF, Basis, Budget, Component
+from bayescal.assess.budget.measurand import PARAMETER
 from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
 from bayescal.reporting.shared.origin import origin
@@ -35,6 +36,7 @@ def budget_record(budgets: Sequence[Budget], basis: Basis, seed: int) -> dict[st
         **origin(SCHEMA, dataset, seed, LIBRARIES),
         **every[0],
         "unexplained_um": 1e6 * basis.excess,
+        "unexplained_dof": basis.excess_dof,
         "correlations": [
             {"between": [a, b], "correlation": r} for a, b, r in (budgets[0].correlations if budgets else ())
         ],
@@ -54,6 +56,7 @@ def measurand_record(budget: Budget) -> dict[str, Any]:
         "kind": m.kind,
         "unit": unit,
         "value": None if m.value is None else factor * m.value,
+        "position_mm": None if m.position is None else 1e3 * m.position,
         "components": [_component(budget, c) for c in budget.components],
         "u": factor * budget.u,
         "U": factor * budget.expanded,
@@ -114,7 +117,9 @@ def budget_csv(budgets: Sequence[Budget]) -> str:
 def in_words(budget: Budget) -> str:
     """``(0.1 ± 15.2) µm, k = 2.00``: two digits of U, the value to the same decimal (JCGM 100, 7.2.6)."""
     m = budget.measurand
-    unit, factor = ("um", 1e6) if m.unit == "m" and _is_error(budget) else UNITS[m.unit]
+    unit, factor = (
+        ("um", 1e6) if m.unit == "m" and m.kind != PARAMETER and _is_error(budget) else UNITS[m.unit]
+    )
     value, u = rounded(None if m.value is None else factor * m.value, factor * budget.expanded)
     of = unit_label(unit)
     said = f"U = {u} {of}" if value is None else f"({value} ± {u}) {of}"
@@ -138,6 +143,11 @@ def rounded(value: float | None, u: float) -> tuple[str | None, str]:
     return first, f"{round(u, decimals):.{digits}f}"
 
 
+def two_digits(value: float) -> str:
+    """A number with two significant digits, without an exponent where it is above 1e-4."""
+    return f"{float(f'{value:.2g}'):.6g}"
+
+
 def budget_table(budget: Budget) -> RenderableType:
     """The components of a budget, its sum and its expanded uncertainty."""
     m = budget.measurand
@@ -153,14 +163,14 @@ def budget_table(budget: Budget) -> RenderableType:
             c.input.evaluation,
             "-" if c.input.u is None else size(c.input.u, c.input.unit),
             _sensitivity(budget, c),
-            f"{factor * c.contribution:.2g}",
+            two_digits(factor * c.contribution),
             percent(c.contribution**2 / budget.u**2),
         )
     small = [c for c in budget.components if c not in shown]
     if small:
         rest = float(np.sqrt(sum(c.contribution**2 for c in small)))
         share = percent(rest**2 / budget.u**2)
-        table.add_row(f"{len(small)} smaller components", "", "", "", f"{factor * rest:.2g}", share)
+        table.add_row(f"{len(small)} smaller components", "", "", "", two_digits(factor * rest), share)
     return Group(table, "", facts(_sums(budget)))
 
 
@@ -174,10 +184,15 @@ def _sensitivity(budget: Budget, c: Component) -> str:
 
 def _sums(budget: Budget) -> list[tuple[str, str, str]]:
     unit, factor = ("um", 1e6) if budget.measurand.unit == "m" else UNITS[budget.measurand.unit]
-    dof = "normal" if not np.isfinite(budget.dof) else f"{budget.dof:.0f} effective degrees of freedom"
+    dof = "normal" if budget.dof > MOST_DOF else f"{budget.dof:.0f} effective degrees of freedom"
     u = rounded(None, factor * budget.u)[1]
+    at = budget.measurand.position
+    position = (
+        [("position", f"({', '.join(f'{1e3 * x:.3f}' for x in at)}) mm in F0", "")] if at is not None else []
+    )
     return [
         ("measurand", budget.measurand.name, "bold"),
+        *position,
         ("u", f"{u} {unit_label(unit)} ({dof})", ""),
         ("result", f"{in_words(budget)}, coverage {100 * COVERAGE:.2f} %", "bold"),
     ]
