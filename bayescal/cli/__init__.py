@@ -40,6 +40,7 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from bayescal.cli import (  # noqa: F401  (they register their commands)
         blind,
+        budget,
         compare,
         compensate,
         export,

@@ -47,7 +47,7 @@ def test_what_a_folder_restores_is_the_fit(fitted, run):
 )
 def test_a_folder_has_the_budgets_of_its_fit(fitted, run, asked):
     of_folder, of_result = bc.budget(run, **asked), bc.budget(fitted, **asked)
-    assert of_folder.U == pytest.approx(of_result.U, rel=2e-3)
+    assert pytest.approx(of_result.U, rel=2e-3) == of_folder.U
     assert list(of_folder.components.index) == list(of_result.components.index)
 
 
