@@ -12,7 +12,10 @@ from bayescal.cli.options import AllowXacro
 
 @app.command("import")
 def import_(
-    log: Path = typer.Argument(..., help="Joint readings, one row per measurement: CSV or text in columns."),
+    log: Path = typer.Argument(
+        ...,
+        help="Joint readings, one row per measurement: text in columns, book.xlsx#Sheet, or --format.",
+    ),
     out: Path = typer.Option(..., help="Dataset folder to write; new or empty."),
     map_: str = typer.Option(
         "",
@@ -21,7 +24,9 @@ def import_(
     ),
     robot: str = typer.Option("", help="Built-in name or file [default: robot of the template]."),
     format_: str = typer.Option(
-        "csv", "--format", help="csv, or robodk (a calibration table; needs no map)."
+        "csv",
+        "--format",
+        help="csv (with --map); without a map robodk, ur-rtde, fanuc-ls, fanuc-va, kuka-dat, abb-mod.",
     ),
     points: list[Path] = typer.Option(
         [],

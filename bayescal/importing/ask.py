@@ -12,6 +12,7 @@ from bayescal.dataset import Dataset, Noise, Target, Tool
 from bayescal.dataset.read import SETTINGS, no_rows, read_settings
 from bayescal.errors import BayescalError
 from bayescal.importing.columns import DECIMALS, Columns
+from bayescal.importing.formats import FORMATS
 from bayescal.importing.log import read_log
 from bayescal.importing.onto import files_of
 from bayescal.importing.rows import names, points
@@ -23,7 +24,7 @@ UPRIGHT = np.array([0.0, 0.0, -9.81])
 """m/s2, in F0."""
 
 CHOICES = {
-    "format": ("csv", "robodk"),
+    "format": tuple(FORMATS),
     "readings": ("encoder", "command"),
     "decimal": DECIMALS,
 }

@@ -23,6 +23,7 @@ from bayescal.importing.messages import accusation, found_words
 from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.orientations import compared
 from bayescal.importing.pair import is_measured, pair
+from bayescal.importing.programs import LISTINGS, read_listing
 from bayescal.importing.reflectors import stacked, unfolded
 from bayescal.importing.roles import role_note, with_roles
 from bayescal.importing.rows import measurements, readings
@@ -173,16 +174,20 @@ def _columns(request: Request, n: int) -> Read:
     """All rows of a request."""
     centres: dict[str, np.ndarray] = {}
     notes: list[str] = []
-    if request.format == "csv" and not request.map:
-        log = read_log(request.log, headed=True)
-        columns = columns_of(log, own_map(log.header, n, log.name), request.decimal)
-    elif request.map:
-        columns = _mapped(request.log, read_map(request.map, n), request.decimal)
-    else:
+    if request.format == "robodk" and not request.map:
         log = read_log(request.log)
         columns, centres = formats.robodk(log, n)
         if left := len(log.rows) - columns.count:
             notes.append(f"{left} row{'s' * (left > 1)} of {log.name} excluded: not measured (0, 0, 0)")
+    elif request.format == "csv" and not request.map:
+        log = read_log(request.log, headed=True)
+        columns = columns_of(log, own_map(log.header, n, log.name), request.decimal)
+    else:
+        map_ = read_map(formats.FORMATS[request.format].map, n, formal=True) | read_map(request.map, n)
+        if request.format in LISTINGS:
+            columns = columns_of(read_listing(request.log, request.format, n), map_)
+        else:
+            columns = _mapped(request.log, map_, request.decimal)
     mapped = [mapping_words(columns)]
     files = [_points(request, path, said, n) for path, said in request.files] if request.points else []
     mapped += [mapping_words(points) for points in files]

@@ -1,11 +1,11 @@
-"""Files whose columns are known without a map: RoboDK's calibration tables, and names with x, y, z.
+"""Files whose columns are known without a map: a format is an entry of a table.
 
 What is relied on is written down, with its source, in ``docs/importing.md``.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,32 @@ from bayescal.importing.columns import Columns, columns_of
 from bayescal.importing.log import Log
 from bayescal.importing.mapping import Column, Map
 from bayescal.importing.units import UNITS, is_number, unit_of
+
+
+@dataclass(frozen=True)
+class Format:
+    """What a file of a maker holds: the map of its columns, and what it is in words."""
+
+    words: str
+    map: str = ""
+
+
+LISTED = "id=id, j*=J* deg"
+"""The map of the joint positions that `read_listing` returns."""
+
+FORMATS = {
+    "csv": Format("a table; --map states its columns"),
+    "robodk": Format("a calibration table of RoboDK: joints, measured point or pose, tool"),
+    "ur-rtde": Format(
+        "a record of the RTDE client of Universal Robots",
+        "time?=timestamp s, j*=actual_q_*0 rad, j*_command?=target_q_*0 rad",
+    ),
+    "fanuc-ls": Format("positions P[n] of a FANUC program as text (LS)", LISTED),
+    "fanuc-va": Format("position registers of a FANUC controller (POSREG.VA)", LISTED),
+    "kuka-dat": Format("joint positions of a KUKA data list (DAT) or program", LISTED),
+    "abb-mod": Format("jointtargets of an ABB RAPID module", LISTED),
+}
+"""By name. Joint velocities of a record are not read: at rest their signs are noise, not a direction."""
 
 UNSEEN = 1e-6
 """m: RoboDK writes zeros for a point that was not measured; its own scripts require more than 1 µm."""

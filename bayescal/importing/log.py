@@ -10,6 +10,7 @@ from pathlib import Path
 
 from bayescal.errors import BayescalError
 from bayescal.importing.cells import Lines, cells, separator_of, text_lines
+from bayescal.importing.spreadsheet import is_spreadsheet, sheet_lines
 from bayescal.importing.units import ALIASES, UNITS, Unit, is_number, is_unit, name_and_unit
 
 KEY_VALUE = re.compile(r"[^\W\d][\w .]*[:=](\s|$)")
@@ -53,7 +54,7 @@ def read_log(path: Path, headed: bool | None = None, missing: Missing | None = N
     Parameters
     ----------
     path : Path
-        A text file, in UTF-8, UTF-16 with a byte order mark, or Windows-1252.
+        A text file, in UTF-8, UTF-16 with a byte order mark, or Windows-1252; or a workbook.
     headed : bool, optional
         Whether there is a header; left out, the first row is one if none of its cells is a number.
     missing : callable, optional
@@ -64,7 +65,8 @@ def read_log(path: Path, headed: bool | None = None, missing: Missing | None = N
     BayescalError
         If the file cannot be read, or its rows differ in length.
     """
-    return table_of(path.name, text_lines(path), headed, missing)
+    lines = sheet_lines(path) if is_spreadsheet(path) else text_lines(path)
+    return table_of(path.name, lines, headed, missing)
 
 
 def table_of(name: str, lines: Lines, headed: bool | None = None, missing: Missing | None = None) -> Log:
@@ -92,12 +94,14 @@ def table_of(name: str, lines: Lines, headed: bool | None = None, missing: Missi
         notes.append(f"{len(again)} repetitions of the header of {name} left out")
         rows = [row for row in rows if row[1] != header and not (header and _are_units(row[1]))]
     footer: list[tuple[int, tuple[str, ...]]] = []
-    while rows and len(rows[-1][1]) != width and _is_footer(rows[-1][1]):
+    while rows and _is_footer(rows[-1][1], width):
         footer.insert(0, rows.pop())
     if footer:
         notes.append(_left(footer, name, "behind the last row"))
     if not rows:
         raise BayescalError("no rows below the header", name, "check the file")
+    if any(isinstance(raw, tuple) for _, raw in lines.kept):  # a sheet: empty cells at the end are no cells
+        rows = [(number, row + ("",) * (width - len(row))) for number, row in rows]
     for number, row in rows:
         if len(row) != width:
             what = f"{len(row)} cells, the {'header' if header else 'first row'} has {width}"
@@ -152,8 +156,12 @@ def _unit(cell: str) -> Unit | None:
     return UNITS[ALIASES.get(name, name)] if is_unit(name) else None
 
 
-def _is_footer(row: Sequence[str]) -> bool:
-    return not any(map(is_number, row)) or bool(KEY_VALUE.match(" ".join(row)))
+def _is_footer(row: Sequence[str], width: int) -> bool:
+    """Whether a row at the end is no measurement: of another length or a single cell, without numbers."""
+    filled = [cell for cell in row if cell]
+    if len(row) == width and len(filled) > 1:
+        return False
+    return not any(map(is_number, filled)) or bool(KEY_VALUE.match(" ".join(filled)))
 
 
 def _left(rows: Rows, name: str, where: str) -> str:
