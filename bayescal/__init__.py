@@ -5,7 +5,7 @@
 True
 
 Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `verify`, `compensate`,
-`plan`, `init`, `schema`, `load`; packages: `robots`, `effects`. All are imported when first used.
+`plan`, `init`, `check`, `schema`, `load`; packages: `robots`, `effects`. All are imported when first used.
 """
 
 from importlib import import_module
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from bayescal import effects, robots
     from bayescal.errors import BayescalError
     from bayescal.public.budgets import budget
+    from bayescal.public.checking import check
     from bayescal.public.compensating import compensate
     from bayescal.public.exports import export
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
@@ -28,6 +29,7 @@ __all__ = [
     "BayescalError",
     "__version__",
     "budget",
+    "check",
     "compare",
     "compensate",
     "diagnose",
@@ -48,6 +50,7 @@ _FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate")
 _FROM |= {
     "budget": "bayescal.public.budgets",
     "compensate": "bayescal.public.compensating",
+    "check": "bayescal.public.checking",
     "init": "bayescal.public.starting",
     "schema": "bayescal.public.starting",
     "export": "bayescal.public.exports",

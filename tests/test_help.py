@@ -24,6 +24,7 @@ COMMANDS = (
     "plan",
     "init",
     "schema",
+    "check",
 )
 
 PROGRAM = """
@@ -61,6 +62,7 @@ def test_every_command_is_asked():
     from bayescal.cli import (  # noqa: F401
         app,
         blind,
+        check,
         compare,
         compensate,
         export,

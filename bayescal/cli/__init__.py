@@ -41,6 +41,7 @@ def main() -> None:
     from bayescal.cli import (  # noqa: F401  (they register their commands)
         blind,
         budget,
+        check,
         compare,
         compensate,
         export,

@@ -9,7 +9,7 @@ import numpy as np
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Target
 from bayescal.errors import BayescalError
-from factors.certificate import FORMS, RELATIONS, ordered
+from factors.certificate import FORMS, LENGTHS, RELATIONS, ordered
 from factors.feature import Feature
 from factors.relation import Relation, aligned, apart, off_plane, square
 
@@ -61,6 +61,17 @@ def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -
             raise BayescalError(
                 what, where, "write their nominal places: these tell on which side one stands"
             )
+
+
+def nominal_length(pair: Sequence[Target], kind: str) -> float | None:
+    """Distance, m, of two targets at their nominal places, which a certificate of a kind states; or None."""
+    a, b = sorted(pair, key=lambda t: FORMS.index(KINDS[t.kind].form))
+    relations = RELATIONS[kind].get(ordered(forms_of(pair)), ())
+    first, second = _nominal(a), _nominal(b)
+    for relation in relations:
+        if relation in LENGTHS:
+            return abs(_apart(relation, first, second))
+    return None
 
 
 def joinable(kind: str) -> str:

@@ -12,7 +12,7 @@ from bayescal.dataset import session
 from bayescal.dataset.checks import orientation_check, plausibility, torque_check
 from bayescal.dataset.rows import measurements_of
 from bayescal.dataset.schema import SCHEMA, file_model
-from bayescal.dataset.table import read_table
+from bayescal.dataset.table import Table, read_table
 from bayescal.dataset.types import Dataset, Measurements
 from bayescal.errors import BayescalError
 from bayescal.files import Document, check_schema, read_document
@@ -45,6 +45,22 @@ def read_dataset(folder: Path | str, judge: bool = True, allow_xacro: bool = Fal
     BayescalError
         With file, line and remedy, of the first thing that breaks the contract or cannot be.
     """
+    dataset, table, document = read_parts(folder, allow_xacro)
+    if judge:
+        torque_check.check_sign(dataset, document)
+        plausibility.check(dataset, table, document)
+        orientation_check.check(dataset, table)
+    return dataset
+
+
+def read_parts(folder: Path | str, allow_xacro: bool = False) -> tuple[Dataset, Table, Document]:
+    """Read a dataset folder without judging it: the dataset, its table, and dataset.yaml.
+
+    Raises
+    ------
+    BayescalError
+        As `read_dataset`, of the first thing that breaks the format.
+    """
     folder = Path(folder)
     if not folder.is_dir():
         remedy = "give the folder, not a file in it" if folder.exists() else "check the path"
@@ -58,11 +74,7 @@ def read_dataset(folder: Path | str, judge: bool = True, allow_xacro: bool = Fal
         sha256=_digest(document.content, table.content, robot_content),
     )
     torque_check.check_present(dataset, document)
-    if judge:
-        torque_check.check_sign(dataset, document)
-        plausibility.check(dataset, table, document)
-        orientation_check.check(dataset, table)
-    return dataset
+    return dataset, table, document
 
 
 def read_settings(

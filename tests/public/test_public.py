@@ -19,6 +19,7 @@ from bayescal.effects.location import Driver, joint
 ROOT = Path(__file__).parents[2]
 DOCUMENTED = (
     "bayescal",
+    "bayescal.public.checking",
     "bayescal.public.compensating",
     "bayescal.public.functions",
     "bayescal.public.planning",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,9 @@ from bayescal.files import Document
 BEYOND = np.deg2rad(10)
 """How far beyond its limit a joint is believed."""
 
+MANY = 0.3
+"""Share of rows beyond a limit from which on the readings as a whole are wrong."""
+
 LEVER = 0.3
 """m: arm of an angle's uncertainty when a target's place is judged."""
 
@@ -35,13 +39,25 @@ LOOKS_LIKE = (
 
 
 def check(dataset: Dataset, table: Table, document: Document) -> None:
-    """Refuse implausible rows and targets, with their lines.
+    """Refuse the first implausible row or target, with its line.
 
     The uncertainty of a target's pose is that of its prior; the frame of an instrument is unknown.
     """
+    for problem in problems(dataset, table, document):
+        raise problem
+
+
+def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[BayescalError]:
+    """What `check` refuses, with places and remedies; what follows from a problem before is left out."""
     rows = dataset.measurements
-    _check_limits(dataset.robot, rows.readings, table)
-    _check_units(dataset, table)
+    found, many = _beyond_limits(dataset.robot, rows.readings, table)
+    if found is not None:
+        yield found
+    if many:
+        return
+    if (found := _in_other_units(dataset, table)) is not None:
+        yield found
+        return
     p = nominal(dataset, rows.readings)
     limit = np.array([max(OFF, 5 * (t.u or 0.0)) for t in dataset.tools])[rows.tool]
     for index, target in enumerate(dataset.targets):
@@ -55,19 +71,25 @@ def check(dataset: Dataset, table: Table, document: Document) -> None:
             away = np.linalg.norm(residual(mine)[0], axis=1)
             if (away <= limit[at]).all():
                 continue
-            _check_place(mine, away, document)
+            if (found := _misplaced(mine, away, document)) is not None:
+                yield found
+                continue
             away = settled(mine)
-        _check_rows(target, away, limit[at], at, table, document)
+        if (found := _impossible(target, away, limit[at], at, table, document)) is not None:
+            yield found
 
 
-def _check_limits(robot: Robot, readings: np.ndarray, table: Table) -> None:
-    """Limits apply to the row of `link_from_reading`, without the sign of its diagonal."""
+def _beyond_limits(robot: Robot, readings: np.ndarray, table: Table) -> tuple[BayescalError | None, bool]:
+    """A reading beyond its limits, and whether many are.
+
+    Limits apply to the row of `link_from_reading`, without the sign of its diagonal.
+    """
     sign = np.where(np.diag(robot.link_from_reading) < 0, -1.0, 1.0)
     angle = readings @ robot.link_from_reading.T * sign
     beyond = np.maximum(robot.limits[:, 0] - angle, angle - robot.limits[:, 1])
     bad = (beyond > BEYOND).any(axis=1)
     if not bad.any():
-        return
+        return None, False
     row = int(np.argmax(bad))
     joint = int(np.argmax(beyond[row]))
     low, high = np.rad2deg(robot.limits[joint])
@@ -75,15 +97,16 @@ def _check_limits(robot: Robot, readings: np.ndarray, table: Table) -> None:
         f"{robot.joint_names[joint]} is at {np.rad2deg(angle[row, joint]):.6g} deg, "
         f"its limits are {low:g} to {high:g} deg"
     )
+    many = bool(bad.mean() > MANY)
     often = "many rows are: were degrees converted twice, or signs or coupling changed?"
-    raise table.error(row, what, often if bad.mean() > 0.3 else "check the reading, or the robot's limits")
+    return table.error(row, what, often if many else "check the reading, or the robot's limits"), many
 
 
-def _check_units(dataset: Dataset, table: Table) -> None:
-    """Refuse readings that are consistent with the session only in another unit than the stated one."""
+def _in_other_units(dataset: Dataset, table: Table) -> BayescalError | None:
+    """Readings that are consistent with the session only in another unit than the stated one."""
     found = suspicion(dataset)
     if found is None:
-        return
+        return None
     unit = "deg" if found.quantities[0].startswith("j") else "mm"
     columns = [f"`{quantity}_{unit}`" for quantity in found.quantities]
     every = len(columns) == dataset.robot.n
@@ -92,11 +115,11 @@ def _check_units(dataset: Dataset, table: Table) -> None:
     what = (
         f"{noun} look like {like}: a row is {1e3 * found.stated:.0f} mm off, and then {1e3 * found.other:.2g}"
     )
-    raise table.error(0, what, f"these columns hold {unit}: convert them")
+    return table.error(0, what, f"these columns hold {unit}: convert them")
 
 
-def _check_place(contacts: Contacts, away: np.ndarray, document: Document) -> None:
-    """Refuse a misplaced target.
+def _misplaced(contacts: Contacts, away: np.ndarray, document: Document) -> BayescalError | None:
+    """A misplaced target.
 
     The error of all its contacts is larger than its prior explains, or is small if its values are read in
     another unit.
@@ -104,7 +127,7 @@ def _check_place(contacts: Contacts, away: np.ndarray, document: Document) -> No
     target = contacts.target
     u, angle = place_sd(target), angle_sd(target)
     if away.min() <= OFF:
-        return
+        return None
     remedy = ""
     for factor, unit in ((1e3, "m"), (1e-3, "µm")):
         keep = (KINDS[target.kind].direction, "diameter")
@@ -115,23 +138,24 @@ def _check_place(contacts: Contacts, away: np.ndarray, document: Document) -> No
     if remedy or away.min() > 5 * (u + angle * LEVER):
         what = f"all contacts of `{target.name}` are nominally {1e3 * away.min():.0f} mm or more off it"
         remedy = remedy or "check its place, its frame (F0) and the units, or state a wider `u_mm`"
-        raise BayescalError(what, document.where(("targets", target.name)), remedy)
+        return BayescalError(what, document.where(("targets", target.name)), remedy)
+    return None
 
 
-def _check_rows(
+def _impossible(
     target: Target, away: np.ndarray, limit: np.ndarray, at: np.ndarray, table: Table, document: Document
-) -> None:
-    """Refuse a row that disagrees with most of its target's rows, or a target on which none agree."""
+) -> BayescalError | None:
+    """A row that disagrees with most of its target's rows, or a target on which none agree."""
     bad = away > limit
     if not bad.any():
-        return
+        return None
     noun = "readings" if KINDS[target.kind].noise == "point" else "contacts"
     if bad.mean() > 0.5:
         what = f"most {noun} of `{target.name}` disagree with the arm by {1e3 * np.median(away):.0f} mm"
         remedy = "check the target, the tool and the units"
-        raise BayescalError(what, document.where(("targets", target.name)), remedy)
+        return BayescalError(what, document.where(("targets", target.name)), remedy)
     row = int(np.argmax(away))
     which = "reading" if KINDS[target.kind].noise == "point" else "contact"
     what = f"impossible {which}: {1e3 * away[row]:.0f} mm off where the others put `{target.name}`"
     more = f" ({bad.sum() - 1} more rows are as far off)" if bad.sum() > 1 else ""
-    raise table.error(at[row], what + more, "check target, tool and joint readings, or leave the row out")
+    return table.error(at[row], what + more, "check target, tool and joint readings, or leave the row out")

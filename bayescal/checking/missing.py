@@ -1,0 +1,186 @@
+"""What a session lacks, so that less can be calibrated, validated or assessed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bayescal.arm.chain import chain_of, frames, link_angles
+from bayescal.checking.finding import Finding
+from bayescal.dataset import Dataset
+from bayescal.dataset.checks.misfit import nominal
+from bayescal.dataset.read import SETTINGS, TABLE
+from bayescal.dataset.target_kinds import kinds_of
+from bayescal.effects import parameters_of
+from bayescal.errors import BayescalError
+from bayescal.estimate import check_enough
+from bayescal.gap.search.candidates import Candidates
+from bayescal.model.model import Model, with_parameters
+from bayescal.model.scene import Scene
+from bayescal.planning.information import RESERVE
+
+MOVES = np.radians(10.0)
+"""rad: range of a joint below which its parameters are hardly identifiable (assumed)."""
+TURNS = np.radians(10.0)
+"""rad, RMS: directions of the flange that differ by less are one wrist configuration (assumed)."""
+ON_AXIS = 2e-3
+"""m: distance of the tool point from the last axis below which the last joint is hardly seen (assumed)."""
+PARALLEL = 0.995  # cosine, 6 deg, of normals of faces that count as parallel
+LOCATES = 4
+"""Contacts that locate a sphere of unknown centre and known diameter, with one to spare."""
+
+
+def missing(
+    scene: Scene, model: Model | None, known: Candidates | None, posed: bool = True
+) -> Iterator[Finding]:
+    """All findings of this kind; `posed`: whether the readings can be taken for the poses of the arm."""
+    dataset = scene.dataset
+    yield from _roles(dataset)
+    yield from _unused(dataset)
+    yield from _enough(scene, model)
+    yield from _scale(model)
+    yield from _faces(dataset)
+    if posed:
+        yield from _poses(dataset)
+    if known is not None and "backlash" in known.missing and dataset.measurements.velocity is None:
+        what = "no joint velocities: backlash and other errors by direction of motion cannot be assessed"
+        remedy = "add the columns `j1_degps` ...; their signs are the direction of approach"
+        yield Finding("no_velocities", "missing", what, TABLE, remedy)
+
+
+def model_of(scene: Scene, effects: tuple[str, ...]) -> tuple[Model | None, tuple[str, ...]]:
+    """The model of a session with those effects that it can have, and their names; None without rows."""
+    rows = scene.rows("calibrate")
+    if not len(rows):
+        return None, ()
+    circumstances = scene.circumstances(rows)
+    possible = []
+    for name in effects:
+        try:
+            parameters_of((name,), circumstances, lenient=True)
+            possible.append(name)
+        except BayescalError:
+            continue
+    own = tuple(possible)
+    return with_parameters(scene, own, parameters_of(own, circumstances, lenient=True)), own
+
+
+def _roles(dataset: Dataset) -> Iterator[Finding]:
+    m = dataset.measurements
+    validate = m.role == "validate"
+    if not validate.any():
+        what = "no row has the role `validate`: the error to expect is estimated from the fitted rows"
+        remedy = "give a part of the rows, measured for it, `validate` in the column `role`"
+        yield Finding("no_validation", "missing", what, TABLE, remedy)
+    few = []
+    for k, target in enumerate(dataset.targets):
+        count = int(np.sum(validate & (m.target == k)))
+        if (
+            kinds_of(dataset)[k].found
+            and 0 < count < LOCATES
+            and not np.any((m.role != "validate") & (m.target == k))
+        ):
+            few.append(target.name)
+    if few:
+        what = f"fewer than {LOCATES} contacts to validate {_some(few)}: they do not locate it"
+        yield Finding("few_on_sphere", "missing", what, TABLE, f"measure {LOCATES} or more on each sphere")
+    labels = [s for s in (m.repeat, m.stop) if s is not None]
+    again = any(len(set(own)) < len(own) for s in labels for own in [[x for x in s if x]])
+    if not again:
+        what = "no contact is repeated: the noise is not separable from errors of the model"
+        remedy = "measure some contacts four times, with one name in the column `repeat`"
+        yield Finding("no_repeats", "missing", what, TABLE, remedy)
+
+
+def _unused(dataset: Dataset) -> Iterator[Finding]:
+    """Targets that no row measures."""
+    m = dataset.measurements
+    idle = [t.name for k, t in enumerate(dataset.targets) if not np.any(m.target == k)]
+    if idle:
+        what = f"no row measures {_some(idle)}"
+        yield Finding("unused_target", "missing", what, SETTINGS, "remove the targets, or measure them")
+
+
+def _enough(scene: Scene, model: Model | None) -> Iterator[Finding]:
+    """Rows against unknowns."""
+    if model is None:
+        what = "no row has the role `calibrate`"
+        yield Finding("too_few", "refused", what, TABLE, "leave `role` empty in the rows to be fitted")
+        return
+    try:
+        check_enough(scene)
+    except BayescalError as error:
+        yield Finding.of(error, "too_few")
+        return
+    values = sum(block.residuals for block in model.blocks)
+    if values < model.size + RESERVE:
+        what = (
+            f"{values} values to fit {model.size} unknowns ({len(model.parameters)} parameters and "
+            f"{len(model.states)} targets): the noise cannot be checked well and a single outlier matters"
+        )
+        remedy = f"measure {model.size + RESERVE} or more; `bayescal plan --after` proposes them"
+        yield Finding("few_rows", "missing", what, TABLE, remedy)
+
+
+def _scale(model: Model | None) -> Iterator[Finding]:
+    if model is not None and not model.knows_length:
+        what = "no certified length among the fitted targets: the scale is that of the nominal robot"
+        remedy = "state a certified distance of two fitted targets under `certificates`"
+        yield Finding("no_length", "missing", what, SETTINGS, remedy)
+
+
+def _faces(dataset: Dataset) -> Iterator[Finding]:
+    """Sessions on planes of one direction alone."""
+    m = dataset.measurements
+    fitted = [dataset.targets[k] for k in np.unique(m.target[m.role == "calibrate"])]
+    if not fitted or any(t.kind != "plane" for t in fitted):
+        return
+    normals = np.array([t.values["normal"] for t in fitted])
+    if np.all(np.abs(normals @ normals[0]) > PARALLEL):
+        which = "a single plane is" if len(fitted) == 1 else f"{len(fitted)} parallel planes are"
+        what = f"{which} fitted: errors along the plane are not seen"
+        remedy = "probe planes in three directions, or spheres"
+        yield Finding("parallel_planes", "missing", what, SETTINGS, remedy)
+
+
+def _poses(dataset: Dataset) -> Iterator[Finding]:
+    """Joints that hardly move, one configuration of the wrist, a tool point on the last axis."""
+    m, robot = dataset.measurements, dataset.robot
+    fit = m.role == "calibrate"
+    if not fit.any():
+        return
+    still = [name for k, name in enumerate(robot.joint_names) if np.ptp(m.readings[fit, k]) < MOVES]
+    if still:
+        moved = f"moved by less than {np.degrees(MOVES):.0f} deg"
+        what = f"{_some(still)} {moved}: its parameters are hardly identifiable"
+        yield Finding(
+            "still_joint", "missing", what, TABLE, "measure in poses over most of the range of every joint"
+        )
+    axes = frames(chain_of(robot), link_angles(robot, m.readings[fit]))[:, -1, :3, 2]
+    middle = axes.mean(axis=0)
+    spread = np.arccos(np.clip(axes @ (middle / max(float(np.linalg.norm(middle)), 1e-9)), -1, 1))
+    if robot.n > 4 and float(np.sqrt(np.mean(spread**2))) < TURNS:
+        what = (
+            "the flange has nearly one direction in all fitted rows: geometry and tool are hardly separable"
+        )
+        yield Finding("one_wrist", "missing", what, TABLE, "measure with different directions of the tool")
+    if robot.n > 4 and float(_off_axis(dataset, fit).max()) < ON_AXIS and m.rpy is None:
+        name = robot.joint_names[-1]
+        what = f"the tool points are on the axis of {name}: errors of {name} are not seen"
+        remedy = "use a tool whose point is 50 mm or more off that axis"
+        yield Finding("on_last_axis", "missing", what, SETTINGS, remedy)
+
+
+def _off_axis(dataset: Dataset, fit: np.ndarray) -> np.ndarray:
+    """Distance of the tool point from the last axis in the fitted rows, m."""
+    m = dataset.measurements
+    angle = 1e-3
+    turned = m.readings.copy()
+    turned[:, -1] += angle
+    return np.linalg.norm(nominal(dataset, turned) - nominal(dataset, m.readings), axis=1)[fit] / angle
+
+
+def _some(names: list[str], most: int = 4) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(f"`{name}`" for name in names[:most]) + more

@@ -1,0 +1,190 @@
+"""What is probably a mistake: units, doubled rows, clocks, names, certificates that contradict the places."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from bayescal.checking.conventions import other_convention
+from bayescal.checking.finding import Finding
+from bayescal.dataset import Dataset
+from bayescal.dataset.checks import orientation_check, plausibility, torque_check
+from bayescal.dataset.checks.misfit import nominal
+from bayescal.dataset.joins import nominal_length
+from bayescal.dataset.read import TABLE
+from bayescal.dataset.table import Table
+from bayescal.dataset.target_kinds import LOOSE
+from bayescal.errors import BayescalError
+from bayescal.files import Document
+
+RATIOS = {25.4: "inches", 1e3: "m", 10.0: "cm", 1e-3: "µm", 39.37: "m taken for inches"}
+"""Factor by which a length in mm must be multiplied, and the probable unit."""
+NEAR = 0.05
+"""Relative tolerance of such a factor: nominal places are rounded."""
+COARSE = 0.1e-3
+"""m: greatest standard uncertainty of a certified length; certificates state micrometres (assumed)."""
+ROUND = 0.3
+"""Relative difference of a sphere's diameter from its contacts: an arm's nominal error is some mm."""
+BALL_ROWS = 8
+"""Contacts from which on they state a diameter."""
+SPREAD = 0.25
+"""Smallest singular value of contact directions, relative: fewer directions do not state a diameter."""
+
+
+def odd(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]:
+    """All findings of this kind, and what the reader refuses."""
+    yield from _names(dataset, document)
+    yield from _lengths(dataset, document)
+    yield from _doubled(dataset, table)
+    yield from _clock(dataset, table)
+    convention = other_convention(dataset)
+    refused = list(_refused(dataset, table, document))
+    units = [f for f in refused if f.code == "units"]
+    if convention is not None and not units:
+        what, where, before, after = convention
+        what += f": rows are {1e3 * before:.0f} mm off their targets, and then {1e3 * after:.2g} mm"
+        of_tool = where == "tools"
+        place = document.where(("tools",)) if of_tool else f"{TABLE}: `{where}`"
+        remedy = (
+            "write it in mm"
+            if of_tool
+            else "correct `link_from_reading` or `offset_deg` in the robot file, or the column"
+        )
+        yield Finding("convention", "refused" if refused else "odd", what, place, remedy)
+        return
+    yield from refused
+    if not refused:
+        yield from _diameters(dataset, document)
+
+
+def _refused(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]:
+    """What `fit` refuses, each line once."""
+    lines: set[str] = set()
+    found = [Finding.of(e, _code(e)) for e in plausibility.problems(dataset, table, document)]
+    for code, check in (
+        ("torque_sign", lambda: torque_check.check_sign(dataset, document)),
+        ("orientations", lambda: orientation_check.check(dataset, table)),
+    ):
+        try:
+            check()
+        except BayescalError as error:
+            found.append(Finding.of(error, code))
+    for finding in found:
+        if finding.where not in lines:
+            lines.add(finding.where)
+            yield finding
+
+
+def _code(error: BayescalError) -> str:
+    words = {"limits are": "limits", "look like": "units", "impossible": "impossible_row"}
+    return next((code for word, code in words.items() if word in error.what), "misplaced_target")
+
+
+def _names(dataset: Dataset, document: Document) -> Iterator[Finding]:
+    """Names that differ only in case or blanks."""
+    groups: Sequence[tuple[str, str, Sequence[str]]] = (
+        ("target", "targets", [t.name for t in dataset.targets]),
+        ("tool", "tools", [t.name for t in dataset.tools]),
+    )
+    for noun, key, names in groups:
+        first: dict[str, str] = {}
+        for name in names:
+            other = first.setdefault("".join(name.lower().split()), name)
+            if other != name:
+                what = f"the names of {noun}s `{other}` and `{name}` differ only in case or blanks"
+                remedy = "use one name if they are the same, or two that cannot be mistaken"
+                yield Finding("similar_names", "odd", what, document.where((key, name)), remedy)
+
+
+def _lengths(dataset: Dataset, document: Document) -> Iterator[Finding]:
+    """Certified lengths that contradict the nominal places, or whose uncertainty is no micrometres."""
+    by_name = {t.name: t for t in dataset.targets}
+    for k, c in enumerate(dataset.certificates):
+        where = document.where(("certificates", k))
+        names = " and ".join(f"`{name}`" for name in c.targets)
+        if c.u_distance is not None and c.u_distance > COARSE:
+            key = "u_diameter_mm" if c.kind == "diameter" else "u_distance_mm"
+            what = f"`{key}` of {names} is {1e3 * c.u_distance:g}: certificates state micrometres"
+            yield Finding("coarse_certificate", "odd", what, where, "is it in µm? write it in mm, at k = 1")
+        if c.distance is None or len(c.targets) < 2:
+            continue
+        there = nominal_length([by_name[name] for name in c.targets], c.kind)
+        known = [by_name[name].u for name in c.targets]
+        loose = max(LOOSE if u is None else 5 * u for u in known)
+        if there is None or abs(c.distance - there) <= max(loose, NEAR * c.distance):
+            continue
+        like = next((unit for f, unit in RATIOS.items() if abs(c.distance * f / there - 1) < NEAR), "")
+        back = next((unit for f, unit in RATIOS.items() if abs(there * f / c.distance - 1) < NEAR), "")
+        what = f"{names}: certified {1e3 * c.distance:.6g} mm, nominally {1e3 * there:.6g} mm apart"
+        remedy = (
+            f"the certified value looks like {like}: write it in mm"
+            if like
+            else f"the value was converted once too often, or the nominal places are in {back}"
+            if back
+            else "check the certificate, the names and the nominal places"
+        )
+        yield Finding("certified_length", "odd", what, where, remedy)
+
+
+def _doubled(dataset: Dataset, table: Table) -> Iterator[Finding]:
+    """Rows with the readings of another row of the same target, that no repeat and no standstill explains."""
+    m = dataset.measurements
+    blocks = [m.readings, m.target[:, None], m.tool[:, None]]
+    blocks += [b.reshape(len(m.ids), -1) for b in (m.xyz, m.rpy, m.length, m.payload) if b is not None]
+    keys = np.nan_to_num(np.column_stack(blocks), nan=-1e9)
+    first: dict[bytes, int] = {}
+    pairs = []
+    for row, key in enumerate(keys):
+        one = first.setdefault(key.tobytes(), row)
+        if one != row and not any(s is not None and s[row] and s[row] == s[one] for s in (m.stop, m.repeat)):
+            pairs.append((row, one))
+    if pairs:
+        row, one = pairs[0]
+        more = f" ({len(pairs) - 1} more rows repeat another)" if len(pairs) > 1 else ""
+        what = f"row `{m.ids[row]}` has the values of row `{m.ids[one]}`{more}"
+        remedy = (
+            "remove the copy; a second measurement has other digits, or one `repeat` or `stop` with the first"
+        )
+        yield Finding("doubled_row", "odd", what, place_of(dataset, table, row), remedy)
+
+
+def _clock(dataset: Dataset, table: Table) -> Iterator[Finding]:
+    """Times that go back: the order of rows is the order of time."""
+    time = dataset.measurements.time
+    if time is None or not (back := np.flatnonzero(np.diff(time) < 0)).size:
+        return
+    row = int(back[0]) + 1
+    more = f", and {len(back) - 1} more times" if len(back) > 1 else ""
+    what = f"`time_s` goes back by {time[row - 1] - time[row]:.6g} s{more}"
+    remedy = "put the rows in the order of time, or count on from the session before"
+    yield Finding("clock", "odd", what, place_of(dataset, table, row), remedy)
+
+
+def _diameters(dataset: Dataset, document: Document) -> Iterator[Finding]:
+    """Spheres whose contacts lie on one of another diameter."""
+    m = dataset.measurements
+    p = nominal(dataset, m.readings)
+    for k, target in enumerate(dataset.targets):
+        at = np.flatnonzero(m.target == k)
+        if target.kind != "sphere" or len(at) < BALL_ROWS:
+            continue
+        middle = p[at] - p[at].mean(axis=0)
+        scale = np.linalg.svd(middle, compute_uv=False)
+        if scale[-1] < SPREAD * scale[0]:
+            continue
+        design = np.column_stack([2 * middle, np.ones(len(at))])
+        solved = np.linalg.lstsq(design, np.sum(middle**2, axis=1), rcond=None)[0]
+        reach = float(np.sqrt(max(solved[3] + solved[:3] @ solved[:3], 0.0)))
+        radius = float(np.mean([dataset.tools[t].ball_radius or 0.0 for t in m.tool[at]]))
+        stated, seen = float(np.asarray(target.values["diameter"])), 2 * (reach - radius)
+        if abs(seen - stated) > ROUND * max(stated, seen):
+            said = f"`diameter_mm` of `{target.name}` is {1e3 * stated:.6g}"
+            what = f"{said}, its contacts show about {1e3 * seen:.3g}"
+            remedy = "check the diameter, and `ball_radius_mm` (a radius, not a diameter)"
+            yield Finding("diameter", "odd", what, document.where(("targets", target.name)), remedy)
+
+
+def place_of(dataset: Dataset, table: Table, row: int) -> str:
+    """File and line of a row, with its id."""
+    return f"{table.name}:{table.line[row]} (`{dataset.measurements.ids[row]}`)"
