@@ -181,12 +181,13 @@ def named(name: str) -> tuple[Effect, Setting]:
         return effect, None
     if effect.form(setting) is not None:
         return effect, setting
-    if effect.forms:
-        remedy = f"it has: {', '.join(f'{plain}@{form.name}' for form in effect.forms)}"
-        raise BayescalError(f"{plain} has no form '{setting}'", f"--model {name}", remedy)
+    forms = ", ".join(f"{plain}@{form.name}" for form in effect.forms)
+    if effect.scan is None and forms:
+        raise BayescalError(f"{plain} has no form '{setting}'", f"--model {name}", f"it has: {forms}")
     if effect.scan is None:
         raise BayescalError(f"{plain} has no setting", f"--model {name}", f"say {plain}")
-    values = [_setting(text, name, effect.scan) for text in setting.split("/")]
+    wanted = f"give the {effect.scan.what}" + (f", or one of {forms}" if forms else "")
+    values = [_setting(text, name, wanted) for text in setting.split("/")]
     if len(values) == 1:
         return effect, values[0]
     if not effect.scan.by_site:
@@ -201,14 +202,14 @@ def named(name: str) -> tuple[Effect, Setting]:
     return effect, tuple(zip(asked.sites, values, strict=True))
 
 
-def _setting(text: str, name: str, scan: Scan) -> float:
-    """A setting of a scan from its text."""
+def _setting(text: str, name: str, wanted: str) -> float:
+    """A setting of a scan from its text; `wanted` is what to give instead of a wrong one."""
     try:
         value = float(text)
     except ValueError:
         value = float("nan")
     if not 0 < value < np.inf:
-        raise BayescalError(f"'{text}' is not a number above 0", f"--model {name}", f"give the {scan.what}")
+        raise BayescalError(f"'{text}' is not a number above 0", f"--model {name}", wanted)
     return value
 
 

@@ -8,9 +8,16 @@ Driver: a smooth sign, tanh of the gravity torque divided by a small share of th
 ``hysteresis@0.02`` changes flanks within 2 %. Prior: 0.05 mrad, within the half-widths of 0.003 to 0.16 mrad
 that approaches from two sides show (an ABB IRB 120 measured with a laser tracker; the same distance of the
 flanks under gravity is assumed). A change over a larger share of the torque is `hardening`.
+
+``hysteresis@late-20`` and ``hysteresis@late-60`` have a memory: the change over 20 % of the usual torque is
+followed late, with a lag that fades over 20 or 60 % of the usual torque (a first-order lag along the path of
+the torque from contact to contact, as in Dahl's model of friction). Without a memory this curve is
+`hardening`.
 """
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 
@@ -18,11 +25,14 @@ from bayescal.arm.motion import Term
 from bayescal.effects.compliance import loaded
 from bayescal.effects.joints import at, usual, without_torques
 from bayescal.effects.location import Driver
+from bayescal.effects.memory import lagging
 from bayescal.effects.sizes import Size, magnitude
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
+from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
 
 SD = 5e-5  # rad
 SHARES = np.array([0.02, 0.06, 0.12])
+CHANGE = 0.2  # share of the usual torque within which a late change takes place (tuned)
+LAGS = (0.2, 0.6)  # shares of the usual torque over which it is followed (tuned)
 
 
 def _at(c: Circumstances, share: float) -> list[Parameter]:
@@ -37,6 +47,18 @@ def _at(c: Circumstances, share: float) -> list[Parameter]:
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     return _at(c, float(SHARES[1]))
+
+
+def _late(c: Circumstances, lag: float) -> list[Parameter]:
+    return [
+        Parameter(
+            f"hysteresis {name}", "rad",
+            (Term(j, "rz", lagging(c, np.tanh(torque / (CHANGE * most)), torque, lag * most)),), SD,
+            **at(j, Driver("torque", j, form="late")),
+        )
+        for j, name, _, torque in loaded(c)
+        for most in (usual(c, torque),)
+    ]  # fmt: skip
 
 
 HYSTERESIS = Effect(
@@ -59,4 +81,12 @@ HYSTERESIS = Effect(
     ),
     confusable_with=("hardening",),
     requires=("compliance",),
+    forms=tuple(
+        Form(
+            f"late-{100 * lag:.0f}",
+            f"followed late, over {lag:.0%} of the usual torque",
+            partial(_late, lag=lag),
+        )
+        for lag in LAGS
+    ),
 )

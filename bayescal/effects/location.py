@@ -115,6 +115,8 @@ FORMS: dict[str, Form] = {
     "": {"words": "{}", "text": "{}"},
     "sign": {"words": "sign of {}", "text": "sign of the {}"},
     "past": {"words": "past {}", "text": "earlier {}"},
+    "level": {"words": "{}, levelling off", "text": "{}, levelling off"},
+    "late": {"words": "{}, late", "text": "{}, followed late"},
     "one place": {"words": "{}, one place", "text": "{}, local"},
     "beyond": {"words": "{}, beyond one place", "text": "{} beyond a threshold"},
     "one spot": {"words": "{}, one spot", "text": "{}, local"},

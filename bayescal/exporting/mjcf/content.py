@@ -20,6 +20,10 @@ TOUCHED = ("contact speed", "contact direction", "face", "certificate")
 """Drivers of errors of the probe and the artefact: they move no link."""
 
 
+UNHELD = ("late", "level")
+"""Forms of a dependence that no element of MuJoCo has: a memory of earlier rows, a curve of an angle."""
+
+
 @dataclass(frozen=True)
 class Content:
     """Parameters of an arm with their values, as they apply in one row of its session.
@@ -54,8 +58,9 @@ class Content:
         return not any(p.name.startswith(f"{name}:") for name in other)
 
     def driven(self, *kinds: str) -> Iterator[tuple[Parameter, float]]:
-        """Parameters with a driver of some kinds, and their values."""
-        return ((p, value) for p, value in self.valued if p.driver.kind in kinds)
+        """Parameters with a driver of some kinds, and their values; none of a form in `UNHELD`."""
+        own = ((p, value) for p, value in self.valued if p.driver.form not in UNHELD)
+        return ((p, value) for p, value in own if p.driver.kind in kinds)
 
     def constants(self, row: int | None = None) -> np.ndarray:
         """Constant displacements of the frames, (n + 2, 6), rad and m, in a row; default: the state."""

@@ -9,7 +9,7 @@ import numpy as np
 from bayescal.effects import Parameter
 from bayescal.effects.tool import TOOL
 from bayescal.exporting.fitted import FittedArm
-from bayescal.exporting.mjcf.content import STATE, Content
+from bayescal.exporting.mjcf.content import STATE, UNHELD, Content
 from bayescal.exporting.mjcf.mechanism import loads
 from bayescal.exporting.mjcf.new_file import mjcf
 from bayescal.exporting.mjcf.readings import Joints
@@ -54,7 +54,8 @@ def holds(arm: FittedArm, k: int) -> bool:
     p = arm.model.parameters[k]
     if p.driver.kind in STATE:
         return all(term.frame >= 0 for term in p.terms)
-    return p.driver.kind in PLACES and (p.driver.kind not in WEIGHED or arm.model.scene.moments is not None)
+    weighed = p.driver.kind not in WEIGHED or arm.model.scene.moments is not None
+    return p.driver.kind in PLACES and p.driver.form not in UNHELD and weighed
 
 
 def _items(arm: FittedArm) -> Iterator[Item]:
