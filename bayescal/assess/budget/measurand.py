@@ -40,6 +40,8 @@ class Measurand:
         coordinates of a point): its error is then the length of their vector.
     position : np.ndarray, shape (3,), optional
         m in F0, of a point.
+    values : tuple of float
+        Of each of several distances, where they were measured.
     """
 
     kind: str
@@ -50,6 +52,7 @@ class Measurand:
     own: tuple[Own, ...] = ()
     any_of: bool = False
     position: np.ndarray | None = None
+    values: tuple[float, ...] = ()
 
     @property
     def weight(self) -> float:
@@ -103,8 +106,8 @@ def distances(basis: Basis, pairs: Sequence[tuple[str, str]], name: str) -> Meas
             rows = np.zeros((len(each), by.shape[1]))
             rows[k] = by
             own.append((source, rows))
-    by_z = np.concatenate([m.by_z for m in each])
-    return Measurand(DISTANCES, name, "m", None, by_z, in_common(_merged(own)), any_of=True)
+    by_z, values = np.concatenate([m.by_z for m in each]), tuple(m.value or 0.0 for m in each)
+    return Measurand(DISTANCES, name, "m", None, by_z, in_common(_merged(own)), any_of=True, values=values)
 
 
 def volume(basis: Basis) -> Measurand:

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from bayescal.assess.conformance import COVERAGE
+from bayescal.assess.iso9283 import iso9283
 from bayescal.calibration import Fit, ModelLevel
 from bayescal.estimate import Estimate
 from bayescal.model import Block
 from bayescal.predict import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
+from bayescal.reporting.fit.iso9283 import iso9283_record
 from bayescal.reporting.fit.verdict import tolerance_record, verdict_record
 from bayescal.reporting.shared.origin import origin
 from bayescal.reporting.shared.rows import arm_drawing, rows_record
@@ -58,6 +60,7 @@ def fit_record(fit: Fit) -> dict[str, Any]:
             "missing": fit.directions.missing.tolist(),
         },
         "sampler": _sampler(fit),
+        "iso9283": iso9283_record(iso9283(fit.basis)),
         "validation": validation_record(fit.levels[0].validation, level.validation),
         "ladder": [_level(r) for r in fit.levels],
         "findings": [{"code": f.code, "severity": f.severity, "text": f.text} for f in fit.findings],

@@ -10,9 +10,11 @@ from rich.text import Text
 
 from bayescal.assess.acceptance import SHARED, Acceptance
 from bayescal.assess.conformance import COVERAGE, FAIL, PASS, Tolerance
+from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.calibration import Fit
 from bayescal.predict import DistanceErrors, Validation, inside95
+from bayescal.reporting.fit.iso9283 import iso9283_table
 from bayescal.reporting.fit.tables import distance_table, level_table, parameter_table, tolerance_table
 from bayescal.reporting.shared.text import MDEG, MM, UM, facts, percent, um, um2
 
@@ -39,6 +41,8 @@ def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
         parts += ["", level_table(fit.levels)]
     if v.distances:
         parts += ["", distance_table(v, fit.levels[0].validation, verbose)]
+    if verbose:
+        parts += ["", iso9283_table(iso9283(fit.basis))]
     if fit.tolerance is not None and fit.tolerance.distances and verbose:
         parts += ["", tolerance_table(fit.tolerance)]
     if fit.final.estimate.model.parameters:
