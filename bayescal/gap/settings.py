@@ -254,6 +254,8 @@ class OutcomeSettings:
     """Ratio of expected validation error to noise from which on a warning is given (assumed)."""
     grown: float = 1.02
     """Factor of increase of validation errors from which on a warning is given (assumed)."""
+    risen: float = 2.0
+    """Standard errors of a change of log density from which on it is stated as a rise (convention)."""
     no_excess: float = 0.05
     """Level of the test for an excess over the noise, with one observation per block (convention)."""
     many: float = 1e6

@@ -10,6 +10,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects import Driver
 from bayescal.effects.location import BASE
 from bayescal.estimate import Estimate
+from bayescal.gap.outcome.levels import difference, log_predictive
 from bayescal.gap.outcome.magnitude import stated_noise
 from bayescal.gap.search.beam import Member
 from bayescal.gap.search.unknown import CellFit, Pool
@@ -80,6 +81,32 @@ def _noise(fitted: Estimate, held: ValidationErrors) -> np.ndarray:
     return np.array([usual.get(g, sd) for g, sd in zip(held.group, held.noise, strict=True)])
 
 
+def increased(first: ValidationErrors, last: ValidationErrors) -> Iterator[str]:
+    """Whether validation errors increase with the named effects, and if so whether their density rises too.
+
+    The RMS weights all rows alike, the log density each by its predicted uncertainty.
+    """
+    fair = kept(first, last)
+    old, new = _rms(first.residual[fair]), _rms(last.residual[fair])
+    if new <= OUTCOME.grown * old:
+        return
+    density, block = log_predictive(last)
+    nats, se = difference(density - log_predictive(first)[0], block)
+    sizes = f"from {1e6 * old:.3g} to {1e6 * new:.3g} µm RMS per coordinate"
+    if nats > OUTCOME.risen * se:
+        was, now = _rms(first.sd[fair]), _rms(last.sd[fair])
+        yield (
+            f"validation errors increase with the named effects, {sizes}, but so does their log density, by "
+            f"{nats:.0f} nats: it weights each error by its predicted uncertainty (RMS {1e6 * was:.3g} µm, "
+            f"with the effects {1e6 * now:.3g} µm); the effects do not reduce errors everywhere"
+        )
+    else:
+        yield (
+            f"validation errors increase with the named effects, {sizes}: these describe the calibration "
+            "rows only; do not use them"
+        )
+
+
 def warnings(
     before: Estimate, after: Estimate, first: ValidationErrors, last: ValidationErrors
 ) -> tuple[str, ...]:
@@ -92,11 +119,8 @@ def warnings(
             f"the parameters are uncertain: the model expects a validation RMS of {1e6 * expected:.0f} µm, "
             "and effects below that are not visible"
         )
-    if last is not first and _rms(last.residual[fair]) > OUTCOME.grown * _rms(first.residual[fair]):
-        out.append(
-            "validation errors increase with the named effects: these describe the calibration rows only; "
-            "do not use them"
-        )
+    if last is not first:
+        out += increased(first, last)
     if first.how == LEFT_OUT:
         out.append("too few validation rows: leave-one-out cross-validation is used instead")
     gross = int(np.sum(~fair))
