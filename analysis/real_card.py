@@ -54,8 +54,8 @@ def _better(splits: Sequence[Record], halves: Sequence[Record]) -> np.ndarray:
 
 
 def _again(splits: Sequence[Record], halves: Sequence[Record]) -> np.ndarray:
-    """Whether each name above `SURE` is found in the other half too."""
-    return np.array([real_names.found_again(r, n, halves) for r, n in real_names.sure(halves)], float)
+    """Whether the effect of each name above `SURE` is named in the other half too."""
+    return np.array([bool(real_names.found_again(r, n, halves)) for r, n in real_names.sure(halves)], float)
 
 
 def _mean(values: np.ndarray) -> str:

@@ -110,18 +110,18 @@ def table(records: Sequence[Record]) -> str:
 
 def counts(records: Sequence[Record]) -> Iterator[str]:
     """How many names improve the other half, and are found there."""
-    yield "| names | number | the other half improves | found in the other half |"
+    yield "| names | number | the other half improves | their effect is named there too |"
     yield "| --- | --- | --- | --- |"
     for what, above in (("probability above 0.95", True), ("all others", False)):
         own = sure(records, above)
         better = sum(improves(r, n) for r, n in own)
-        again = sum(found_again(r, n, records) for r, n in own)
+        again = sum(bool(found_again(r, n, records)) for r, n in own)
         yield f"| {what} | {len(own)} | {share(better, len(own))} | {share(again, len(own))} |"
 
 
 def halves(records: Sequence[Record]) -> Iterator[str]:
     """One line of every half, and one of each of its names."""
-    yield "| session, split | verdict, names | P | other half without (µm) | with | found there |"
+    yield "| session, split | verdict, names | P | other half without (µm) | with | in the other half |"
     yield "| --- | --- | --- | --- | --- | --- |"
     for r in records:
         label = f"{r['session']} {r['split'] + 1}{'ab'[r['half']]}"
@@ -131,7 +131,7 @@ def halves(records: Sequence[Record]) -> Iterator[str]:
         whole = f"| {r['before_um']:.1f} | {r['after_um']:.1f} | |"
         yield f"| {label} | {r['verdict']}, all names | {whole}"
         for n in r["names"]:
-            found = "yes" if found_again(r, n, records) else "no"
+            found = ", ".join(found_again(r, n, records)) or "no"
             sizes = f"{n['without_um']:.1f} | {r['after_um']:.1f}"
             yield f"| | {n['name']} | {n['probability']:.2f} | {sizes} | {found} |"
 
@@ -146,10 +146,11 @@ def sure(records: Sequence[Record], above: bool = True) -> list[tuple[Record, Re
     return [(r, n) for r in records for n in r["names"] if (n["probability"] > SURE) is above]
 
 
-def found_again(r: Record, name: Record, records: Sequence[Record]) -> bool:
-    """Whether the other half of the split has a name of the same effect, with any setting."""
+def found_again(r: Record, name: Record, records: Sequence[Record]) -> list[str]:
+    """Names of the same effect in the other half of the split, with their settings."""
     others = (q for q in records if (q["session"], q["split"]) == (r["session"], r["split"]) and q is not r)
-    return any(n["effect"] == name["effect"] for q in others for n in q["names"])
+    same = [n["name"] for q in others for n in q["names"] if n["effect"] == name["effect"]]
+    return [text.split()[0] for text in same]
 
 
 def share(count: int, of: int) -> str:

@@ -56,6 +56,8 @@ def test_the_page_of_names_counts_sure_names_and_others():
     assert counts[2] == "| probability above 0.95 | 3 | 2 (0.67) | 2 (0.67) |"
     assert counts[3] == "| all others | 1 | 0 (0.00) | 0 (0.00) |"
     assert "| two 1b | named | | | | |" in counts
+    assert "| | backlash x2 | 0.99 | 100.0 | 90.0 | backlash |" in counts
+    assert "| | step x2 | 0.60 | 80.0 | 90.0 | no |" in counts
 
 
 def test_records_that_are_there_are_used(tmp_path, capsys):
