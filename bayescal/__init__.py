@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bayescal.public.exports import export
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
     from bayescal.public.planning import plan
+    from bayescal.public.reports import report
     from bayescal.public.saved import load
     from bayescal.public.starting import init, schema
     from bayescal.public.verifying import verify
@@ -40,6 +41,7 @@ __all__ = [
     "load",
     "plan",
     "read_dataset",
+    "report",
     "robots",
     "schema",
     "simulate",
@@ -56,6 +58,7 @@ _FROM |= {
     "export": "bayescal.public.exports",
     "load": "bayescal.public.saved",
     "plan": "bayescal.public.planning",
+    "report": "bayescal.public.reports",
     "verify": "bayescal.public.verifying",
     "BayescalError": "bayescal.errors",
 }

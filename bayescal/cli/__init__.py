@@ -50,6 +50,7 @@ def main() -> None:
         import_,
         init,
         plan,
+        report,
         simulate,
         verify,
     )

@@ -1,12 +1,18 @@
-"""The page of a run folder: `report.html` of a fit, `gap.html` of a diagnosis."""
+"""The page of a run folder, `report.html` of a fit or `gap.html` of a diagnosis, and of several runs."""
 
 from __future__ import annotations
 
+import os
+import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 from bayescal import __version__
-from bayescal.reporting.page import fit, gap
-from bayescal.reporting.page.render import page
+from bayescal.errors import BayescalError
+from bayescal.folders import LIST, whole
+from bayescal.reporting.page import compare, fit, gap
+from bayescal.reporting.page.pdf import browser, print_pdf
+from bayescal.reporting.page.render import GENERATOR, page
 from bayescal.reporting.page.rows import interactive
 from bayescal.reporting.page.run import Run, read_run
 
@@ -16,12 +22,21 @@ PAGES = {"fit": "report.html", "gap": "gap.html"}
 TITLES = {"fit": "calibration", "gap": "diagnosis"}
 
 
-def run_page(run: Run) -> str:
-    """The page of a run, as text."""
+def run_page(run: Run, scripts: bool = True) -> str:
+    """The page of a run, as text; without `scripts` it has static figures alone."""
     some = [make(run) for make in SECTIONS[run.kind]]
     model = run.record["model"] if run.kind == "fit" else run.record["baseline"]
     subtitle = f"{TITLES[run.kind]} of {run.robot or 'the arm'}; model: {', '.join(model) or 'nominal'}"
-    return page(run.name, subtitle, [s for s in some if s is not None], foot(run), interactive(run))
+    data = interactive(run) if scripts else None
+    return page(run.name, subtitle, [s for s in some if s is not None], foot(run), data)
+
+
+def runs_page(runs: Sequence[Run]) -> str:
+    """The page of several runs side by side, as text."""
+    some = [make(runs) for make in compare.SECTIONS]
+    subtitle = ", ".join(dict.fromkeys(run.name for run in runs))
+    title = f"Comparison of {len(runs)} runs"
+    return page(title, subtitle, [s for s in some if s is not None], (f"bayescal {__version__}",))
 
 
 def foot(run: Run) -> tuple[str, ...]:
@@ -39,3 +54,71 @@ def write_page(stage: Path, folder: Path) -> str:
     name = PAGES[run.kind]
     (stage / name).write_text(run_page(run), encoding="utf-8")
     return name
+
+
+def write_report(folders: Sequence[Path], out: Path | None, pdf: bool) -> tuple[Path, ...]:
+    """Write the page of a run folder or of several, and a PDF of it; their paths are returned.
+
+    Without `out`, the page of a single run replaces the one in its folder, atomically with all other files.
+
+    Raises
+    ------
+    BayescalError
+        For a folder that is no run, a file that is not a page of bayescal, or a missing browser.
+    """
+    runs = [read_run(folder) for folder in folders]
+    if pdf:
+        browser()
+    if out is None and len(runs) > 1:
+        names = "+".join(folder.resolve().name for folder in folders)
+        out = Path("runs") / f"{names}-report.html"
+    if out is None:
+        return _in_place(folders[0], runs[0], pdf)
+    _check_replaceable(out)
+    text = run_page(runs[0]) if len(runs) == 1 else runs_page(runs)
+    plain = run_page(runs[0], scripts=False) if len(runs) == 1 else text
+    out.parent.mkdir(parents=True, exist_ok=True)
+    written = [out]
+    if pdf:
+        written.append(out.with_suffix(".pdf"))
+        print_pdf(plain, written[-1])
+    _write(out, text)
+    return tuple(written)
+
+
+def _in_place(folder: Path, run: Run, pdf: bool) -> tuple[Path, ...]:
+    """Write the page into the run folder: a copy of the folder with it replaces the folder."""
+    name = PAGES[run.kind]
+    names = [name]
+    with whole(folder, f"{run.kind}.json") as stage:
+        shutil.copytree(folder, stage, dirs_exist_ok=True, ignore=shutil.ignore_patterns(LIST))
+        (stage / name).write_text(run_page(run), encoding="utf-8")
+        if pdf:
+            names.append(Path(name).with_suffix(".pdf").name)
+            print_pdf(run_page(run, scripts=False), stage / names[-1])
+    return tuple(folder / n for n in names)
+
+
+def _check_replaceable(path: Path) -> None:
+    """Refuse a folder, a file that is not a page of bayescal, and a PDF beside no such page."""
+    if path.is_dir():
+        raise BayescalError("a folder has this name", str(path), "give the name of a file as --out")
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise BayescalError("the page is HTML", str(path), "give --out a name that ends in .html")
+    own = path.is_file() and GENERATOR in path.read_text(encoding="utf-8", errors="replace")[:4000]
+    for file in (path, path.with_suffix(".pdf")):
+        if file.exists() and not own:
+            what = "a file that is no page of bayescal has this name"
+            raise BayescalError(what, str(file), "give another --out")
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file that is there complete or not at all."""
+    stage = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        stage.write_text(text, encoding="utf-8")
+        os.replace(stage, path)
+    except OSError as error:
+        raise BayescalError(error.strerror or "cannot be written", str(path), "give another --out") from None
+    finally:
+        stage.unlink(missing_ok=True)

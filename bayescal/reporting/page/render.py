@@ -14,6 +14,8 @@ from bayescal import __version__
 from bayescal.reporting.page.plotly_js import csp_hash, plotly
 from bayescal.reporting.page.section import Section
 
+GENERATOR = '<meta name="generator" content="bayescal">'
+"""In the head of every page: a file with it may be replaced."""
 TEMPLATES = Path(__file__).parent / "templates"
 
 
@@ -71,6 +73,7 @@ def page(
         for section in sections
     ]
     return templates.get_template("base.html.j2").render(
+        generator=Markup(GENERATOR),
         title=title,
         subtitle=subtitle,
         bodies=bodies,

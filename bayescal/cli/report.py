@@ -1,0 +1,33 @@
+"""`bayescal report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayescal.cli import app
+
+
+@app.command()
+def report(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(metavar="RUN...", help="Run folders of bayescal fit or gap; several are compared."),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="HTML file to write [default: report.html or gap.html of the run folder; of several runs "
+            "runs/<names>-report.html].",
+        ),
+    ] = None,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Also print a PDF, by Chromium or Chrome.")] = False,
+) -> None:
+    """Write the page of a run again, or a page of several runs side by side."""
+    from bayescal.public.reports import report as work
+
+    for path in work(runs, out, pdf=pdf):
+        typer.echo(f"written          {path}")

@@ -1,0 +1,80 @@
+"""A page as PDF, printed by a Chromium or Chrome that is installed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from bayescal.errors import BayescalError
+
+BROWSERS = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "microsoft-edge",
+    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+)
+"""Names and places of browsers that print without a window, in the order of preference."""
+SECONDS = 120
+
+
+def browser() -> str:
+    """The path of a browser.
+
+    Raises
+    ------
+    BayescalError
+        If none is installed.
+    """
+    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if found is None:
+        what = "no Chromium or Chrome is installed, which prints the page"
+        raise BayescalError(
+            what, "--pdf", "install it (Debian: apt install chromium), or print the HTML page"
+        )
+    return found
+
+
+def print_pdf(page: str, path: Path) -> None:
+    """Print a page (HTML text) to a PDF file; the browser has a temporary profile and no network.
+
+    Raises
+    ------
+    BayescalError
+        If there is no browser, or it does not print.
+    """
+    program = browser()
+    with TemporaryDirectory(prefix="bayescal-") as folder:
+        source, made = Path(folder) / "page.html", Path(folder) / "page.pdf"
+        source.write_text(page, encoding="utf-8")
+        command = [
+            program,
+            "--headless",
+            "--disable-gpu",
+            "--no-first-run",
+            "--disable-extensions",
+            "--disable-background-networking",
+            "--host-resolver-rules=MAP * ~NOTFOUND",
+            f"--user-data-dir={folder}/profile",
+            "--no-pdf-header-footer",
+            f"--print-to-pdf={made}",
+            source.as_uri(),
+        ]
+        if hasattr(os, "geteuid") and os.geteuid() == 0:
+            command.insert(1, "--no-sandbox")  # Chromium refuses its sandbox to root
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=SECONDS, check=False)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise BayescalError(
+                f"{program} does not print: {error}", "--pdf", "print the HTML page"
+            ) from None
+        if not made.is_file() or not made.read_bytes().startswith(b"%PDF"):
+            last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
+            what = f"{program} does not print: {last[0]}"
+            raise BayescalError(what, "--pdf", "print the HTML page in a browser")
+        shutil.copyfile(made, path)
