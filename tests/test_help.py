@@ -23,6 +23,7 @@ COMMANDS = (
     "compensate",
     "plan",
     "init",
+    "report",
     "schema",
     "check",
 )
@@ -71,6 +72,7 @@ def test_every_command_is_asked():
         import_,
         init,
         plan,
+        report,
         simulate,
         verify,
     )

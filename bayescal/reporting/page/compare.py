@@ -44,7 +44,7 @@ def verdicts(runs: Runs) -> Section | None:
         ),
         words=(1, 2, 3),
     )
-    hashes = [run.record["dataset"]["sha256"] for run in runs]
+    hashes = [h for run in runs if (h := run.record["dataset"]["sha256"])]  # none of a session in memory
     same = len(set(hashes)) < len(hashes)
     note = Text(
         "Runs of the same dataset are not independent: their differences come from the model alone, and the "

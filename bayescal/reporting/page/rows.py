@@ -134,7 +134,7 @@ def _largest(run: Run) -> Sheet:
         "row",
         ("target", "role", "residual (µm)", "time (min)", "direction of motion"),
         tuple(entries),
-        f"The {len(order)} largest residuals" if len(size) > MOST else "Residuals, the largest first",
+        "Residuals, the largest first" + (f" ({MOST} of {len(size)})" if len(size) > MOST else ""),
         words=(1, 2),
         shown=LARGEST,
     )
