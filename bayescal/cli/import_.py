@@ -49,7 +49,9 @@ def import_(
         "measurements.csv (j1_deg, x_mm, ...) needs no map.",
     ),
     tool: str = typer.Option(
-        "", help='Position of the reflector on the flange, "0 0 31 mm" [default: estimated].'
+        "",
+        help='Position of the reflector on the flange, "0 0 31 mm", and orientation of its frame if stated: '
+        '"0 0 31 mm; 0 0 90 wpr deg" [default: estimated].',
     ),
     noise: str = typer.Option(
         "",

@@ -13,8 +13,9 @@ from bayescal.dataset.read import SETTINGS, no_rows, read_settings
 from bayescal.errors import BayescalError
 from bayescal.importing.columns import DECIMALS, Columns
 from bayescal.importing.formats import FORMATS
-from bayescal.importing.log import read_log
+from bayescal.importing.log import header_of
 from bayescal.importing.onto import files_of
+from bayescal.importing.rotations import stated_rotation
 from bayescal.importing.rows import names, points
 from bayescal.importing.units import quantity
 from bayescal.importing.unplaced import Loose
@@ -87,7 +88,7 @@ class Request:
         if self.source is not None and self.tool:
             raise BayescalError("the template states the tools already", "--tool", "remove one of the two")
         if self.format == "csv" and not self.map and self.plan is None:
-            columns = ", ".join(read_log(self.log).header) or "#1, #2, ... (without names)"
+            columns = ", ".join(header_of(self.log)) or "#1, #2, ... (without names)"
             remedy = f'write --map "j*=A* deg, x=X mm, ..."; the columns are {columns}'
             raise BayescalError("the contents and units of the columns are not stated", self.log.name, remedy)
         for path, said in self.files if self.points else ():
@@ -149,16 +150,19 @@ def furnished(
         remedy = 'state the standard uncertainty of a coordinate, `--noise "0.03 mm"`, or map `u`'
         raise BayescalError("the uncertainty of the instrument is not stated", "--noise", remedy)
     used = names(columns, "tool") or ["tool"]
+    rpy = None
     if request.tool:
         if len(used) > 1:
             what = f"a single tool point, but the rows use {', '.join(used)}"
             raise BayescalError(what, "--tool", "remove it to estimate the tool points, or give a --template")
-        centres = {used[0]: np.array(quantity(request.tool, "length", 3, "--tool"))}
+        point, _, turn = request.tool.partition(";")
+        centres = {used[0]: np.array(quantity(point, "length", 3, "--tool"))}
+        rpy = stated_rotation(turn, "--tool") if turn.strip() else None
     targets = names(columns, "target") or ["tracker"]
     place: dict[str, np.ndarray | float] = {"xyz": np.zeros(3), "rpy": np.zeros(3)}
     base = replace(
         base,
-        tools=tuple(Tool(name, centres.get(name, np.zeros(3))) for name in used),
+        tools=tuple(Tool(name, centres.get(name, np.zeros(3)), rpy=rpy) for name in used),
         targets=tuple(Target(name, "instrument", place) for name in targets),
     )
     return base, Loose(tuple(targets), tuple(name for name in used if name not in centres))

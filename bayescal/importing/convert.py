@@ -64,7 +64,8 @@ def convert(request: Request) -> Draft:
     request.check()
     base = base_of(request)
     columns, centres, notes, mapped = _columns(request, base.robot.n)
-    columns = _from_the_beginning(columns)
+    columns, late = _from_the_beginning(columns)
+    notes = (*notes, *late)
     joined = None
     if request.plan is not None:
         joined = onto(columns, files_of(request.plan)[0], base.targets, base.robot.n)
@@ -158,12 +159,17 @@ def _whence(draft: Draft, where: str) -> str:
     return f"{draft.log} as a dataset" if file in (SETTINGS, TABLE) else where
 
 
-def _from_the_beginning(columns: Columns) -> Columns:
-    """The columns with times since the first of them, where the log has time stamps."""
-    if not columns.clock:
-        return columns
+def _from_the_beginning(columns: Columns) -> tuple[Columns, tuple[str, ...]]:
+    """The columns with times since the first of them, of time stamps; and a note on their order."""
+    if "time" not in columns.numbers:
+        return columns, ()
     time = columns.numbers["time"]
-    return replace(columns, numbers=columns.numbers | {"time": time - np.nanmin(time)}, clock="")
+    back = int((np.diff(time[np.isfinite(time)]) < 0).sum())
+    note = f"{back} rows are earlier than the row above: the order of rows is taken as the order of time"
+    if columns.clock:
+        numbers = columns.numbers | {"time": time - np.nanmin(time)}
+        columns = replace(columns, numbers=numbers, clock="")
+    return columns, (note,) if back else ()
 
 
 Read = tuple[Columns, dict[str, np.ndarray], tuple[str, ...], tuple[str, ...]]

@@ -30,7 +30,7 @@ def row_words(dataset: Dataset, line: int) -> str:
     parts = [
         f"id {rows.ids[0]}",
         f"target {dataset.targets[rows.target[0]].name}",
-        f"tool {dataset.tools[rows.tool[0]].name}",
+        *([f"tool {dataset.tools[rows.tool[0]].name}"] if len(dataset.tools) > 1 else []),
         f"joints {_numbers(np.degrees(rows.readings[0]), 4)} deg",
     ]
     if rows.xyz is not None:

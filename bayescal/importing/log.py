@@ -69,6 +69,18 @@ def read_log(path: Path, headed: bool | None = None, missing: Missing | None = N
     return table_of(path.name, lines, headed, missing)
 
 
+def header_of(path: Path) -> tuple[str, ...]:
+    """The probable header of a log whose map is not known, for a message; () if none is found."""
+    lines = sheet_lines(path) if is_spreadsheet(path) else text_lines(path)
+    if not lines.kept:
+        raise BayescalError("no rows", path.name, "check the file")
+    separator = separator_of([raw for _, raw in lines.kept])
+    rows = [(number, _trimmed(cells(raw, separator), 0)) for number, raw in lines.kept[:SEARCHED]]
+    width = len(_usual(rows))
+    full = (row for _, row in rows if len(row) == width and all(row))
+    return next((row for row in full if not any(map(is_number, row))), ())
+
+
 def table_of(name: str, lines: Lines, headed: bool | None = None, missing: Missing | None = None) -> Log:
     """The table in the lines of a file, as `read_log` returns it."""
     if not lines.kept:
@@ -146,7 +158,7 @@ def _trimmed(row: tuple[str, ...], least: int) -> tuple[str, ...]:
 
 
 def _are_units(row: Iterable[str]) -> bool:
-    """Whether a row below the header states units: some cells do, and none states something else."""
+    """Whether a row below the header states units: some cells do, and all that are filled do."""
     stated = [cell for cell in row if cell not in ("", "-", "[-]", "[]")]
     return bool(stated) and all(_unit(cell) is not None for cell in stated)
 
@@ -166,7 +178,7 @@ def _is_footer(row: Sequence[str], width: int) -> bool:
 
 def _left(rows: Rows, name: str, where: str) -> str:
     """A note on lines left out: how many, where, and how the first begins."""
-    text = " ".join(rows[0][1])
+    text = " ".join(cell for cell in rows[0][1] if cell)
     shown = text if len(text) < 40 else text[:37] + "..."
     count = f"{len(rows)} line{'s' * (len(rows) > 1)}"
     return f"{count} of {name} {where} left out: '{shown}' (line {rows[0][0]})"

@@ -39,7 +39,8 @@ def measured(columns: Columns) -> np.ndarray | None:
 def compared(dataset: Dataset, columns: Columns) -> tuple[str, bool]:
     """Compare the orientations with the nominal arm.
 
-    Between the frames of flange and tool there is one rotation for each tool, whatever the row.
+    Between the frames of flange and tool there is one rotation for each tool, whatever the row: as stated, or
+    the mean.
 
     Returns
     -------
@@ -89,7 +90,7 @@ def _stated(columns: Columns) -> tuple[str, np.ndarray | None]:
 
 
 def _error(dataset: Dataset, turns: np.ndarray) -> float | None:
-    """Median angle, rad, of the rotations between flange and tool about their mean; None for too few rows."""
+    """Median angle, rad, from the tool's stated frame or the rows' mean to that of each; None for too few."""
     rows = dataset.measurements
     at = np.flatnonzero(np.isfinite(turns).all(axis=(1, 2)))
     placed = [t.values.get("rpy") is not None for t in dataset.targets]
@@ -102,7 +103,9 @@ def _error(dataset: Dataset, turns: np.ndarray) -> float | None:
             continue
         frame = np.array([rpy_matrix(dataset.targets[t].values["rpy"]) for t in rows.target[mine]])
         between = Rotation.from_matrix(flange[mine].transpose(0, 2, 1) @ frame @ turns[mine])
-        off.append((between.mean().inv() * between).magnitude())
+        rpy = dataset.tools[tool].rpy
+        stated = between.mean() if rpy is None else Rotation.from_matrix(rpy_matrix(rpy))
+        off.append((stated.inv() * between).magnitude())
     return float(np.median(np.concatenate(off))) if off else None
 
 

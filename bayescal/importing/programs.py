@@ -81,7 +81,7 @@ def read_listing(path: Path, name: str, n: int) -> Log:
     Raises
     ------
     BayescalError
-        If there are none, or one has another number of joints.
+        If there are none, or a position has another number of joints.
     """
     listing = LISTINGS[name]
     text, note = text_of(path)

@@ -13,6 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rpy_matrix, rpy_of
+from bayescal.errors import BayescalError
+from bayescal.importing.units import is_number, is_unit, unit_of
 
 LOOSE = 1e-3
 """Deviation of a quaternion from unit length, or of a matrix from a rotation: rounding is less."""
@@ -82,3 +84,29 @@ def matrices(values: np.ndarray, name: str) -> np.ndarray:
 def roll_pitch_yaw(turns: np.ndarray) -> np.ndarray:
     """Roll, pitch, yaw (N, 3), rad, of rotation matrices (N, 3, 3); nan where these are."""
     return np.array([rpy_of(turn) if np.isfinite(turn).all() else np.full(3, np.nan) for turn in turns])
+
+
+def stated_rotation(text: str, where: str) -> np.ndarray:
+    """Roll, pitch, yaw (3,), rad, of a text such as ``0 0 90 wpr deg`` or ``1 0 0 0 wxyz``.
+
+    Raises
+    ------
+    BayescalError
+        For a convention that is not known, another count of numbers, and what is no rotation.
+    """
+    words = text.replace(",", " ").split()
+    unit = unit_of(words.pop(), "angle", where) if words and is_unit(words[-1]) else None
+    name = words.pop() if words else ""
+    convention = CONVENTIONS.get(name)
+    if convention is None or len(words) != convention.count or convention.angles == (unit is None):
+        what = f"'{text.strip()}' is not an orientation"
+        raise BayescalError(
+            what, where, f"write `0 0 90 wpr deg` or `1 0 0 0 wxyz`; {', '.join(CONVENTIONS)}"
+        )
+    if not all(map(is_number, words)):
+        raise BayescalError(f"'{text.strip()}' has a word that is not a number", where, "write plain numbers")
+    values = np.array([[float(word) for word in words]]) * (unit.scale if unit else 1.0)
+    bad, what = not_rotations(values, name)
+    if bad.any():
+        raise BayescalError(f"'{text.strip()}' is not {what}", where, "check the numbers")
+    return np.asarray(roll_pitch_yaw(matrices(values, name))[0])

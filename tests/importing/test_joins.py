@@ -236,3 +236,13 @@ def test_as_many_maps_as_files(tracked, tmp_path):
     log = table(tracked, tmp_path / "log.csv")
     with pytest.raises(BayescalError, match="2 files of points, but 3 maps"):
         convert(Request(log, said("deg"), points=[log, log], points_map=["mm", "m", "mm"], **USUAL))
+
+
+def test_rows_that_are_earlier_than_the_row_above(tracked, tmp_path):
+    clock = 30.0 * np.arange(40)
+    clock[10] = 5.0
+    log = table(tracked, tmp_path / "log.csv", "deg", "mm", clock=clock)
+    got = convert(Request(log, said("deg", "mm"), **USUAL))
+    assert (
+        "1 rows are earlier than the row above: the order of rows is taken as the order of time" in got.notes
+    )

@@ -38,7 +38,7 @@ def test_a_report_with_text_around_its_rows(tmp_path, encoding):
     np.testing.assert_allclose(got.numbers["u"], [3e-6, 4e-6, 5e-6], atol=1e-15)
     assert got.line.tolist() == [5, 7, 9]
     notes = "\n".join(got.notes)
-    assert "2 lines of log.csv before the header left out: 'Metrology report   ' (line 1)" in notes
+    assert "2 lines of log.csv before the header left out: 'Metrology report' (line 1)" in notes
     assert "1 repetitions of the header" in notes
     assert "2 lines of log.csv behind the last row left out: 'Total points: 3' (line 10)" in notes
     assert ("Windows-1252" in notes) == (encoding == "cp1252")
@@ -225,3 +225,15 @@ def test_date_and_time_in_two_columns(tmp_path):
 def test_no_time_stamps(tmp_path, cells, kind, words):
     with pytest.raises(BayescalError, match=words):
         read(tmp_path, "\n".join(["t;x", *(f"{cell};1" for cell in cells)]), f"time=t {kind}")
+
+
+def test_the_header_that_a_message_shows(tmp_path):
+    from bayescal.importing.log import header_of
+
+    for text, header in (
+        (LAB, ("Point", "A1 [deg]", "X [mm]", "u / µm")),
+        ("1 2\n3 4\n", ()),
+        ("a,b,\n1,2,\n", ("a", "b")),
+    ):
+        (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+        assert header_of(tmp_path / "log.csv") == header

@@ -141,3 +141,23 @@ def test_refused(posed, tmp_path, words, said):
     map_ = written(data, turns, tmp_path / "log.csv", "wxyz").partition(", rotation")[0]
     with pytest.raises(BayescalError, match=said):
         convert(Request(tmp_path / "log.csv", f"{map_}, {words}", robot=ARM, noise="10 um"))
+
+
+def test_the_frame_of_a_tool(posed, tmp_path):
+    data, turns = posed
+    map_ = written(data, turns, tmp_path / "log.csv", "wxyz")
+    usual = {"robot": ARM, "noise": "10 um"}
+    tool = "60 0 120 mm; 0.2 -0.4 1 wpr rad"
+    got = convert(Request(tmp_path / "log.csv", map_, tool=tool, **usual))
+    np.testing.assert_allclose(got.dataset.tools[0].rpy, [0.2, -0.4, 1.0], atol=1e-12)
+    write(got, tmp_path / "out")
+    np.testing.assert_allclose(read_dataset(tmp_path / "out").tools[0].rpy, [0.2, -0.4, 1.0], atol=1e-8)
+    other = convert(Request(tmp_path / "log.csv", map_, tool=tool.replace("0.2", "1.2"), **usual))
+    assert "orientations as wxyz differ from the nominal arm by 57 deg" in other.wrong
+    for tool, words in (
+        ("0 0 31 mm; 0 0 90 wpr", "'0 0 90 wpr' is not an orientation; write"),
+        ("0 0 31 mm; 2 0 0 0 wxyz", "'2 0 0 0 wxyz' is not a unit quaternion"),
+        ("0 0 31 mm; 0 0 x abc deg", "has a word that is not a number"),
+    ):
+        with pytest.raises(BayescalError, match=words):
+            convert(Request(tmp_path / "log.csv", map_, tool=tool, **usual))
