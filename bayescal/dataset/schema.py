@@ -179,7 +179,9 @@ class DatasetFile(Keys):
     tools: Annotated[dict[str, ToolEntry], Field(min_length=1)] = Field(
         description="Points carried by the flange, by name; each row of measurements.csv uses one."
     )
-    noise: NoiseEntry = Field(default=NoiseEntry(), description="Stated standard uncertainties (k = 1).")
+    noise: NoiseEntry = Field(
+        default=NoiseEntry(), description="Standard uncertainties (k = 1) of contacts, points and readings."
+    )
     targets: Annotated[dict[str, Any], Field(min_length=1)] = Field(description=TARGETS)  # see `file_model`
     certificates: tuple[AnyCertificate, ...] = Field(
         default=(), description="Certified values of the artefacts; u_ is a standard uncertainty (k = 1)."

@@ -1,0 +1,138 @@
+"""JSON schemas and the page of the format: current, and in agreement with what the reader accepts."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from tiny_dataset import SETTINGS
+
+import bayescal as bc
+from bayescal.dataset import schema
+from bayescal.dataset.schema import CERTIFICATES, entry_of
+from bayescal.dataset.table import COLUMNS, JOINT, PLAIN
+from bayescal.dataset.target_kinds import KINDS
+from bayescal.errors import BayescalError
+from bayescal.files import stem_of
+from bayescal.robots import schema as of_robots
+from bayescal.starting.schemas import UNITS, schema_text
+
+jsonschema = pytest.importorskip("jsonschema")
+ROOT = Path(__file__).parents[2]
+SHARED = ROOT.parent / "shared" / "data"
+ROBOTS = sorted((ROOT / "bayescal" / "robots").glob("*.yaml"))
+MODELS = (
+    schema.DatasetFile, schema.ToolEntry, schema.NoiseEntry, schema.Loose, *map(entry_of, KINDS.values()),
+    *CERTIFICATES.values(), schema.PlanEntry, schema.VolumeEntry, schema.RegionEntry,
+    of_robots.RobotFile, of_robots.Joint, of_robots.Link, of_robots.Place,
+)  # fmt: skip
+
+
+def plain(value):
+    """YAML 1.2 numbers of texts, as an editor reads them: PyYAML takes 1e-5 for a text."""
+    if isinstance(value, dict):
+        return {key: plain(v) for key, v in value.items()}
+    if isinstance(value, list):
+        return [plain(v) for v in value]
+    if re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", value, re.IGNORECASE):
+        return float(value)
+    return value
+
+
+def load(text: str):
+    return plain(yaml.load(text, Loader=yaml.BaseLoader))
+
+
+@pytest.fixture(scope="module")
+def valid():
+    """Whether a file is valid by its schema."""
+    validators = {name: jsonschema.Draft202012Validator(bc.schema(name)) for name in ("dataset", "robot")}
+    return lambda name, content: not [e.message for e in validators[name].iter_errors(content)]
+
+
+@pytest.mark.parametrize("name", ["dataset", "robot"])
+def test_the_stored_schema_is_current(name):
+    stored = ROOT / "docs" / "schema" / f"{name}.schema.json"
+    assert stored.read_text(encoding="utf-8") == schema_text(name), f"bayescal schema {name} > {stored.name}"
+    jsonschema.Draft202012Validator.check_schema(json.loads(schema_text(name)))
+
+
+def test_there_is_no_other_schema():
+    with pytest.raises(BayescalError, match="no schema `urdf`"):
+        bc.schema("urdf")
+
+
+@pytest.mark.parametrize("path", ROBOTS, ids=lambda p: p.stem)
+def test_built_in_robots_are_valid(path, valid):
+    assert valid("robot", load(path.read_text(encoding="utf-8")))
+
+
+def test_datasets_are_valid(valid):
+    assert valid("dataset", load(SETTINGS))
+    assert valid("dataset", load((ROOT / "data" / "lrmate200ic-cube" / "dataset.yaml").read_text()))
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="no shared data")
+def test_shared_datasets_are_valid(valid):
+    found = [*SHARED.glob("real/*/dataset.yaml"), *SHARED.glob("worlds-dev*/*0/dataset.yaml")]
+    assert found
+    assert [str(path) for path in found if not valid("dataset", load(path.read_text(encoding="utf-8")))] == []
+    robots = [p.with_name("robot.yaml") for p in found if p.with_name("robot.yaml").is_file()]
+    assert [str(path) for path in robots if not valid("robot", load(path.read_text(encoding="utf-8")))] == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("ball_radius_mm", "ball_radius"),
+        ("readings: encoder", "readings: decoder"),
+        ("name: tiny\n", ""),
+        ("kind: sphere", "kind: spere"),
+        ("diameter_mm: 50.8", "diameter_mm: -50.8"),
+        ("centre_mm: [60, 0, 120]", "centre_mm: [60, 0]"),
+        ("centre_mm: [60, 0, 120]", "centre_mm: !FILL_IN ''"),
+        ("faces: [top, bottom]", "faces: [top]"),
+        ("cone_deg: 45", "cone_deg: 95"),
+    ],
+)
+def test_what_the_reader_refuses_is_not_valid(old, new, valid):
+    assert old in SETTINGS
+    assert not valid("dataset", load(SETTINGS.replace(old, new)))
+
+
+def test_every_key_has_a_description_with_its_unit():
+    for name in ("dataset", "robot"):
+        found = bc.schema(name)
+        for part in (found, *found["$defs"].values()):
+            for key, entry in part["properties"].items():
+                assert key == "kind" or len(entry["description"]) > 8, key
+                if unit := stem_of(key)[1]:
+                    assert entry["description"].endswith(f"Unit: {UNITS.get(unit, unit)}."), key
+
+
+def test_the_page_states_every_key_and_column():
+    page = (ROOT / "docs" / "dataset.md").read_text(encoding="utf-8")
+    for model in MODELS:
+        for name, field in model.model_fields.items():
+            key = field.alias or name
+            if key == "kind":
+                continue
+            unit = stem_of(key)[1]
+            need = " **Needed.**" if field.is_required() else ""
+            row = f"| `{key}` | {UNITS.get(unit, unit)} | {field.description}{need} |"
+            assert row in page, f"{model.__name__}: {row}"
+    for column, meaning in COLUMNS.items():
+        assert f"| `{column}` | {meaning} |" in page
+
+
+def test_every_column_is_explained():
+    assert set(COLUMNS) == {*PLAIN, *(f"jN_{kind}" for kind in JOINT)}
+
+
+def test_examples_of_the_page_are_valid(valid):
+    page = (ROOT / "docs" / "dataset.md").read_text(encoding="utf-8")
+    of_dataset, of_plan, of_robot = (load(text) for text in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL))
+    assert valid("dataset", of_dataset)
+    assert valid("dataset", of_dataset | of_plan)
+    assert valid("robot", of_robot)
