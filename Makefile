@@ -10,7 +10,7 @@ WORKERS ?= 2
 # small matrices: more than one BLAS thread only waits for the others
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: fit test lint bench study own-sessions knock-out blind docs clean
+.PHONY: fit test lint bench study own-sessions knock-out blind docs package-check clean
 
 fit: $(VENV)/.run
 	$(BIN)/bayescal fit data/lrmate200ic-cube --samples 5000 --out $(OUT)/lrmate200ic-cube-fit
@@ -38,6 +38,10 @@ knock-out: $(VENV)/.test
 
 own-sessions: $(VENV)/.test
 	$(BIN)/python -m analysis.own_sessions
+
+# builds and installs both distributions in empty environments
+package-check: $(BIN)/python
+	$(BIN)/python -m analysis.package_check
 
 # what was interrupted goes on where it stopped; answers are given once
 blind: $(VENV)/.test
