@@ -8,12 +8,17 @@ order of the rows if neither is, scaled to -1 to 1 over the session. One paramet
 arm by the same factor. Each joint zero has its own drift. The base drifts along three axes; its rotation
 about the first axis is that of the first zero. Values are half of the change over the session. An arm may
 also warm up with a time constant, which is scanned or given: ``thermal-drift@600`` for ten minutes. Of
-several sessions, each has its own drift. Prior: zeros 0.05 mrad, from drifts of 0.06 to 0.13 mrad over a
+several sessions, each has its own drift. An arm that rests or moves slowly for a while cools down meanwhile:
+``thermal-drift@paused-40-15-1500`` warms up with 1500 s, but its motors are off from 40 % of the session on,
+for 15 % of it. Prior: zeros 0.05 mrad, from drifts of 0.06 to 0.13 mrad over a
 session (an ABB IRB 120 measured with a laser tracker); growth 5e-5, as of aluminium (23e-6 1/K) over 4 K, and
 the base 0.02 mm (both assumed).
 """
 
 from __future__ import annotations
+
+import itertools
+from functools import partial
 
 import numpy as np
 
@@ -22,13 +27,15 @@ from bayescal.effects.joints import at
 from bayescal.effects.location import ARM, BASE, Driver
 from bayescal.effects.sessions import apart, each
 from bayescal.effects.sizes import Size, length
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
+from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
 from bayescal.errors import BayescalError
 
 ZERO_SD = 5e-5  # rad
 GROWTH_SD = 5e-5  # m per m
 BASE_SD = 2e-5  # m
 SHARES = (1 / 8, 1 / 4, 4.0)  # of the session: plausible time constants, the last nearly a straight line
+PAUSES = tuple(itertools.product((25, 40, 55, 70), (15, 30), (500, 1500)))
+"""Begin and length, % of the session, of a time in which the arm cools, and time constant, s (assumed)."""
 FASTEST = 400.0  # s: an arm does not warm up with a shorter time constant (assumed)
 
 
@@ -102,6 +109,37 @@ def _settling(c: Circumstances, constant: float) -> list[Parameter]:
     return _drifting(c, "time", 2.0 * grown / np.max(grown) - 1.0)
 
 
+def heated(share: np.ndarray, begin: float, end: float, constant: float) -> np.ndarray:
+    """Temperature (N,) of a body heated from 0 on towards 1, and cooling towards 0 from `begin` to `end`.
+
+    Exact for a body of one time constant.
+
+    Parameters
+    ----------
+    share : np.ndarray, shape (N,)
+        Times, in any unit, as are the others.
+    """
+    first = 1.0 - np.exp(-np.minimum(share, begin) / constant)
+    cooled = first * np.exp(-np.clip(share - begin, 0.0, end - begin) / constant)
+    return 1.0 + (cooled - 1.0) * np.exp(-np.maximum(share - end, 0.0) / constant)
+
+
+def _paused(c: Circumstances, begin: float, length: float, constant: float) -> list[Parameter]:
+    """The drift of an arm that cools for a while, in place of the recorded course; see `PAUSES`."""
+
+    def one(c: Circumstances) -> list[Parameter]:
+        time = _clock(c)
+        if time is None or not np.ptp(time) > 0:
+            return []
+        share = (time - np.min(time)) / np.ptp(time)
+        at, until = begin / 100.0, (begin + length) / 100.0
+        course = heated(share, at, until, constant / float(np.ptp(time)))
+        low, high = np.min(course), np.max(course)
+        return _drifting(c, "time", (2.0 * course - (low + high)) / (high - low))
+
+    return apart(c, one)
+
+
 def _constants(c: Circumstances) -> np.ndarray:
     clocks = [time for one in each(c) if (time := _clock(one)) is not None]
     span = max((float(np.ptp(time)) for time in clocks), default=0.0)
@@ -134,4 +172,12 @@ THERMAL_DRIFT = Effect(
         "and sunlight away, measure reference points at intervals, and record the temperature."
     ),
     confusable_with=("step",),
+    forms=tuple(
+        Form(
+            f"paused-{begin}-{length}-{constant}",
+            f"time constant {constant} s, cooling from {begin} % of the session on, for {length} % of it",
+            partial(_paused, begin=begin, length=length, constant=constant),
+        )
+        for begin, length, constant in PAUSES
+    ),
 )

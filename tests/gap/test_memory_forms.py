@@ -110,3 +110,22 @@ def test_no_element_of_mujoco_has_them(bench, effect, form):
     arm = SimpleNamespace(model=model)
     assert holds(arm, 0)
     assert not holds(arm, 1)
+
+
+def test_a_drift_with_a_pause_and_two_time_constants(bench):
+    """Written down as an integration in small steps; it was an unmodelled error of the base over time."""
+    c = bench.circumstances
+    span = np.ptp(c.time[c.fitted])
+    fine = np.linspace(0.0, 1.0, 4001)
+    state, course = np.zeros(2), []
+    for t in fine:
+        course.append(state @ [0.7, 0.3])
+        goal = 0.0 if 0.36 < t < 0.6 else 1.0
+        state = state + (goal - state) / np.array([500.0, 4000.0]) * span * (fine[1] - fine[0])
+    warm = np.interp((c.time - np.min(c.time[c.fitted])) / span, fine, course)
+    turned = [Term(j, "rz", by * warm) for j, by in ((2, 2.0), (3, -1.5), (4, 2.0), (5, 1.5))]
+    moved = Parameter("truth", "m", (Term(0, "tz", warm), Term(4, "tz", warm), *turned), 2e-5)
+    decision, member = named(bench, moved, 200.0)
+    assert (decision.kind, member.effect) == ("named", "thermal-drift")
+    assert member.variant.setting.startswith("paused-")
+    assert model_name(member, bench.known).startswith(f"thermal-drift@{member.variant.setting}")
