@@ -32,7 +32,7 @@ FORMATS = {
     "robodk": Format("a calibration table of RoboDK: joints, measured point or pose, tool"),
     "ur-rtde": Format(
         "a record of the RTDE client of Universal Robots",
-        "time?=timestamp s, j*=actual_q_*0 rad, j*_command?=target_q_*0 rad",
+        "time?=timestamp counter_s, j*=actual_q_*0 rad, j*_command?=target_q_*0 rad",
     ),
     "fanuc-ls": Format("positions P[n] of a FANUC program as text (LS)", LISTED),
     "fanuc-va": Format("position registers of a FANUC controller (POSREG.VA)", LISTED),

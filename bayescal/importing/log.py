@@ -114,6 +114,8 @@ def table_of(name: str, lines: Lines, headed: bool | None = None, missing: Missi
         raise BayescalError("no rows below the header", name, "check the file")
     if any(isinstance(raw, tuple) for _, raw in lines.kept):  # a sheet: empty cells at the end are no cells
         rows = [(number, row + ("",) * (width - len(row))) for number, row in rows]
+    if missing is not None and missing(header):  # the map is refused, not the rows below what is no header
+        rows = [(number, row) for number, row in rows if len(row) == width] or rows
     for number, row in rows:
         if len(row) != width:
             what = f"{len(row)} cells, the {'header' if header else 'first row'} has {width}"

@@ -22,6 +22,7 @@ CLOCKS = {
     "UTC": "time since 1970",
     "local": "local time",
     "day": "time of day",
+    "counter": "seconds of a counter",
 }
 
 
@@ -116,7 +117,7 @@ def _by_time(log: Columns, points: Columns, tolerance: float) -> tuple[Columns, 
             raise BayescalError("no column holds `time`", columns.name, "map it, `time=T s`")
         time = columns.numbers["time"]
         first(columns, np.isnan(time), lambda row: "`time` is empty", "fill in the cell")
-    if log.clock != points.clock:
+    if log.clock != points.clock and not {log.clock, points.clock} <= {"", "counter"}:
         clocks = f"{CLOCKS[log.clock]} in {log.name}, {CLOCKS[points.clock]} in {points.name}"
         raise BayescalError(f"the times do not have the same origin: {clocks}", "--pair", "pair by id or row")
     forward = is_measured(points)

@@ -31,7 +31,7 @@ DATES = {
 
 @dataclass(frozen=True)
 class Stamps:
-    """Seconds (N,), nan where the cell is empty, and on which clock: UTC, local (no zone) or day."""
+    """Seconds (N,), nan where the cell is empty, and on which clock: UTC, local (no zone), day or counter."""
 
     seconds: np.ndarray
     clock: str
@@ -119,6 +119,17 @@ def _of_day(cells: Sequence[str]) -> Stamps:
     return Stamps(out, "day")
 
 
+def _counted(cells: Sequence[str]) -> Stamps:
+    """Seconds of a counter, such as the time since a controller was started."""
+    out = np.full(len(cells), np.nan)
+    for row, cell in enumerate(cells):
+        try:
+            out[row] = float(cell.replace(",", ".")) if cell else np.nan
+        except ValueError:
+            raise NoStampError(row, f"'{cell}' is not a number") from None
+    return Stamps(out, "counter")
+
+
 def _since_1970(per_second: float) -> Callable[[Sequence[str]], Stamps]:
     def read(cells: Sequence[str]) -> Stamps:
         out = np.full(len(cells), np.nan)
@@ -137,6 +148,7 @@ def _since_1970(per_second: float) -> Callable[[Sequence[str]], Stamps]:
 STAMPS: dict[str, Callable[[Sequence[str]], Stamps]] = {
     **{kind: _dated(kind) for kind in DATES},
     "clock": _of_day,
+    "counter_s": _counted,
     "epoch_s": _since_1970(1.0),
     "epoch_ms": _since_1970(1e3),
     "epoch_us": _since_1970(1e6),

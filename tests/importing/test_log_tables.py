@@ -100,6 +100,7 @@ def test_texts_of_several_columns(tmp_path):
             "x=2 mm, y=a mm",
             r"`2` is the number 2 and the name of a column; write \{2\} for the column, 2.0",
         ),
+        ("a,b\n1,2\n3\n", "x=c mm", "no column `c`; known are: a, b"),
         ("a,a\n1,2\n", "x=a mm", "columns #1 and #2 are both called `a`; give the number"),
         ("a [m],b\n1,2\n", "x=a mm", r"`x` is stated in mm, but `a \[m\]` of the file is in m"),
         ("a [m],b [mm]\n1,2\n", "x=a + b", "has no unit"),

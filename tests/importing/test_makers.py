@@ -187,6 +187,7 @@ def test_rtde_record_with_points_of_an_api_tracker(tracked, tmp_path):
     same(got, tracked)
     np.testing.assert_allclose(got.dataset.measurements.u, 12.25e-6, rtol=1e-12)
     assert got.dataset.measurements.velocity is None
+    np.testing.assert_allclose(got.dataset.measurements.time, 4.0 * np.arange(40), atol=1e-6)
     np.testing.assert_array_equal(got.dataset.measurements.command, got.dataset.measurements.readings)
 
 
