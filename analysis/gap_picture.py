@@ -8,7 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from bayescal.gap.diagnose import diagnose
-from bayescal.reporting.gap.arm import draw_where
+from bayescal.reporting.figures.figures import draw
+from bayescal.reporting.figures.output import write
+from bayescal.reporting.gap.record import gap_record
 from bayescal.simulation import Options, simulate
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -17,4 +19,4 @@ HIDDEN = Options(effects=("geometry", "compliance", "backlash"), seed=4)
 
 if __name__ == "__main__":
     out = ROOT / "docs" / "pictures" / "gap-where.png"
-    draw_where(diagnose(simulate(HIDDEN).dataset)).savefig(out, dpi=100)
+    write(draw("where", gap_record(diagnose(simulate(HIDDEN).dataset))), out)

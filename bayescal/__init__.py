@@ -5,7 +5,8 @@
 True
 
 Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `verify`, `compensate`,
-`plan`, `init`, `check`, `schema`, `load`; packages: `robots`, `effects`. All are imported when first used.
+`plan`, `init`, `check`, `schema`, `load`; packages: `robots`, `effects`, `plot` (figures). All are
+imported when first used.
 """
 
 from importlib import import_module
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bayescal import effects, robots
     from bayescal.errors import BayescalError
+    from bayescal.public import plot
     from bayescal.public.budgets import budget
     from bayescal.public.checking import check
     from bayescal.public.compensating import compensate
@@ -40,6 +42,7 @@ __all__ = [
     "init",
     "load",
     "plan",
+    "plot",
     "read_dataset",
     "report",
     "robots",
@@ -62,12 +65,13 @@ _FROM |= {
     "verify": "bayescal.public.verifying",
     "BayescalError": "bayescal.errors",
 }
+_MODULES = {"effects": "bayescal.effects", "plot": "bayescal.public.plot", "robots": "bayescal.robots"}
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used."""
-    if name in ("effects", "robots"):
-        return import_module(f"bayescal.{name}")
+    if name in _MODULES:
+        return import_module(_MODULES[name])
     if name not in _FROM:
         raise AttributeError(f"module 'bayescal' has no attribute '{name}'")
     found = getattr(import_module(_FROM[name]), name)

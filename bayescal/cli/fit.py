@@ -46,6 +46,9 @@ def fit(
             help="Decide whether distance errors are within this tolerance (ISO 14253-1, U, k = 2)."
         ),
     ] = None,
+    pictures: Annotated[
+        bool, typer.Option(help="Write fit-levels.png, -distances, -residuals, -parameters and -posterior.")
+    ] = True,
     verbose: Annotated[
         bool,
         typer.Option(
@@ -73,7 +76,7 @@ def fit(
             progress=notify,
         )
         notify("write", 1.0)
-        written = result.save(folder)
+        written = result.save(folder, pictures)
     show(result.report(verbose), folder, written)
     if not result.data.draws.converged:
         what = f"the sampler did not converge: {result.data.draws.complaint}"

@@ -7,7 +7,7 @@ ArviZ reads the same content from it as from a file that ArviZ wrote.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -120,6 +120,51 @@ def _variable(group: Any, name: str, dims: tuple[str, ...], values: np.ndarray) 
 
         return group.create_variable(name, dims, h5py.string_dtype(), data=values.astype(object))
     return group.create_variable(name, dims, values.dtype, data=values)
+
+
+def read_draws(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Draws (chains, draws) of variables of the posterior, read without ArviZ; absent names are left out."""
+    import h5netcdf
+
+    with h5netcdf.File(str(path), "r") as file:
+        group = file["posterior"]
+        return {name: np.asarray(group[name][...]) for name in names if name in group.variables}
+
+
+def chains_figure(data: Any, kind: str, labels: Mapping[str, str]) -> Any:
+    """A figure that ArviZ draws of parameters: their traces, ranks, pairs or autocorrelations.
+
+    Parameters
+    ----------
+    data : InferenceData or DataTree
+    kind : str
+        A key of `CHAINS`.
+    labels : mapping
+        Variables to draw, and the text of each, with its unit.
+    """
+    az = _arviz()
+    old = int(az.__version__.split(".")[0]) < 1
+    chosen = data["posterior"] if old else data["posterior"].to_dataset()
+    renamed = chosen[list(labels)].rename(dict(labels))
+    for name in renamed.data_vars:
+        renamed[name].attrs = {}  # ArviZ 1.x adds the unit of the attributes to the label
+    plot = getattr(az, CHAINS[kind][0 if old else 1])
+    if old:
+        axes = np.atleast_1d(plot(az.InferenceData(posterior=renamed)))
+        return axes.flat[0].figure
+    import xarray as xr
+
+    drawn = plot(xr.DataTree.from_dict({"posterior": renamed}), backend="matplotlib")
+    return drawn.viz["figure"].item()
+
+
+CHAINS = {
+    "trace": ("plot_trace", "plot_trace"),
+    "rank": ("plot_rank", "plot_rank_dist"),
+    "pair": ("plot_pair", "plot_pair"),
+    "autocorrelation": ("plot_autocorr", "plot_autocorr"),
+}
+"""Plots of ArviZ: names in the lines 0.x and 1.x."""
 
 
 def load(path: Path) -> Any:

@@ -66,12 +66,14 @@ class FitResult(FitTables):
         summary = fit_summary(self.data, verbose)
         return summary if self.agreement is None else Group(summary, "", agreement_summary(self.agreement))
 
-    def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
-        """Write the record, page, draws, budgets, robot.yaml, arm.json and the dataset; return the names."""
-        from bayescal.reporting.fit.files import WRITTEN, write_fit
+    def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
+        """Write record, page, draws, budgets, robot.yaml, arm.json, dataset and, where `pictures`, figures.
 
-        write_fit(self.data, Path(folder), self.agreement)
-        return WRITTEN
+        Returns the names of what was written.
+        """
+        from bayescal.reporting.fit.files import write_fit
+
+        return write_fit(self.data, Path(folder), self.agreement, pictures)
 
     def inference_data(self) -> Any:
         """The content of posterior.nc for ArviZ: InferenceData (ArviZ 0.x) or DataTree (1.x)."""

@@ -23,6 +23,7 @@ DOCUMENTED = (
     "bayescal.public.compensating",
     "bayescal.public.functions",
     "bayescal.public.planning",
+    "bayescal.public.plot",
     "bayescal.public.saved",
     "bayescal.public.starting",
     "bayescal.effects",

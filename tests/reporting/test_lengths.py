@@ -5,9 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint
 from bayescal.gap.result import VALIDATION_POINTS
-from bayescal.reporting.gap.arm import drawn_curves
+from bayescal.reporting.figures.where import drawn_curves
 from bayescal.reporting.gap.lengths import length
 from bayescal.reporting.gap.phrases import headline
 
@@ -21,14 +20,22 @@ def test_the_length_of_points_is_that_of_their_vectors():
 
 
 def test_only_significant_curves_and_an_event_once():
-    def at(site, kind, p, points=5):
-        curve = SimpleNamespace(x=np.zeros(points))
-        return SimpleNamespace(site=site, driver=Driver(kind), family_p_value=p, curve=curve)
+    def drawn(*cells):
+        curves = [
+            {"site": site, "driver": driver, "x": [0.0] * points, "event": driver == "moment"}
+            for site, driver, _, points in cells
+        ]
+        where = [{"site": s, "driver": d, "family_p_value": p} for s, d, p, _ in cells]
+        return [c["site"] for c in drawn_curves({"curves": curves, "where": where})]
 
-    first, again, angle = at(BASE, "event", 0.0), at(TOOL, "event", 0.0), at(joint(2), "angle", 1e-4)
-    chance, none = at(PROBE, "event", 0.5), at(joint(3), "angle", 0.0, points=0)
-    assert drawn_curves([chance, first, again, none, angle]) == [first, angle]
-    assert drawn_curves([chance]) == []
+    first, again, angle = (
+        ("base", "moment", 0.0, 5),
+        ("tool", "moment", 0.0, 5),
+        ("joint 2", "angle", 1e-4, 5),
+    )
+    chance, none = ("probe", "moment", 0.5, 5), ("joint 3", "angle", 0.0, 0)
+    assert drawn(chance, first, again, none, angle) == ["base", "joint 2"]
+    assert drawn(chance) == []
 
 
 @pytest.mark.parametrize(

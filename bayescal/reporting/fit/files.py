@@ -17,14 +17,14 @@ from bayescal.folders import whole
 from bayescal.posterior.inference import save
 from bayescal.reporting.fit.agreement import agreement_record, disagreement
 from bayescal.reporting.fit.budget import budget_csv, budget_record
-from bayescal.reporting.fit.posterior import fit_draws
+from bayescal.reporting.fit.posterior import fit_draws, parameter_draws
 from bayescal.reporting.fit.record import fit_record
 from bayescal.reporting.page.build import PAGES, write_page
 
 FIT = "fit.json"
 BUDGET, BUDGET_CSV = "budget.json", "budget.csv"
 WRITTEN = (FIT, PAGES["fit"], "posterior.nc", BUDGET, BUDGET_CSV, "robot.yaml", ARM_FILE, COPY)
-"""Names of all that `write_fit` writes."""
+"""Names of all that `write_fit` writes, without the figures."""
 
 
 def fit_contents(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
@@ -36,14 +36,31 @@ def fit_contents(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
     return contents
 
 
-def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None:
-    """Write fit.json, report.html, posterior.nc, budgets, robot.yaml, arm.json and the dataset atomically.
+def write_fit(
+    fit: Fit, folder: Path, compared: Agreement | None = None, pictures: bool = True
+) -> tuple[str, ...]:
+    """Write fit.json, report.html, posterior.nc, budgets, robot.yaml, arm.json, dataset, figures atomically.
 
-    `compared` is what the sessions of a joint fit say of the arm each by itself.
+    Parameters
+    ----------
+    fit : Fit
+    folder : Path
+        Where they are written; an earlier fit there is replaced.
+    compared : Agreement, optional
+        What the sessions of a joint fit say of the arm each by itself.
+    pictures : bool
+        Draw the figures too.
+
+    Returns
+    -------
+    tuple of str
+        Names of the files and of the folder of the dataset.
     """
     robot = robot_text(fit.final.estimate.model, fit.final.estimate.arm, FIT)
-    record = json.dumps(fit_contents(fit, compared), indent=1, allow_nan=False) + "\n"
+    contents = fit_contents(fit, compared)
+    record = json.dumps(contents, indent=1, allow_nan=False) + "\n"
     budgets = usual(fit.basis)
+    names = list(WRITTEN)
     with whole(folder, FIT) as stage:
         (stage / FIT).write_text(record, encoding="utf-8")
         save(fit_draws(fit), stage / "posterior.nc")
@@ -51,4 +68,9 @@ def write_fit(fit: Fit, folder: Path, compared: Agreement | None = None) -> None
         (stage / BUDGET).write_text(json_text(budget_record(budgets, fit.basis, fit.seed)), encoding="utf-8")
         (stage / BUDGET_CSV).write_text(budget_csv(budgets), encoding="utf-8")
         write_arm(of_fit(fit), stage)
+        if pictures:
+            from bayescal.reporting.figures.output import write_figures
+
+            names += write_figures(contents, stage, parameter_draws(fit))
         write_page(stage, folder)
+    return tuple(names)

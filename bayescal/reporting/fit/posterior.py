@@ -74,6 +74,13 @@ def fit_draws(fit: Fit) -> Record:
     return Record(groups, coords, units, attrs, _labels(model))
 
 
+def parameter_draws(fit: Fit) -> dict[str, np.ndarray]:
+    """Draws (chains, draws) of the parameters by name, in file units."""
+    model = fit.final.estimate.model
+    values = model.physical(fit.draws.z) * model.in_file_units()[1]
+    return {name: values[..., k] for k, name in enumerate(model.names)}
+
+
 def _parameters(model: Model, z: np.ndarray, log_kappa: np.ndarray) -> Labelled:
     """Draws z (chains, draws, D) as variables in file units, the noise scale, and z itself by `parameter`."""
     _, factor = model.in_file_units()

@@ -33,7 +33,8 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
     tuple of str
         File names.
     """
-    record = json.dumps(gap_record(gap), allow_nan=False, indent=1) + "\n"
+    contents = gap_record(gap)
+    record = json.dumps(contents, allow_nan=False, indent=1) + "\n"
     names = [GAP]
     arm = None if gap.arm is None else of_gap(gap)
     with whole(folder, GAP) as stage:
@@ -44,11 +45,8 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
             (stage / NEXT).write_text(table_of_contacts(gap), encoding="utf-8")
             names.append(NEXT)
         if pictures:
-            from bayescal.reporting.gap.pictures import PICTURES
-            from bayescal.reporting.shared.style import save_figure
+            from bayescal.reporting.figures.output import write_figures
 
-            for name, draw in PICTURES.items():
-                save_figure(draw(gap), stage / name)
-                names.append(name)
+            names += write_figures(contents, stage)
         names.insert(1, write_page(stage, folder))
     return tuple(names)

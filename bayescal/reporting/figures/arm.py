@@ -1,0 +1,207 @@
+"""The nominal arm at a row of the session, with the contacts and their errors, in an oblique view."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayescal.effects.location import Site
+from bayescal.reporting.figures.palette import ACCENT, GREY, INK, MARKED, SERIES
+from bayescal.reporting.figures.sheet import Entry, Panel
+
+if TYPE_CHECKING:
+    pass
+
+Json = dict[str, Any]
+AZIMUTH, ELEVATION = np.radians(-62.0), np.radians(18.0)
+"""Direction of view: an oblique view without perspective."""
+AXIS = 60.0
+"""Half the length of the line that marks the axis of a joint, mm."""
+LARGE = 0.97
+"""Quantile of the absolute errors that has the largest sign."""
+SMALLEST, LARGEST = 1.0, 16.0
+"""Areas of signs, pt^2."""
+FLOOR = 9.0
+"""Room below the arm for the scale and the directions of F0, mm."""
+POSITIVE, NEGATIVE, LENGTH = "^", "v", "o"
+ROUND = {"solid_capstyle": "round", "solid_joinstyle": "round"}
+WIDE: dict[str, Any] = {"color": INK, "lw": 2.5, "alpha": 0.8, **ROUND}
+
+
+def posed(arm: Json, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the arm (n + 2, 3), mm, and axes of its joints (n, 3) in F0, at link angles (n,), rad.
+
+    From the arm at angles of zero: a product of rotations about its axes.
+    """
+    links, axes = np.array(arm["links_mm"], float), np.array(arm["axes"], float)
+    turn, shift = np.eye(3), np.zeros(3)
+    points, turned = [links[0]], []
+    for at, axis, angle in zip(links[1:-1], axes, angles, strict=True):
+        points.append(turn @ at + shift)
+        turned.append(turn @ axis)
+        x, y, z = axis
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        own = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+        shift = turn @ (at - own @ at) + shift
+        turn = turn @ own
+    return np.array([*points, turn @ links[-1] + shift]), np.array(turned)
+
+
+def seen(points: np.ndarray) -> np.ndarray:
+    """Points (..., 3) in the plane of the figure, (..., 2), mm."""
+    right = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
+    up = np.array([
+        -np.sin(ELEVATION) * np.cos(AZIMUTH), -np.sin(ELEVATION) * np.sin(AZIMUTH), np.cos(ELEVATION)
+    ])  # fmt: skip
+    return np.stack([points @ right, points @ up], axis=-1)
+
+
+def errors(record: Json) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Index among `rows` (R,), error (R,) in µm, and whether errors are signed.
+
+    Of a fit the residuals of the fitted model; of a diagnosis those of the baseline, before the refit.
+    """
+    rows = record["rows"]
+    if "residuals" in record and isinstance(record["residuals"], dict):
+        per_id: dict[str, list[float]] = {}
+        own = record["residuals"]
+        for name, value in zip(own["id"], own["before_um"], strict=True):
+            per_id.setdefault(name, []).append(value)
+        values = [
+            np.nan if not (r := per_id.get(name)) else r[0] if len(r) == 1 else float(np.linalg.norm(r))
+            for name in rows["id"]
+        ]
+        signed = max((len(r) for r in per_id.values()), default=1) == 1
+    else:
+        values = [np.nan if v is None else v for v in rows["residual_um"]]
+        signed = any(v < 0 for v in values)
+    error = np.array(values, float)
+    at = np.flatnonzero(np.isfinite(error))
+    return at, error[at], signed
+
+
+def pose(record: Json, at: np.ndarray) -> int:
+    """The row, among those `at`, that is nearest to the middle of the readings."""
+    angles = np.array(record["rows"]["angle_deg"], float)[at]
+    scale = np.maximum(np.std(angles, axis=0), 1e-4)
+    return int(at[np.argmin(np.sum(((angles - np.median(angles, axis=0)) / scale) ** 2, axis=1))])
+
+
+def arm_panel(record: Json, share: float = 1.0) -> Panel:
+    """The arm with contacts: signs up and down for positive and negative errors, their area for the size."""
+    at, error, signed = errors(record)
+    edge = max(float(np.quantile(np.abs(error), LARGE)), 1e-3) if len(at) else 1.0
+    marked = record.get("marked")
+    what = f"{_um(edge)} µm or more"
+    sign = {"ls": "", "ms": LARGEST**0.5}
+    key = (
+        [
+            Entry(f"+{what}", {"marker": POSITIVE, "color": SERIES[1], **sign}),
+            Entry(f"−{what}", {"marker": NEGATIVE, "color": SERIES[0], **sign}),
+        ]
+        if signed
+        else [Entry(what, {"marker": LENGTH, "color": SERIES[1], **sign})]
+    )
+    if marked:
+        key.append(Entry(marked, {"color": MARKED, "lw": 3.5}))
+
+    def draw(axes: Any, inner: float) -> None:
+        _draw(axes, record, at, error, signed, edge, Site.read(marked) if marked else None)
+
+    name = "residuals before the refit" if "residuals" in record and "marked" in record else "residuals"
+    return Panel(
+        draw,
+        lambda inner: 0.85 * inner + FLOOR,
+        f"Nominal arm, contacts with their {name}",
+        key=key,
+        share=share,
+    )
+
+
+def _draw(
+    axes: Any, record: Json, at: np.ndarray, error: np.ndarray, signed: bool, edge: float, site: Site | None
+) -> None:
+    points = np.array(record["rows"]["point_mm"], float)[at]
+    row = pose(record, at) if len(at) else 0
+    tip = np.array(record["rows"]["point_mm"], float)[row]
+    line_of, turned = posed(record["arm"], np.radians(record["rows"]["angle_deg"][row]))
+    arm = np.vstack([line_of, tip])
+    strokes = np.stack([line_of[1:-1] - AXIS * turned, line_of[1:-1] + AXIS * turned], axis=1)
+    drawn = seen(arm)
+    axes.plot(*drawn.T, zorder=2, **WIDE)
+    axes.plot(*drawn[0], marker="s", ms=7, color=GREY, zorder=2)
+    for k, stroke in enumerate(seen(strokes), start=1):
+        mine = site is not None and site.kind == "joint" and site.number == k
+        colour, thick = (MARKED, 4.5) if mine else (ACCENT, 2.2)
+        axes.plot(*stroke.T, color=colour, lw=thick, zorder=3 + mine)
+    if site:
+        _mark(axes, record, site, drawn, at, seen(points))
+    area = SMALLEST + (LARGEST - SMALLEST) * np.minimum(np.abs(error) / edge, 1.0)
+    flat = seen(points)
+    every = [(error >= 0, POSITIVE, SERIES[1]), (error < 0, NEGATIVE, SERIES[0])]
+    parts = every if signed else [(np.ones(len(error), bool), LENGTH, SERIES[1])]
+    for which, marker, colour in parts:
+        axes.scatter(
+            *flat[which].T,
+            s=area[which],
+            marker=marker,
+            color=colour,
+            lw=0,
+            zorder=5,
+            rasterized=len(at) > MANY,
+        )
+    _frame(axes, np.vstack([drawn, flat, seen(strokes).reshape(-1, 2)]))
+
+
+MANY = 1500
+"""Contacts from which on their signs are an image in an SVG."""
+
+
+def _mark(axes: Any, record: Json, site: Site, drawn: np.ndarray, at: np.ndarray, flat: np.ndarray) -> None:
+    """Mark a site: a link, the base, the stylus, or the contacts of a target."""
+    targets = np.array(record["rows"]["target"])[at]
+    if site.kind == "link":
+        axes.plot(*drawn[site.number : site.number + 2].T, color=MARKED, lw=4.5, zorder=3)
+    elif site.kind == "base":
+        axes.plot(*drawn[0], marker="s", ms=10, color=MARKED, zorder=3)
+    elif site.kind in ("tool", "probe"):
+        axes.plot(*drawn[-2:].T, color=MARKED, lw=4.5, zorder=3)
+    elif site.kind != "joint":
+        mine = flat[targets == str(site)] if np.any(targets == str(site)) else flat
+        axes.scatter(*mine.T, s=30, facecolors="none", edgecolors=MARKED, lw=0.6, zorder=6)
+
+
+def _frame(axes: Any, content: np.ndarray) -> None:
+    """Limits with equal scales, and below the content a scale in mm and the directions of F0."""
+    figure: Any = axes.figure
+    box = axes.get_window_extent()
+    wide, tall = box.width / figure.dpi * 25.4, box.height / figure.dpi * 25.4
+    low, high = content.min(axis=0), content.max(axis=0)
+    size = np.maximum(high - low, 1e-6)
+    per_mm = 1.06 * max(size[0] / wide, size[1] / (tall - FLOOR))  # of the scene, per mm of the figure
+    middle = 0.5 * (low + high)
+    axes.set_xlim(middle[0] - 0.5 * per_mm * wide, middle[0] + 0.5 * per_mm * wide)
+    bottom = middle[1] - 0.5 * per_mm * (tall - FLOOR) - per_mm * FLOOR
+    axes.set_ylim(bottom, bottom + per_mm * tall)
+    axes.axis("off")
+    length = _round(per_mm * 0.25 * wide)
+    start = middle[0] - 0.5 * per_mm * wide
+    axes.plot([start, start + length], [bottom + 1.0 * per_mm] * 2, color=INK, lw=1.2, solid_capstyle="butt")
+    axes.text(start, bottom + 1.8 * per_mm, f"{length:g} mm", color=INK, va="bottom", ha="left")
+    corner = np.array([middle[0] + 0.5 * per_mm * wide - 9.0 * per_mm, bottom + 1.5 * per_mm])
+    for name, way in zip("xyz", seen(np.eye(3)), strict=True):
+        tip = corner + 4.5 * per_mm * way
+        axes.plot(*np.array([corner, tip]).T, color=GREY, lw=1.0)
+        to = corner + (4.5 * way + 1.6 * way / max(float(np.hypot(*way)), 0.2)) * per_mm
+        axes.text(*to, name, color=INK, ha="center", va="center")
+
+
+def _round(value: float) -> float:
+    """The next smaller length of 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(next(s for s in (5.0, 2.0, 1.0) if s * power <= value) * power)
+
+
+def _um(value: float) -> str:
+    return f"{value:.2g}" if value < 99.5 else f"{value:.0f}"

@@ -1,0 +1,227 @@
+"""Errors of the rows over time, their distribution with the noise, and by target: a mark for each row."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayescal.reporting.figures import scales
+from bayescal.reporting.figures.palette import INK, MARKED, NOISE, SERIES
+from bayescal.reporting.figures.rows import LANE, Row, rows_panel
+from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+
+if TYPE_CHECKING:
+    pass
+
+Json = dict[str, Any]
+CLIP = 0.99
+"""Quantile of the absolute errors that an axis covers; larger ones are marked at its edge."""
+HEIGHT = 36.0
+"""Of the axes over time, mm."""
+MOST_TARGETS = 20
+BINS = 45
+MANY = 3000
+"""Rows from which on their marks are an image in an SVG."""
+KINDS: dict[str, Any] = {
+    "fitted": {"color": SERIES[0], "marker": "o", "ms": 2.2, "mew": 0},
+    "validation": {
+        "markeredgecolor": SERIES[1],
+        "markerfacecolor": "white",
+        "marker": "D",
+        "ms": 2.8,
+        "mew": 0.7,
+    },
+    "rejected": {"color": MARKED, "marker": "x", "ms": 3.5, "mew": 0.9},
+}
+"""Marks of the rows by what they are used for."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of rows: a residual with its sign, of points the length of the error vector.
+
+    Attributes
+    ----------
+    x : np.ndarray, shape (R,)
+        Time in min or number of the row.
+    value : np.ndarray, shape (R,)
+        µm.
+    target, kind : np.ndarray, shape (R,)
+        Names of the targets, keys of `KINDS`.
+    signed : bool
+        False for lengths.
+    timed : bool
+        Whether x is a time.
+    noise : float
+        Noise of a coordinate, µm; nan if unknown.
+    """
+
+    x: np.ndarray
+    value: np.ndarray
+    target: np.ndarray
+    kind: np.ndarray
+    signed: bool
+    timed: bool
+    noise: float
+
+
+def of_fit(record: Json) -> Errors:
+    """Errors of a fit: fitted, validation and rejected rows of the targets in the model."""
+    rows = record["rows"]
+    value = np.array([np.nan if v is None else v for v in rows["residual_um"]], float)
+    kind = np.where(np.array(rows["role"]) == "validate", "validation", "fitted")
+    kind = np.where(np.array(rows["rejected"], bool), "rejected", kind)
+    signed = bool(np.any(value < 0))
+    return _ordered(rows, value, np.array(rows["target"]), kind, signed, record["noise"]["estimated_um"])
+
+
+def of_gap(record: Json, when: str) -> Errors:
+    """Errors of the fitted rows of a diagnosis; `when` is "before" or "after" the refit."""
+    own, rows = record["residuals"], record.get("rows")
+    ids = list(dict.fromkeys(own["id"]))
+    index = {name: k for k, name in enumerate(ids)}
+    at = np.array([index[name] for name in own["id"]], int)
+    r = np.array(own[f"{when}_um"], float)
+    count = np.bincount(at, minlength=len(ids))
+    length, plain = np.sqrt(np.bincount(at, r**2, len(ids))), np.bincount(at, r, len(ids))
+    signed = not np.any(count > 1)
+    value = plain if signed else length
+    if rows is None:  # in the order of time, as `residuals`
+        x = np.arange(1.0, len(ids) + 1)
+        blank = np.full(len(ids), "")
+        return Errors(x, value, blank, np.full(len(ids), "fitted"), signed, False, record["gap"]["noise_um"])
+    place = {name: k for k, name in enumerate(rows["id"])}
+    full = np.full(len(place), np.nan)
+    full[[place[name] for name in ids]] = value
+    kind = np.full(len(place), "fitted")
+    return _ordered(rows, full, np.array(rows["target"]), kind, signed, record["gap"]["noise_um"])
+
+
+def _ordered(
+    rows: Json, value: np.ndarray, target: np.ndarray, kind: np.ndarray, signed: bool, noise: float | None
+) -> Errors:
+    timed = rows["time_s"] is not None
+    x = (
+        (np.array(rows["time_s"], float) - min(rows["time_s"])) / 60.0
+        if timed
+        else np.arange(1.0, len(value) + 1)
+    )
+    keep = np.isfinite(value) & np.isfinite(x)
+    return Errors(
+        x[keep], value[keep], target[keep], kind[keep], signed, timed, np.nan if noise is None else noise
+    )
+
+
+def edge_of(*series: Errors) -> float:
+    """End of the axis of errors, µm, for all series."""
+    every = np.abs(np.concatenate([e.value for e in series]))
+    noise = max((e.noise for e in series if np.isfinite(e.noise)), default=0.0)
+    return float(1.15 * max(np.quantile(every, CLIP) if len(every) else 0.0, 3.2 * noise)) or 1.0
+
+
+def time_panel(e: Errors, edge: float, title: str, share: float = 1.0) -> Panel:
+    """Errors over time or row; the band is twice the noise."""
+    kinds = [k for k in KINDS if np.any(e.kind == k)]
+    key = [Entry(f"{k} rows", {"ls": "", **KINDS[k]}) for k in kinds] if len(kinds) > 1 else []
+    beyond = int(np.sum(np.abs(e.value) > edge))
+    note = f"{beyond} rows outside the axis are marked at its edge" if beyond else ""
+
+    def draw(axes: Any, inner: float) -> None:
+        _band(axes, e, across=False)
+        for kind in kinds:
+            mine = (e.kind == kind) & (np.abs(e.value) <= edge)
+            axes.plot(e.x[mine], e.value[mine], ls="", rasterized=len(e.x) > MANY, **KINDS[kind])
+        for side, marker in ((1, "^"), (-1, "v")):
+            out = (np.abs(e.value) > edge) & (np.sign(e.value) == side)
+            axes.plot(
+                e.x[out], np.full(out.sum(), side * 0.97 * edge), ls="", marker=marker, ms=4, color=MARKED
+            )
+        axes.set_ylim(-edge if e.signed else 0.0, edge)
+        scales.linear(axes.xaxis, width_of(axes))
+        scales.linear(axes.yaxis, HEIGHT, scales.UP)
+
+    x = "time (min)" if e.timed else "row"
+    return Panel(draw, HEIGHT, title, x, _label(e), note, key, share)
+
+
+def _label(e: Errors) -> str:
+    return "residual (µm)" if e.signed else "error length (µm)"
+
+
+def _band(axes: Any, e: Errors, across: bool) -> None:
+    """Twice the noise; of lengths the 95 % quantile of the length of three coordinates."""
+    if np.isfinite(e.noise):
+        ends = (-2 * e.noise, 2 * e.noise) if e.signed else (0.0, LENGTH95 * e.noise)
+        (axes.axvspan if across else axes.axhspan)(*ends, color=NOISE, lw=0, zorder=0)
+
+
+LENGTH95 = 2.7955
+"""95 % quantile of the length of a vector of three standard normal coordinates (chi with 3 d.o.f.)."""
+
+
+def spread_panel(e: Errors, edge: float, share: float = 1.0) -> Panel:
+    """Distribution of the errors, and of the noise alone."""
+    noise = Entry(f"noise, {e.noise:.1f} µm", {"color": INK, "lw": 1.2})
+    key = [noise] if np.isfinite(e.noise) else []
+
+    def draw(axes: Any, inner: float) -> None:
+        low = -edge if e.signed else 0.0
+        value = e.value[e.kind != "rejected"]
+        axes.hist(value, bins=np.linspace(low, edge, BINS).tolist(), density=True, color=SERIES[0], alpha=0.5)
+        if np.isfinite(e.noise) and e.noise > 0:
+            fine = np.linspace(low, edge, 300)
+            axes.plot(fine, noise_density(fine, e.noise, e.signed), color=INK, lw=1.2)
+        axes.set_xlim(low, edge)
+        axes.set_yticks([])
+        axes.spines["left"].set_visible(False)
+        scales.linear(axes.xaxis, width_of(axes))
+
+    return Panel(draw, HEIGHT, "Distribution", _label(e), "", "", key, share)
+
+
+def noise_density(x: np.ndarray, sd: float, signed: bool) -> np.ndarray:
+    """Density of noise of standard deviation `sd`: normal, of lengths of three coordinates Maxwell."""
+    bell = np.exp(-0.5 * (x / sd) ** 2)
+    if signed:
+        return bell / (sd * np.sqrt(2 * np.pi))
+    return np.sqrt(2 / np.pi) * x**2 / sd**3 * bell
+
+
+def targets_panel(e: Errors, edge: float) -> Panel:
+    """Errors by target, those with the largest RMS first."""
+    used = e.kind != "rejected"
+    rms = {
+        str(t): float(np.sqrt(np.mean(e.value[used & (e.target == t)] ** 2)))
+        for t in np.unique(e.target[used])
+    }
+    names = sorted(rms, key=lambda t: -rms[t])
+    shown = names[:MOST_TARGETS]
+    rows = [Row(t, f"RMS {rms[t]:.1f} µm, {int(np.sum(used & (e.target == t)))} rows") for t in shown]
+    note = (
+        f"{len(names) - len(shown)} targets with smaller errors are not shown"
+        if len(names) > len(shown)
+        else ""
+    )
+
+    def lanes(axes: Any, middles: Sequence[float]) -> None:
+        _band(axes, e, across=True)
+        rng = np.random.default_rng(0)
+        for name, middle in zip(shown, middles, strict=True):
+            for kind, style in KINDS.items():
+                mine = (e.target == name) & (e.kind == kind)
+                y = middle + 0.25 * LANE * rng.uniform(-1, 1, int(mine.sum()))
+                axes.plot(np.clip(e.value[mine], -edge, edge), y, ls="", rasterized=len(e.x) > MANY, **style)
+        axes.set_xlim(-edge if e.signed else 0.0, edge)
+        scales.linear(axes.xaxis, width_of(axes))
+
+    return rows_panel(rows, lanes, "By target, the largest RMS first", _label(e), note)
+
+
+def rms_of(e: Errors) -> str:
+    """RMS of the rows that are not rejected, as text."""
+    value = e.value[e.kind != "rejected"]
+    what = "" if e.signed else " error length"
+    return f"RMS{what} {np.sqrt(np.mean(value**2)):.1f} µm" if len(value) else "no rows"

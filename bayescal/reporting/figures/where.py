@@ -1,0 +1,155 @@
+"""Locations of an error: RMS of what they explain, and the residuals over the coordinates they depend on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayescal.reporting.figures import scales
+from bayescal.reporting.figures.bars import FILLED, OPEN, Bar, bars_panel
+from bayescal.reporting.figures.palette import ACCENT, FAINT, GREY, MARKED
+from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+
+if TYPE_CHECKING:
+    pass
+
+Json = dict[str, Any]
+PLACES, CURVES = 7, 3
+SIGNIFICANT = 0.01
+"""Corrected p-value below which a location is significant."""
+FEW_VALUES = 3
+BINS = 18
+SMOOTH = 0.05
+"""Fitted values whose mean square step along x is below this share of their variance are drawn as a line."""
+HEIGHT = 36.0
+"""Of the axes of a curve, mm."""
+RESIDUAL: dict[str, Any] = {"color": FAINT, "marker": "o", "ls": "", "ms": 2, "mew": 0}
+MEASURED: dict[str, Any] = {"color": ACCENT, "marker": "o", "ls": "", "ms": 3}
+EXPLAINED: dict[str, Any] = {"color": MARKED, "lw": 1.6}
+
+
+def significant(place: Json) -> bool:
+    """Whether a location is significant, corrected for all that were examined."""
+    return place["family_p_value"] is not None and place["family_p_value"] < SIGNIFICANT
+
+
+def places_panel(record: Json) -> Panel:
+    """Bars of the largest locations with their share of the excess."""
+    shown = record["where"][:PLACES]
+    bars = []
+    for w in shown:
+        clear, share = significant(w), w["share"]
+        text = f"{w['rms_um']:.1f} µm" + (f" ({100 * share:.0f} %)" if clear and share is not None else "")
+        label = w["text"] + (f" ({w['explained_by']})" if w["explained_by"] else "")
+        bars.append(Bar(label, w["rms_um"], text, FILLED if clear else OPEN))
+    some = any(map(significant, shown))
+    title = "Locations, with their share of the excess" if some else "Locations; none is significant"
+    key = [Entry("significant", FILLED, patch=True), Entry("not significant", OPEN, patch=True)]
+    return bars_panel(
+        bars, title, f"RMS of the explained residuals{per_residual(record)} (µm)", "", key if bars else ()
+    )
+
+
+def per_residual(record: Json) -> str:
+    """What a figure that is not the length of an error vector is per."""
+    return "" if record["lengths"]["of"] == "validation contacts" else " per coordinate"
+
+
+def curve_panels(record: Json) -> list[Panel]:
+    """Panels of the significant locations."""
+    return [_panel(curve) for curve in drawn_curves(record)]
+
+
+def drawn_curves(record: Json) -> list[Json]:
+    """Curves of the significant locations, each event once."""
+    out: list[Json] = []
+    p_values = {(w["site"], w["driver"]): w for w in record["where"]}
+    for curve in record["curves"]:
+        event = curve["event"] and any(own["event"] for own in out)
+        if len(curve["x"]) and significant(p_values[curve["site"], curve["driver"]]) and not event:
+            out.append(curve)
+    return out[:CURVES]
+
+
+def _panel(curve: Json) -> Panel:
+    lever = curve["lever"]
+    displaced = lever is not None and bool(curve["coordinate"]) and bool(np.any(lever))
+    y = displacement(curve) if displaced else "residual (µm)"
+    line = displaced or is_line(curve)
+    explained = EXPLAINED if line else {"color": MARKED, "marker": "o", "ls": "", "ms": 2.5, "mew": 0}
+    key = (
+        Entry("measured (k = 2)", MEASURED) if displaced else Entry("residual", RESIDUAL),
+        Entry("explained", explained),
+    )
+    draw = _displaced if displaced else _residuals
+    x = "contact" if not curve["coordinate"] else curve["coordinate"].replace("degC", "°C")
+    return Panel(lambda axes, inner: draw(axes, curve), HEIGHT, curve["text"], x, y, key=key)
+
+
+def displacement(curve: Json) -> str:
+    """Label of a displacement; the error of a joint is one of its link angle."""
+    site = curve["site"]
+    if curve["lever_unit"] != "rad":
+        return f"displacement of {site} (µm)"
+    return f"link angle error of {site} (µrad)" if site.startswith("joint") else f"rotation of {site} (µrad)"
+
+
+def _residuals(axes: Any, curve: Json) -> None:
+    """Residuals over the coordinate of a location, and the part that it explains."""
+    x, residual, fitted = (np.array(curve[k], float) for k in ("x", "residual_um", "fitted_um"))
+    values = np.unique(x)
+    if len(values) <= FEW_VALUES:  # two or three values: spread the contacts so that they do not overlap
+        x = x + 0.12 * max(np.ptp(values), 1.0) * np.random.default_rng(0).uniform(-1, 1, len(x))
+    axes.plot(x, residual, **RESIDUAL)
+    order = np.argsort(x, kind="stable")
+    if is_line(curve):
+        axes.plot(x[order], fitted[order], **EXPLAINED)
+    else:
+        axes.plot(x, fitted, color=MARKED, marker="o", ls="", ms=2.5, mew=0)
+    edge = 1.15 * max(float(np.quantile(np.abs(residual), 0.99)), float(np.max(np.abs(fitted))), 1e-6)
+    axes.set_ylim(-edge, edge)
+    _finish(axes)
+
+
+def _displaced(axes: Any, curve: Json) -> None:
+    """Displacement of the site over the coordinate: residuals of a bin fitted on their lever arms.
+
+    The lever arms of the contacts differ in size and sign, so that raw residuals do not show it.
+    """
+    middle, measured, error, explained = binned(curve)
+    axes.errorbar(middle, measured, error, fmt="o", ms=3, lw=0.8, color=ACCENT)
+    axes.plot(middle, explained, **EXPLAINED)
+    _finish(axes)
+
+
+def binned(curve: Json) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Middle, measured displacement, its U (k = 2), explained part of each bin; (B,) each, µm or µrad."""
+    x, residual, fitted, lever = (
+        np.array(curve[k], float) for k in ("x", "residual_um", "fitted_um", "lever")
+    )
+    values = np.unique(x)
+    edges = values if len(values) <= BINS else np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))[:-1]
+    at = np.searchsorted(np.append(edges, np.inf), x, side="right") - 1
+    count = len(edges)
+    weight = np.bincount(at, lever**2, count)
+    seen = weight > 1e-3 * np.max(weight)
+    middle = np.bincount(at, x, count)[seen] / np.bincount(at, minlength=count)[seen]
+    measured = np.bincount(at, lever * residual, count)[seen] / weight[seen]
+    explained = np.bincount(at, lever * fitted, count)[seen] / weight[seen]
+    error = 2.0 * float(np.std(residual - fitted)) / np.sqrt(weight[seen])
+    return middle, measured, error, explained
+
+
+def _finish(axes: Any) -> None:
+    axes.axhline(0, color=GREY, lw=0.5, zorder=0)
+    scales.linear(axes.xaxis, width_of(axes))
+    scales.linear(axes.yaxis, HEIGHT, scales.UP)
+
+
+def is_line(curve: Json) -> bool:
+    """Whether the fitted values are nearly a function of the coordinate alone."""
+    order = np.argsort(np.array(curve["x"], float), kind="stable")
+    fitted = np.array(curve["fitted_um"], float)[order]
+    variance = float(np.var(fitted))
+    return len(fitted) > 2 and variance > 0 and float(np.mean(np.diff(fitted) ** 2)) < SMOOTH * variance
