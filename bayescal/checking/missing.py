@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import ceil
 
 import numpy as np
 
@@ -119,7 +120,9 @@ def _enough(scene: Scene, model: Model | None) -> Iterator[Finding]:
             f"{values} values to fit {model.size} unknowns ({len(model.parameters)} parameters and "
             f"{len(model.states)} targets): the noise cannot be checked well and a single outlier matters"
         )
-        remedy = f"measure {model.size + RESERVE} or more; `bayescal plan --after` proposes them"
+        rows = len(scene.rows("calibrate"))
+        enough = ceil((model.size + RESERVE) * rows / values)
+        remedy = f"fit {enough} rows or more in place of {rows}; `bayescal plan --after` proposes them"
         yield Finding("few_rows", "missing", what, TABLE, remedy)
 
 

@@ -205,7 +205,7 @@ def simulate(
     Parameters
     ----------
     robot : str
-        A built-in name (`bayescal.robots.names`), or the path of a robot file.
+        A built-in name (`bayescal.robots.names`) or a unique part of it, or the path of a robot file.
     effects : sequence of str, or str
         Effects of the true arm.
     seed : int
@@ -235,6 +235,7 @@ def simulate(
     """
     from dataclasses import fields
 
+    from bayescal.robots import full_name
     from bayescal.simulation import Options
     from bayescal.simulation import simulate as run
 
@@ -242,7 +243,7 @@ def simulate(
     if unknown := [name for name in options if name not in known]:
         what = f"there is no option {', '.join(unknown)}"
         raise BayescalError(what, "simulate", f"known: {', '.join(known)}")
-    asked = Options(robot=robot, effects=names(effects), seed=seed, **options)
+    asked = Options(robot=full_name(robot), effects=names(effects), seed=seed, **options)
     return SimulatedSession(run(asked, allow_xacro))
 
 

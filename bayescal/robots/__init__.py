@@ -23,7 +23,7 @@ from bayescal.robots.schema import SCHEMA, robot_from
 from bayescal.robots.urdf import robot_from_urdf
 from bayescal.robots.writing import robot_to_yaml
 
-__all__ = ["builtin_robots", "load_robot", "names", "robot_to_yaml"]
+__all__ = ["builtin_robots", "full_name", "load_robot", "names", "robot_to_yaml"]
 
 _HERE = Path(__file__).parent
 
@@ -43,6 +43,12 @@ def names() -> tuple[str, ...]:
     True
     """
     return builtin_robots()
+
+
+def full_name(reference: str) -> str:
+    """The only built-in robot that has this part in its name (``ur5e``); else the reference itself."""
+    near = [name for name in builtin_robots() if reference.lower() in name.split("-")]
+    return near[0] if len(near) == 1 else reference
 
 
 def load_robot(reference: str, folder: Path | None = None, allow_xacro: bool = False) -> tuple[Robot, bytes]:

@@ -11,7 +11,7 @@ from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.write import ROBOT
 from bayescal.errors import BayescalError
 from bayescal.folders import whole
-from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
+from bayescal.robots import builtin_robots, full_name, load_robot, robot_to_yaml
 from bayescal.starting.artefacts import ARTEFACTS, Room
 from bayescal.starting.readme import columns_of, readme_text
 from bayescal.starting.robot import JOINTS, robot_template
@@ -65,7 +65,7 @@ def start(
     if not artefacts or len(set(artefacts)) < len(artefacts):
         raise BayescalError("each artefact is named once", "--artefact", f"known: {', '.join(ARTEFACTS)}")
     known = robot != NEW
-    reference = _named(robot) if known else STAND_IN
+    reference = full_name(robot) if known else STAND_IN
     arm, _ = load_robot(reference, allow_xacro=allow_xacro)
     builtin = known and reference in builtin_robots()
     room = Room.of(arm)
@@ -95,9 +95,3 @@ def start(
         for file, text in files.items():
             (stage / file).write_text(text, encoding="utf-8", newline="")
     return tuple(file for file in files if not file.startswith("."))
-
-
-def _named(robot: str) -> str:
-    """The built-in robot that a part of a name means, where it is only one; else the reference itself."""
-    near = [each for each in builtin_robots() if robot.lower() in each.split("-")]
-    return near[0] if len(near) == 1 else robot

@@ -12,7 +12,7 @@ from bayescal.dataset.write import write_setup
 from bayescal.errors import BayescalError
 from bayescal.files import FILL_IN
 from bayescal.planning.setup import read_setup
-from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
+from bayescal.robots import builtin_robots, full_name, load_robot, robot_to_yaml
 from bayescal.starting import folder as starting
 from bayescal.starting.artefacts import ARTEFACTS, Room
 
@@ -222,6 +222,17 @@ def test_a_new_robot_is_to_be_filled_in(tmp_path, quick):
 
 
 def test_a_part_of_a_name_is_taken_where_it_is_unique():
-    assert starting._named("ur5e") == "universal-robots-ur5e"
-    assert all(starting._named(name) == name for name in builtin_robots())
-    assert starting._named("fanuc") == "fanuc"  # two of them
+    assert full_name("ur5e") == "universal-robots-ur5e"
+    assert all(full_name(name) == name for name in builtin_robots())
+    assert full_name("fanuc") == "fanuc"  # two of them
+    assert bc.simulate("lrmate200ic", contacts=16, later=0, repeats=0, spheres=0).dataset.robot.name == ROBOT
+
+
+def test_a_simulated_session_has_the_same_targets(room):
+    """To practise on: the cube and the first placement of the spheres stand where `init` puts them."""
+    dataset = bc.simulate(ROBOT, contacts=16, later=0, repeats=0, placements=1).dataset
+    meant = [*ARTEFACTS["cube"].outline(room).targets, *ARTEFACTS["spheres"].outline(room).targets[:3]]
+    assert [t.name for t in dataset.targets] == [t.name for t in meant]
+    for here, there in zip(dataset.targets, meant, strict=True):
+        for key, value in there.values.items():
+            assert np.allclose(here.values[key], value, atol=1e-9)
