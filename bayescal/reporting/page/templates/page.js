@@ -165,20 +165,33 @@
     script.textContent = source; // permitted by its hash in the policy of the page
     document.head.append(script);
     if (typeof Plotly === "undefined") return;
-    for (const figure of [residuals, scene]) {
-      const holder = document.getElementById(figure === scene ? "scene-plot" : "residual-plot")?.closest(".interactive");
-      if (!holder) continue;
-      holder.hidden = false;
-      const still = holder.parentElement.querySelector(":scope > .static");
-      try {
-        await figure();
-        if (still) still.hidden = true;
-      } catch (error) { // no WebGL: the drawing stays
-        holder.hidden = true;
-        console.warn(`this browser cannot draw the ${figure.name}: ${error.message}`);
+    const near = new IntersectionObserver((entries) => {
+      for (const entry of entries.filter((e) => e.isIntersecting)) {
+        near.unobserve(entry.target);
+        show(entry.target.id === "arm" ? scene : residuals, entry.target);
       }
+    }, { rootMargin: "500px" });
+    for (const id of ["arm", "residuals"]) {
+      const section = document.getElementById(id);
+      if (section) near.observe(section);
     }
-    document.documentElement.dataset.interactive = String(Math.round(performance.now() - started));
+    document.documentElement.dataset.ready = String(Math.round(performance.now() - started));
   }
+
+  // A figure is drawn when its section comes near: what is not looked at costs nothing.
+  async function show(figure, section) {
+    const begun = performance.now();
+    const holder = section.querySelector(".interactive"), still = section.querySelector(":scope > .static");
+    holder.hidden = false;
+    try {
+      await figure();
+      if (still) still.hidden = true;
+      section.dataset.drawn = String(Math.round(performance.now() - begun));
+    } catch (error) { // no WebGL: the drawing stays
+      holder.hidden = true;
+      console.warn(`this browser cannot draw the figure of ${section.id}: ${error.message}`);
+    }
+  }
+
   start();
 })();

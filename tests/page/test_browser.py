@@ -1,0 +1,185 @@
+"""Pages in headless Chromium: width, errors, requests, the view in 3-D, accessibility, inert names."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from bayescal.estimate import calibrated
+from bayescal.model.scene import Scene
+from bayescal.reporting.gap.record import gap_record
+from bayescal.reporting.page.build import run_page
+from bayescal.reporting.page.pdf import BROWSERS
+from bayescal.reporting.page.run import Run
+from bayescal.reporting.shared.rows import arm_drawing, rows_record
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (bayescal[test])")
+PROGRAM = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium or Chrome is installed")
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
+from test_gap_report import diagnosis  # noqa: E402
+from test_pages import EVIL, _renamed  # noqa: E402
+
+WIDTHS = (380, 1280)
+WAIT = 60_000
+"""ms; a machine that is shared may be slow."""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as p:
+        running = p.chromium.launch(executable_path=PROGRAM, args=["--no-sandbox"])
+        yield running
+        running.close()
+
+
+@pytest.fixture(scope="module")
+def record(cube):
+    found = calibrated(Scene(cube(seed=1, count=80).dataset), ("geometry",))
+    own = gap_record(diagnosis(found.model.scene.dataset, "named"))
+    own |= {"rows": rows_record(found), "arm": arm_drawing(found.model.scene)}
+    return own | {"marked": "joint 3"}
+
+
+@pytest.fixture(scope="module")
+def pages(record, tmp_path_factory):
+    """A page as a diagnosis writes it, and one in which every name of a file is markup."""
+    folder = tmp_path_factory.mktemp("pages")
+    for name, content in (("plain", record), ("evil", _renamed(record, None))):
+        (folder / f"{name}.html").write_text(run_page(Run("gap", content, "runs/x")), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def opened(browser, pages):
+    """Open a page at a width; errors of the console and requests are collected, and must be none."""
+    problems: list[str] = []
+    contexts = []
+
+    def open_(name: str, width: int, **options):
+        context = browser.new_context(viewport={"width": width, "height": 900}, **options)
+        contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(WAIT)
+        page.on("console", lambda m: m.type == "error" and problems.append(m.text))
+        page.on("pageerror", lambda error: problems.append(str(error)))
+        page.on("dialog", lambda dialog: (problems.append(dialog.message), dialog.dismiss()))
+        page.on("request", lambda r: r.url.startswith(("file:", "data:", "blob:")) or problems.append(r.url))
+        page.goto((pages / f"{name}.html").as_uri())
+        return page
+
+    yield open_
+    for context in contexts:
+        context.close()
+    assert problems == []
+
+
+def drawn(page, section: str) -> None:
+    """Scroll to a section, and wait until its figure is drawn."""
+    page.wait_for_selector("html[data-ready]", state="attached")
+    page.locator(f"#{section}").scroll_into_view_if_needed()
+    page.wait_for_selector(f"#{section}[data-drawn]", state="attached")
+
+
+def until(page, expression: str) -> None:
+    """Wait until an expression holds; the policy of the page forbids `wait_for_function`."""
+    for _ in range(WAIT // 50):
+        if page.evaluate(expression):
+            return
+        page.wait_for_timeout(50)
+    pytest.fail(f"never true: {expression}")
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_fits_the_width(opened, width):
+    page = opened("evil", width)  # with names without blanks
+    drawn(page, "residuals")
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.title() == EVIL
+
+
+def test_the_arm_responds(opened, record):
+    page = opened("plain", 1280)
+    drawn(page, "arm")
+    camera = "JSON.stringify(document.getElementById('scene-plot')._fullLayout.scene._scene.getCamera())"
+    before = page.evaluate(camera)
+    box = page.locator("#scene-plot").bounding_box()
+    page.mouse.move(box["x"] + 300, box["y"] + 150)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 420, box["y"] + 190, steps=4)
+    page.mouse.up()
+    until(page, f"{camera} !== {json.dumps(before)}")
+    # the slider, which a keyboard moves too, poses the arm: its end is at the contact of the row
+    line = "document.getElementById('scene-plot').data[0]"
+    tip = f"[{line}.x.at(-1), {line}.y.at(-1), {line}.z.at(-1)]"
+    page.locator("#scene-row").fill("7")
+    until(page, f"{tip}[0] === {record['rows']['point_mm'][7][0]}")
+    assert page.evaluate(tip) == pytest.approx(record["rows"]["point_mm"][7])
+    assert record["rows"]["id"][7] in page.locator("#scene-pose").inner_text()
+    page.evaluate(
+        "document.getElementById('scene-plot').emit('plotly_hover', { points: [{ customdata: 3 }] })"
+    )
+    assert record["rows"]["id"][3] in page.locator("#scene-pose").inner_text()
+    page.locator("#scene-colour").select_option("target")
+    names = {
+        t.get("name")
+        for t in page.evaluate(
+            "document.getElementById('scene-plot').data.slice(3).map(t => ({ name: t.name }))"
+        )
+    }
+    assert names == set(record["rows"]["target"])
+
+
+def test_figures_are_those_of_the_record(opened, record):
+    page = opened("plain", 1280)
+    drawn(page, "residuals")
+    data = page.evaluate("document.getElementById('residual-plot').data.map(t => [t.customdata, t.y])")
+    got = {k: y for rows, values in data for k, y in zip(rows, values, strict=True)}
+    assert [got[k] for k in range(len(got))] == record["rows"]["residual_um"]
+    text = page.locator("main").inner_text()
+    for line in record["words"]:
+        assert line in text
+    assert f"{record['gap']['excess_um']['value']:.1f} µm" in text
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_accessible(opened, width):
+    axe = pytest.importorskip("axe_core_python", reason="axe-core-python is not installed (bayescal[test])")
+    page = opened("plain", width)
+    drawn(page, "residuals")
+    script = next(Path(axe.__file__).parent.glob("*.min.js")).read_text(encoding="utf-8")
+    page.evaluate(script)  # by the debugger: the page's policy does not concern it
+    nodes = "r.violations.map(v => [v.id, v.nodes.map(n => n.html.slice(0, 200))])"
+    found = page.evaluate(f"axe.run(document).then(r => {nodes})")
+    assert found == []
+
+
+def test_without_scripts_the_drawings_stay(opened):
+    page = opened("plain", 1280, java_script_enabled=False)
+    assert page.locator("#arm figure.static svg").is_visible()
+    assert page.locator("#residuals .figures svg").first.is_visible()
+    assert not page.locator(".interactive").first.is_visible()
+
+
+def test_print_has_the_drawings(opened):
+    page = opened("plain", 1280)
+    drawn(page, "arm")
+    page.emulate_media(media="print")
+    assert page.locator("#arm figure.static svg").is_visible()
+    assert not page.locator(".interactive").first.is_visible()
+
+
+def test_names_from_files_are_inert(opened):
+    page = opened("evil", 1280)
+    drawn(page, "arm")
+    page.locator("#scene-colour").select_option("target")
+    drawn(page, "residuals")
+    assert page.locator("h1").inner_text() == EVIL
+    legend = page.locator("#residual-plot .legendtext").first.text_content()
+    assert "<script>" in legend
