@@ -59,11 +59,11 @@ def _again(splits: Sequence[Record], halves: Sequence[Record]) -> np.ndarray:
 
 
 def _mean(values: np.ndarray) -> str:
-    return f"{np.mean(values):.2f} ({np.min(values):.2f} to {np.max(values):.2f})"
+    return f"{np.mean(values):.3f} ({np.min(values):.2f} to {np.max(values):.2f})"
 
 
 def _percent(values: np.ndarray) -> str:
-    return f"{100 * np.mean(values):.0f} %"
+    return f"{100 * np.mean(values):.1f} %"
 
 
 def _share(values: np.ndarray) -> str:

@@ -43,10 +43,10 @@ def test_the_card_compares_each_session_with_what_is_wanted():
         [cell.strip() for cell in line.split("|")[2:-1]]
         for line in real_card.card(SESSIONS, HALVES).splitlines()[2:]
     )
-    assert random[1:] == ["1.00 (1.00 to 1.00)", "**0.50 (0.50 to 0.50)**", "0.75 (0.50 to 1.00)"]
-    assert late[1] == "**1.65 (1.00 to 2.30)**"
-    assert late[2] == "1.10 (1.00 to 1.20)"
-    assert inside[1:] == ["95 %", "**80 %**", "**88 %**"]
+    assert random[1:] == ["1.000 (1.00 to 1.00)", "**0.500 (0.50 to 0.50)**", "0.750 (0.50 to 1.00)"]
+    assert late[1] == "**1.650 (1.00 to 2.30)**"
+    assert late[2] == "1.100 (1.00 to 1.20)"
+    assert inside[1:] == ["95.0 %", "**80.0 %**", "**87.5 %**"]
     assert better[1:] == ["2 of 2", "**0 of 1**", "**2 of 3**"]
     assert again[1:] == ["2 of 2", "0 of 1", "2 of 3"]
 
