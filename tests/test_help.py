@@ -18,6 +18,7 @@ COMMANDS = (
     "simulate",
     "import",
     "blind",
+    "budget",
     "export",
     "verify",
     "compensate",

@@ -9,13 +9,14 @@ import typer
 
 from bayescal.cli import app
 from bayescal.cli.options import Run, WithEffects, WithoutEffects
+from bayescal.errors import BayescalError
 
 
 @app.command()
 def export(
     run: Run,
     to: Annotated[
-        str, typer.Option(help="Format: robot.yaml, urdf, sdf, ur-yaml, dh-csv, joint-zeros, mjcf.")
+        str, typer.Option(help="Format: robot.yaml, urdf, sdf, ur-yaml, dh-csv, joint-zeros, mjcf, dcc.")
     ],
     out: Annotated[
         Path | None, typer.Option(help="File to write [default: the robot's name with the format's suffix].")
@@ -39,15 +40,34 @@ def export(
     at_row: Annotated[
         str, typer.Option(help="id of the row at which it holds [default: the last fitted row].")
     ] = "",
+    certificate: Annotated[
+        str, typer.Option(help="dcc: YAML file with the administrative data of the certificate.")
+    ] = "",
+    schema: Annotated[
+        str, typer.Option(help="dcc: a copy of dcc.xsd, with SI_Format.xsd beside it, to validate by.")
+    ] = "",
     force: Annotated[bool, typer.Option("--force", help="Export in spite of reasons against it.")] = False,
 ) -> None:
     """Export the arm of a run folder of fit or gap, and state what the file cannot hold."""
+    from bayescal.public.certificates import CertificateResult
+    from bayescal.public.certificates import certificate as certify
+    from bayescal.public.exports import ExportResult
     from bayescal.public.exports import export as work
 
-    result = work(
-        run, to, into=into, with_=with_, without=without, readings=readings, at_time=at_time,
-        at_row=at_row or None, force=force,
-    )  # fmt: skip
+    result: CertificateResult | ExportResult
+    if to == "dcc":
+        if into or with_ or without or at_time is not None or at_row or readings != "plain":
+            what = "a certificate states the arm as it was fitted"
+            raise BayescalError(what, "--to dcc", "leave out the options of other formats")
+        result = certify(run, certificate, schema=schema, force=force)
+    else:
+        if certificate or schema:
+            what = f"{to} has no administrative data"
+            raise BayescalError(what, "--certificate", "use it with --to dcc")
+        result = work(
+            run, to, into=into, with_=with_, without=without, readings=readings, at_time=at_time,
+            at_row=at_row or None, force=force,
+        )  # fmt: skip
     written = result.save(out)
     from rich.console import Console
 

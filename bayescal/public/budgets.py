@@ -138,7 +138,7 @@ def budget(
     if (distance is not None) + bool(parameter) + (point is not None) > 1:
         what = "more than one measurand is asked for"
         raise BayescalError(what, "budget", "give one of a distance, a parameter and a point")
-    arm, basis, seed = _stated(run)
+    arm, basis, seed = stated(run)
     if distance is not None:
         if len(distance) != 2:
             raise BayescalError(f"{len(distance)} targets", "--distance", "name two targets")
@@ -155,7 +155,7 @@ def budget(
     return BudgetResult(work.budget(basis, measurand), basis, seed)
 
 
-def _stated(run: FitResult | GapResult | str | PathLike[str]) -> tuple[FittedArm, Basis, int]:
+def stated(run: FitResult | GapResult | str | PathLike[str]) -> tuple[FittedArm, Basis, int]:
     """The arm of a run, and what was stated of it."""
     from bayescal.calibration import basis_of
     from bayescal.exporting import of_fit

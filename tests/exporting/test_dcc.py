@@ -1,0 +1,137 @@
+"""Digital Calibration Certificates: valid, with the numbers of the budgets, and with nothing invented."""
+
+import os
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+import bayescal as bc
+from bayescal.exporting.dcc.document import in_digits
+from bayescal.exporting.dcc.xml import DCC, SI
+
+OURS = Path(__file__).parent / "dcc" / "dcc.xsd"
+SHARED = Path(__file__).parents[3] / "shared" / "dcc" / "dcc.xsd"
+OFFICIAL = Path(os.environ.get("BAYESCAL_DCC_XSD", SHARED))
+ENTRIES = """\
+schema: bayescal-certificate/1
+identifier: "2026-0042"
+language: en
+country: CA
+begin: 2026-11-20
+end: 2026-11-21
+location: laboratory
+laboratory: {name: Laboratory <of> lengths & angles, country: CA, city: Montreal, post_code: H3C 1K3}
+customer: {name: A customer, country: CA, city: Quebec, email: a@b.ca}
+responsible: [{name: A. Person, role: head, main_signer: true}]
+item: {name: robot, manufacturer: FANUC, model: LR Mate 200iC, serial_number: E12345}
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "fit"
+    session = bc.simulate(contacts=90, later=10, repeats=5, spheres=2, placements=1, seed=1)
+    bc.fit(session, samples=0).save(folder)
+    return folder
+
+
+@pytest.fixture
+def entries(tmp_path):
+    path = tmp_path / "certificate.yaml"
+    path.write_text(ENTRIES)
+    return path
+
+
+def test_valid_and_equal_to_the_budgets(run, entries, tmp_path, command):
+    out = tmp_path / "arm.xml"
+    arguments = ("export", run, "--to", "dcc", "--certificate", entries, "--out", out)
+    code, text, errors = command(*arguments, "--schema", OURS)
+    assert code == 0, errors
+    assert "valid by" in text
+    root = ElementTree.parse(out).getroot()
+    names = [e.text for e in root.iter(f"{{{DCC}}}content")]
+    assert "Laboratory <of> lengths & angles" in names
+    found = {q.find(f"{{{DCC}}}name/{{{DCC}}}content").text: q for q in root.iter(f"{{{DCC}}}quantity")}
+    compliance = r"\radian\newton\tothe{-1}\metre\tothe{-1}"
+    for asked, name, unit in (
+        ({"distance": ("ball.A@1", "ball.B@1")}, "error of the distance ball.A@1 - ball.B@1", r"\metre"),
+        ({"parameter": "a2"}, "parameter a2", r"\metre"),
+        ({"parameter": "compliance J3"}, "parameter compliance J3", compliance),
+    ):
+        of, own = bc.budget(run, **asked).data, found[name]
+        value, u = in_digits(of.measurand.value, of.expanded)
+        assert own.findtext(f".//{{{SI}}}value") == value
+        assert own.findtext(f".//{{{SI}}}unit") == unit
+        assert own.findtext(f".//{{{SI}}}valueExpandedMU") == u
+        assert float(own.findtext(f".//{{{SI}}}coverageFactor")) == pytest.approx(of.k, abs=0.005)
+    assert any(name.startswith("AD") for name in found)
+    code, _, errors = command(*arguments)
+    assert code == 1
+    assert "certificates are not replaced" in errors
+
+
+@pytest.mark.skipif(not OFFICIAL.is_file(), reason="no official dcc.xsd: BAYESCAL_DCC_XSD names a copy of it")
+def test_valid_by_the_official_schema(run, entries, tmp_path, command):
+    arguments = ("export", run, "--to", "dcc", "--certificate", entries, "--out", tmp_path / "arm.xml")
+    code, _, errors = command(*arguments, "--schema", OFFICIAL)
+    assert code == 0, errors
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("identifier:", "#"), "missing: identifier"),
+        ((", serial_number: E12345", ""), "missing: item.serial_number"),
+        (("begin: 2026-11-20\nend: 2026-11-21\n", ""), "missing: begin, end"),
+        (("country: CA\nbegin", "country: Canada\nbegin"), "country"),
+        (("end: 2026-11-21", "end: 2026-11-01"), "`end` is before `begin`"),
+        (("location:", "locaton: x\nlocation:"), "locaton"),
+    ],
+)
+def test_what_is_missing_is_refused(run, entries, tmp_path, command, change, message):
+    assert change[0] in ENTRIES
+    entries.write_text(ENTRIES.replace(*change))
+    code, _, errors = command(
+        "export", run, "--to", "dcc", "--certificate", entries, "--out", tmp_path / "arm.xml"
+    )
+    assert code == 1
+    assert message in errors
+    assert errors.count("\n") == 1
+    assert not (tmp_path / "arm.xml").exists()
+
+
+def test_other_refusals(run, entries, tmp_path, command):
+    code, _, errors = command("export", run, "--to", "dcc")
+    assert code == 1
+    assert "--certificate" in errors
+    code, _, errors = command("export", run, "--to", "urdf", "--certificate", entries)
+    assert code == 1
+    assert "urdf has no administrative data" in errors
+    changed = tmp_path / "dcc.xsd"
+    changed.write_text(OURS.read_text().replace('fixed="3.3.0"', 'fixed="3.4.0"'))
+    (tmp_path / "SI_Format.xsd").write_text(OURS.with_name("SI_Format.xsd").read_text())
+    code, _, errors = command(
+        "export",
+        run,
+        "--to",
+        "dcc",
+        "--certificate",
+        entries,
+        "--schema",
+        changed,
+        "--out",
+        tmp_path / "a.xml",
+    )
+    assert code == 1
+    assert "not valid" in errors
+    assert not (tmp_path / "a.xml").exists()
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "shown"),
+    [(0.3000550788, 1.63e-5, ("0.300055", "0.000016")), (1.23e-3, 9.96e-5, ("0.00123", "0.00010")),
+     (12.3, 345.0, ("12", "345")), (-1e-7, 2e-5, ("0.000000", "0.000020"))],
+)  # fmt: skip
+def test_digits(value, u, shown):
+    assert in_digits(value, u) == shown
