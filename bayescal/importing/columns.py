@@ -208,12 +208,12 @@ def _mark(log: Log, numeric: set[int], decimal: str) -> str:
     """The decimal mark of the numbers with a comma; "" if there are none."""
     if decimal == "comma":
         return ","
+    if not any("," in row[i] for i in numeric for row in log.rows):
+        return ""
     every = [
         (row[i].strip("[]"), n) for i in sorted(numeric) for row, n in zip(log.rows, log.line, strict=True)
     ]
     commas = [(cell, n) for cell, n in every if "," in cell]
-    if not commas:
-        return ""
     if any(re.fullmatch(r"[+-]?\d*\.\d+(?:[eE][+-]?\d+)?", cell) for cell, _ in every):
         return "."
     if all(GROUPED.fullmatch(cell) for cell, _ in commas):
@@ -234,10 +234,14 @@ class _Cells:
     def numbers(self, key: str, index: int) -> np.ndarray:
         """Numbers (N,) of a column, nan where its cell is empty."""
         if index not in self.known:
-            rows = self.log.rows
-            self.known[index] = np.array(
-                [self._number(row, cells[index], key) for row, cells in enumerate(rows)]
-            )
+            cells = [row[index] for row in self.log.rows]
+            try:  # a long record: all cells at once
+                out = np.array([float(cell) for cell in cells])
+            except ValueError:
+                out = np.array([np.nan])
+            if not np.isfinite(out).all() or any("_" in cell for cell in cells):
+                out = np.array([self._number(row, cell, key) for row, cell in enumerate(cells)])
+            self.known[index] = out
         return self.known[index]
 
     def _number(self, row: int, cell: str, key: str) -> float:

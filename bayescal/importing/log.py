@@ -133,7 +133,11 @@ def _headed(
 ) -> tuple[tuple[str, ...], Rows, Rows]:
     """The header, or (), the rows below it, and those before it."""
     if missing is not None:
-        lacks = [missing(_trimmed(row, 0)) for _, row in rows[:SEARCHED]]
+        lacks: list[int] = []
+        for _, row in rows[:SEARCHED]:
+            lacks.append(missing(_trimmed(row, 0)))
+            if not lacks[-1]:
+                break
         if min(lacks) > 0:
             for number, line in lines.comments:
                 row = cells(line.lstrip().lstrip("/#!%"), separator)
