@@ -15,7 +15,7 @@ FENCE = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMANDS = [
     line
     for block in FENCE.findall((ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8"))
-    for line in block.splitlines()
+    for line in block.replace("\\\n", " ").splitlines()
     if line
 ]
 
