@@ -110,6 +110,16 @@ def test_no_text_overlaps_or_is_cut_off(fit, sessions, width):
     assert faults == []
 
 
+@pytest.mark.parametrize("width", WIDTHS)
+def test_values_of_many_digits_are_not_cut_off_in_a_posterior(result, width):
+    """The tick label at the left edge of a narrow figure was outside of it."""
+    figure = bc.plot.posterior(result, ["a2", "d4", "ball z", "alpha1", "compliance J5"], width_mm=width)
+    for axes in figure.axes:
+        low, high = axes.get_xlim()
+        axes.set_xticks([low, high], ["−300.025", "−300.075"])
+    assert clashes(figure) == ([], [])
+
+
 def test_the_check_of_overlap_sees_an_overlap_and_a_cut_title():
     figure = Figure(figsize=(3, 2), dpi=220)
     figure.text(0.3, 0.5, "one label")

@@ -23,6 +23,8 @@ MOST, PAIRS = 6, 3
 HEIGHT, SQUARE = 24.0, 34.0
 """Of the axes of a distribution and of a pair, mm."""
 BINS, POINTS = 40, 600
+INSET = 5.5
+"""Half a tick label of many digits, mm."""
 EACH = 20.0
 """Room of a tick label, mm: values with many digits."""
 
@@ -67,7 +69,7 @@ def marginal_panel(p: Json, draws: np.ndarray, first: bool) -> Panel:
         axes.spines["left"].set_visible(False)
         scales.linear(axes.xaxis, width_of(axes), EACH)
 
-    return Panel(draw, HEIGHT, "", label(p), key=key if first else ())
+    return Panel(draw, HEIGHT, "", label(p), key=key if first else (), inset=INSET)
 
 
 def pair_panel(a: Json, b: Json, r: float, draws: Draws) -> Panel:
@@ -82,7 +84,7 @@ def pair_panel(a: Json, b: Json, r: float, draws: Draws) -> Panel:
         scales.linear(axes.xaxis, width_of(axes), EACH)
         scales.linear(axes.yaxis, SQUARE, scales.UP)
 
-    return Panel(draw, SQUARE, f"correlation {r:+.2f}".replace("-", "−"), label(a), label(b))
+    return Panel(draw, SQUARE, f"correlation {r:+.2f}".replace("-", "−"), label(a), label(b), inset=INSET)
 
 
 def label(p: Json) -> str:

@@ -58,6 +58,8 @@ class Panel:
         Legend, above the axes.
     share : float
         Width, relative to the other panels of its row.
+    inset : float
+        Least room beside the axes, mm: half a tick label.
     """
 
     draw: Callable[[Any, float], None]
@@ -68,6 +70,7 @@ class Panel:
     note: str = ""
     key: Sequence[Entry] = field(default=())
     share: float = 1.0
+    inset: float = 1.0
 
     def tall(self, inner: float) -> float:
         """Height of axes of a width, mm."""
@@ -170,8 +173,8 @@ def _row(row: Sequence[Panel], wide: float) -> list[_Cell]:
 
 def _cell(panel: Panel, x: float, room: float) -> _Cell:
     side = wrapped(panel.y, panel.tall(room) + TALLER) if panel.y else []
-    left = TICKS + (len(side) - 1) * line() if side else 1.0
-    inner = room - left - 2.0
+    left = TICKS + (len(side) - 1) * line() if side else panel.inset
+    inner = room - left - max(2.0, panel.inset)
     title = wrapped(panel.title, room, bold=True) if panel.title else []
     note = wrapped(panel.note, room) if panel.note else []
     key = ["\n".join(wrapped(entry.text, room - HANDLE - 1.0)) for entry in panel.key]

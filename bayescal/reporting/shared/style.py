@@ -21,8 +21,6 @@ SERIES = ("#1b4f72", "#d68910", "#3a8f6b", "#8e5ea2", "#5b8db8", "#a0522d")
 DPI = 130
 TITLE = 8.5
 """Characters of a title per inch of width."""
-WIDTH = 58
-"""Characters in a line of a remark."""
 
 
 def figure(width: float, height: float, title: Sequence[str]) -> Figure:
@@ -67,9 +65,3 @@ def tidy(axes: Any) -> None:
     legend = axes.get_legend()
     for text in legend.get_texts() if legend else ():
         text.set_fontsize(9.5)
-
-
-def remark(axes: Any, text: str, x: float, y: float, side: str) -> None:
-    """Grey text inside the axes, at a fraction of them."""
-    lines = textwrap.fill(text, WIDTH)
-    axes.text(x, y, lines, transform=axes.transAxes, ha=side, va="bottom", color=GREY)
