@@ -90,6 +90,16 @@ def test_runs_of_the_same_dataset_are_not_independent(runs, tmp_path):
     assert "not independent" in words(path.read_text(encoding="utf-8"))
 
 
+def test_parameters_of_different_robots_are_not_compared(runs, tmp_path):
+    record = json.loads((runs / "run1" / "fit.json").read_text())
+    record["arm"]["robot"] = "another"
+    (tmp_path / "fit.json").write_text(json.dumps(record))
+    (path,) = bc.report([runs / "run2", tmp_path], tmp_path / "other.html")
+    text = words(path.read_text(encoding="utf-8"))
+    assert "different robots: not compared" in text
+    assert "difference / u" not in text
+
+
 def test_the_command(own):
     done = CliRunner().invoke(app, ["report", str(own), "--out", str(own.parent / "x.html")])
     assert done.exit_code == 0, done.output

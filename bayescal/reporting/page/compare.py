@@ -131,6 +131,8 @@ def parameters(runs: Runs) -> Section | None:
     some = [(label, run) for label, run in zip(labels(runs), runs, strict=True) if run.kind == "fit"]
     if len(some) < 2:
         return None
+    if len({run.robot for _, run in some}) > 1:
+        return blocks("parameters", "Parameters", Text("The runs are of different robots: not compared."))
     tables = [{p["name"]: p for p in run.record["parameters"] if p["effect"] != "target"} for _, run in some]
     names = list(dict.fromkeys(name for table in tables for name in table))
     rows = tuple(_compared(name, [table.get(name) for table in tables]) for name in names)
