@@ -50,14 +50,17 @@ def written(tmp_path_factory):
 
 def test_command_writes_the_contract(written):
     folder, _, record = written
+    pictures = ("levels", "distances", "residuals", "parameters", "posterior")
     assert {p.name for p in folder.glob("[!.]*")} == {
         "fit.json",
+        "report.html",
         "posterior.nc",
         "budget.json",
         "budget.csv",
         "robot.yaml",
         "arm.json",
         "dataset",
+        *(f"fit-{name}.png" for name in pictures),
     }
     keys = "schema dataset software seed model parameters noise residuals identifiability sampler validation"
     assert set(keys.split()) <= set(record)
