@@ -48,6 +48,11 @@ def calibrate(programs: Path, out: Path, home: Path, prefix: tuple[str, ...] = (
     return next(p["estimate"] for p in record["parameters"] if p["name"] == "a2")
 
 
+def _compiled(packages: list[Path]) -> list[Path]:
+    """Compiled code that numba keeps in packages."""
+    return [path for package in packages for path in package.rglob("*.nb?")]
+
+
 def main() -> None:
     """Check both distributions."""
     with tempfile.TemporaryDirectory() as folder:
@@ -59,15 +64,16 @@ def main() -> None:
         home.mkdir()
         found = {"wheel": calibrate(environment(top / "wheel", wheel), top / "a", home)}
         found["source"] = calibrate(environment(top / "source", source), top / "b", home)
-        packages = next((top / "wheel" / "lib").glob("python*/site-packages/bayescal"))
-        for kept in packages.rglob("*.nb?"):
+        site = next((top / "wheel" / "lib").glob("python*/site-packages"))
+        packages = [site / "bayescal", site / "factors"]
+        for kept in _compiled(packages):
             kept.unlink()
-        closed = [home, *(p for p in packages.rglob("*") if p.is_dir()), packages]
+        closed = [home, *packages, *(p for package in packages for p in package.rglob("*") if p.is_dir())]
         for one in closed:
             one.chmod(0o555)
         prefix = AS_USER if os.geteuid() == 0 and shutil.which(AS_USER[0]) else ()
         found["read-only"] = calibrate(top / "wheel" / "bin", top / "c", home, prefix)
-        kept = list(packages.rglob("*.nb?"))
+        kept = _compiled(packages)
         for one in closed:
             one.chmod(0o755)
     print(found)

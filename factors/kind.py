@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from collections.abc import Callable
+from typing import Any, Protocol
 
 import numba
 import numpy as np
@@ -48,9 +49,16 @@ def tangents(normal: np.ndarray) -> np.ndarray:
     return np.stack([first, np.cross(normal, first)])
 
 
-@numba.guvectorize(
-    ["void(f8[:], f8[:, :], f8[:], f8[:], f8[:, :])"], "(k),(m,k),(m)->(k),(m,k)", nopython=True, cache=True
-)
+def _compiled(function: Callable[..., None]) -> Any:
+    """Compile `tilted`; the compiled code is kept on disk where any folder for it can be written."""
+    types, layout = ["void(f8[:], f8[:, :], f8[:], f8[:], f8[:, :])"], "(k),(m,k),(m)->(k),(m,k)"
+    try:
+        return numba.guvectorize(types, layout, nopython=True, cache=True)(function)
+    except RuntimeError:  # neither beside this file nor in the user's cache folder
+        return numba.guvectorize(types, layout, nopython=True)(function)
+
+
+@_compiled
 def tilted(normal, basis, tilt, unit, slopes):
     """Unit vector n = (normal + tilt . basis) / norm, (..., 3), and dn/dtilt, (..., 2, 3).
 
