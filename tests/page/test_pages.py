@@ -19,6 +19,7 @@ from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page.arm import marked_sites, pose
 from bayescal.reporting.page.build import run_page
+from bayescal.reporting.page.numbers import length
 from bayescal.reporting.page.run import Run, read_run
 from bayescal.reporting.shared.rows import arm_drawing, rows_record
 
@@ -95,6 +96,10 @@ def test_fit_writes_its_page(saved):
         assert f"{d['calibrated_error_um']:+.1f}" in text
     for p in record["parameters"]:
         assert p["name"] in text
+    for f in record["iso9283"]["figures"]:
+        assert f"{f['symbol']}: {f['name']} {f['count']} {length(f['mean_um'])} " in text
+    for difference in record["iso9283"]["differs_from_norm"]:
+        assert difference in text
     again = run_page(read_run(folder, str(folder)))
     assert again == page  # a page is a function of what the folder holds
 
@@ -173,4 +178,5 @@ def test_ticks_are_round():
 
     assert ticks(-1.0, 1.0) == pytest.approx([-1, -0.5, 0, 0.5, 1])
     assert len(ticks(3.0, 3.0)) == 1
+    assert "-0" not in [f"{v:g}" for low in (-0.3, -0.9, -1.0) for v in ticks(low, 1.0)]
     assert np.all(np.diff(ticks(0.0, 777.0)) == 200.0)

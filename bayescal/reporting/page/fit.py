@@ -214,6 +214,31 @@ def distances(run: Run) -> Section | None:
     return blocks("distances", "Distances and validation", predicted, found, faces)
 
 
+def iso9283(run: Run) -> Section | None:
+    """Figures of ISO 9283 from validation rows, and what differs from the procedure of the norm."""
+    found = run.record.get("iso9283")
+    if not found or not found["figures"]:
+        return None
+    table = Sheet(
+        "quantity",
+        ("number", "mean (µm)", "u (µm)", "maximum (µm)", "u (µm)"),
+        tuple(
+            (
+                f"{f['symbol']}: {f['name']}",
+                str(f["count"]),
+                length(f["mean_um"]),
+                uncertainty(f["u_mean_um"]),
+                length(f["max_um"]),
+                uncertainty(f["u_max_um"]),
+            )
+            for f in found["figures"]
+        ),
+        "Figures of ISO 9283 from validation rows; u: standard uncertainty of the measurement",
+    )
+    lines = ("What differs from the procedure of the norm:", *found["differs_from_norm"])
+    return blocks("iso9283", "ISO 9283", table, *texts(lines, "quiet"))
+
+
 def _ends(ends: list[float]) -> str:
     return f"{ends[0]:+.1f} to {ends[1]:+.1f}"
 
@@ -362,6 +387,7 @@ SECTIONS: tuple[Callable[[Run], Section | None], ...] = (
     lambda run: rows.residuals(run, by_target(run)),
     distances,
     levels,
+    iso9283,
     rows.budget,
     parameters,
     correlations,

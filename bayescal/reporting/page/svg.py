@@ -45,13 +45,14 @@ def line(points: np.ndarray, style: str) -> str:
 
 
 def ticks(low: float, high: float, count: int = TICKS) -> np.ndarray:
-    """Round values within an interval, at most about `count`."""
+    """Round values within an interval, at most about `count`; zero has no sign."""
     if not high > low:
         return np.array([low])
     raw = (high - low) / count
     power = 10.0 ** np.floor(np.log10(raw))
     step = power * next(m for m in (1, 2, 5, 10) if m * power >= raw * 0.999)
-    return np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1) * step
+    first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
+    return np.arange(first, last + 1) * step + 0.0  # -0.0 + 0.0 = 0.0
 
 
 def scatter(
