@@ -13,7 +13,7 @@ from bayescal.assess.acceptance import Acceptance, acceptance, widened
 from bayescal.assess.budget import Basis
 from bayescal.assess.conformance import Tolerance, check_tolerance, conformance
 from bayescal.assess.directions import Directions, directions
-from bayescal.assess.findings import Assessed, Finding, findings
+from bayescal.assess.findings import Assessed, Finding, findings, rests_on_priors
 from bayescal.assess.identifiability import Identifiability, identifiability
 from bayescal.assess.shared_causes import SharedCause, rejected_share, shared_causes, with_sharing_rows
 from bayescal.dataset import Dataset
@@ -173,6 +173,7 @@ def fit(
     progress("done", 1.0)
     known, seen = identifiability(found), directions(found.model)
     expected = forecast(found, z, checked, rest.excess, of_forecast, wide.wide)
+    tests = replace(tests, determined=not rests_on_priors(expected, left))
     told = findings(Assessed(found, left, checked, expected, known, seen, faces, tests, prior_width))
     decided = None if tolerance is None else conformance(tolerance, expected, checked, tests)
     return Fit(

@@ -24,6 +24,7 @@ LEVEL = 0.01
 EXPLAINED = "calibrated; model explains validation data"
 CONTRADICTED = "model does not explain the machine: run bayescal gap"
 UNVERIFIED = "not verified: no validation rows"
+UNDETERMINED = "not determined by these rows: the prediction rests on priors"
 SHARED = "shared_cause"
 """The test of what rejected rows share."""
 FEWEST_DISTANCES = 3
@@ -59,6 +60,7 @@ class Acceptance:
     causes: tuple[SharedCause, ...]
     validated: bool  # there are validation rows
     rejected: float = 0.0  # share of the fitted rows
+    determined: bool = True  # the predicted distance error rests on rows, not on priors
 
     @property
     def failed(self) -> tuple[Check, ...]:
@@ -70,12 +72,19 @@ class Acceptance:
         """In one line."""
         if not self.explains:
             return CONTRADICTED
+        if not self.determined:
+            return UNDETERMINED
         return EXPLAINED if self.validated else UNVERIFIED
 
     @property
     def explains(self) -> bool:
         """Whether nothing contradicts the model."""
         return not self.failed
+
+    @property
+    def usable(self) -> bool:
+        """Whether validation rows agree with a model that the rows determine."""
+        return self.explains and self.determined and self.validated
 
 
 @dataclass(frozen=True)

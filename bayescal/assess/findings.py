@@ -141,6 +141,11 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         )  # fmt: skip
 
 
+def rests_on_priors(expected: Forecast, left: Unexplained) -> bool:
+    """Whether priors decide the predicted distance error, with more than the noise of one contact."""
+    return expected.prior_share > PRIOR_DECIDES and expected.prior_rms > left.floor
+
+
 def _false_comfort(of: Assessed) -> Iterator[Finding]:
     """Why small residuals do not prove small distance errors."""
     left, expected, lead = of.left, of.expected, of.expected.lead
@@ -150,8 +155,7 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
             f"too few directions are probed: {in_words(of.seen)}, "
             "and errors across rest on other poses and on the priors",
         )  # fmt: skip
-    # what the prior leaves matters where it is more than the noise of one contact
-    if expected.prior_share > PRIOR_DECIDES and expected.prior_rms > left.floor:
+    if rests_on_priors(expected, left):
         yield Finding(
             "prior", "warning",
             f"the prediction rests on tolerances: {100 * expected.prior_share:.0f} % of the variance of a "

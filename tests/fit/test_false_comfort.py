@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from bayescal.assess.acceptance import EXPLAINED
 from bayescal.assess.directions import BARELY, directions
 from bayescal.assess.findings import Assessed, findings
 from bayescal.calibration import fit
@@ -65,6 +66,12 @@ def fits(cube):
 @pytest.mark.parametrize("case", CASES)
 def test_a_defect_has_its_words_and_no_others(fits, case):
     assert said(fits[case]) == CASES[case][1]
+
+
+def test_no_verdict_is_favourable_where_priors_decide(fits):
+    assert fits["too few"].acceptance.explains
+    assert fits["too few"].acceptance.verdict != EXPLAINED
+    assert fits["good"].acceptance.determined
 
 
 def test_a_good_session_is_silent(fits, cube):

@@ -52,7 +52,7 @@ def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
 
 
 def _verdict(tests: Acceptance) -> Facts:
-    style = "bold red" if not tests.explains else "bold green" if tests.validated else "bold yellow"
+    style = "bold red" if not tests.explains else "bold green" if tests.usable else "bold yellow"
     yield "verdict", tests.verdict, style
     failed = [c.words for c in sorted(tests.failed, key=lambda c: c.p_value) if c.test != SHARED]
     causes: list[SharedCause] = []

@@ -16,6 +16,7 @@ def verdict_record(tests: Acceptance, dataset: Dataset) -> dict[str, Any]:
         "words": tests.verdict,
         "explains": tests.explains,
         "validated": tests.validated,
+        "determined": tests.determined,
         "reasons": [_check(c) for c in tests.failed],
         "tests": [_check(c) for c in tests.checks],
         "shared_causes": [

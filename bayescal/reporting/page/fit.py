@@ -39,7 +39,7 @@ LEVELS = {"determined": "yes", "partly": "weakly", "prior_only": "no"}
 def first(run: Run) -> Section:
     """Verdict, distance error with U, failed tests, next command."""
     record, verdict = run.record, run.record["verdict"]
-    good = verdict["explains"] and verdict["validated"]
+    good = verdict["explains"] and verdict["validated"] and verdict.get("determined", True)
     tone = "good" if good else "warn" if verdict["explains"] else "bad"
     reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
     faults = [
@@ -62,7 +62,10 @@ def first(run: Run) -> Section:
 
 
 def _why(run: Run) -> str:
-    if run.record["verdict"]["explains"]:
+    verdict = run.record["verdict"]
+    if verdict["explains"] and not verdict.get("determined", True):
+        return "Too few or too similar rows: the arm is known little better than before. Measure more rows."
+    if verdict["explains"]:
         return "No independent rows check the calibration: the errors below are predictions of the model."
     return "The machine differs from the model by more than noise: the uncertainties below are too small."
 
