@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import copy
 import html
 import json
@@ -104,6 +105,13 @@ def test_fit_writes_its_page(saved):
     assert again == page  # a page is a function of what the folder holds
 
 
+def test_figures_that_the_page_does_not_draw_are_embedded(saved):
+    page = (saved[0] / "report.html").read_text(encoding="utf-8")
+    pictures = re.findall(r'<img src="data:image/png;base64,([^"]+)" alt="[^"]{20,}">', page)
+    files = [saved[0] / f"fit-{name}.png" for name in ("distances", "posterior")]
+    assert list(map(base64.b64decode, pictures)) == [file.read_bytes() for file in files]
+
+
 def test_the_page_has_a_policy_and_loads_nothing(saved):
     page = (saved[0] / "report.html").read_text(encoding="utf-8")
     assert "default-src 'none'" in html.unescape(page)
@@ -129,7 +137,7 @@ def _renamed(record: dict, found) -> dict:
 
 
 def test_names_from_files_are_inert(found):
-    page = run_page(Run("gap", _renamed(record_of(found, "named"), found), EVIL, figures={EVIL: EVIL}))
+    page = run_page(Run("gap", _renamed(record_of(found, "named"), found), EVIL))
     assert "alert(1)</script>" not in page
     assert "<!--" not in re.sub(r'<script type="application/gzip".*?</script>', "", page, flags=re.DOTALL)
     assert EVIL in words(page)

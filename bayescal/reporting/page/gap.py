@@ -431,7 +431,6 @@ SECTIONS: tuple[Callable[[Run], Section | None], ...] = (
     rows.budget,
     blind,
     advice,
-    rows.figures,
     rows.inputs,
 )
 """Sections of gap.html, in their order."""

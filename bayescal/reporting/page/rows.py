@@ -1,7 +1,8 @@
-"""Sections that every run has: arm and contacts in 3-D, residuals, inputs; data of interactive figures."""
+"""Sections of several pages: arm and contacts in 3-D, residuals, inputs, ...; data of interactive figures."""
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +12,7 @@ from markupsafe import Markup
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.arm import draw_arm, marked_sites, numbers, typical
 from bayescal.reporting.page.numbers import MISSING, length, share
-from bayescal.reporting.page.run import Run
+from bayescal.reporting.page.run import FIGURES, Run
 from bayescal.reporting.page.section import Bar, Block, Facts, Figures, Section, Sheet, Text, blocks
 from bayescal.reporting.shared.text import unit_label
 
@@ -209,14 +210,12 @@ def _cell(value: Any) -> str:
 
 
 def figures(run: Run) -> Section | None:
-    """Figures that the run folder has, as pictures: their text runs no script."""
-    import base64
-
+    """Figures of the run folder, as pictures with text alternatives."""
     if not run.figures:
         return None
     pictures = [
-        (name, f"data:image/svg+xml;base64,{base64.b64encode(text.encode()).decode('ascii')}")
-        for name, text in run.figures.items()
+        (FIGURES[name], f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}")
+        for name, content in run.figures.items()
     ]
     return Section("figures", "Figures", "figures.html.j2", {"pictures": pictures})
 

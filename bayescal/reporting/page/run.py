@@ -14,8 +14,11 @@ Json = Mapping[str, Any]
 SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1"}
 """Record that identifies a run -> its schema."""
 BUDGET, BUDGET_SCHEMA = "budget.json", "bayescal-budget/1"
-FIGURES = ("*.svg", "figures/*.svg")
-"""Where a run folder has figures that its page shows."""
+FIGURES = {
+    "fit-distances.png": "Errors of validation rows, nominal and calibrated, with 95 % prediction intervals",
+    "fit-posterior.png": "Posterior and prior of the least known parameters; draws of correlated pairs",
+}
+"""Figures of a run folder that show what its page does not draw itself, and their text alternatives."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +36,14 @@ class Run:
     budget : mapping or None
         The content of budget.json.
     figures : mapping
-        SVG text of further figures, by file name.
+        Content of PNG files, by file name; those of `FIGURES`.
     """
 
     kind: str
     record: Json
     folder: str
     budget: Json | None = None
-    figures: Mapping[str, str] = field(default_factory=dict)
+    figures: Mapping[str, bytes] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -66,11 +69,7 @@ def read_run(folder: Path, name: str = "") -> Run:
         what = f"there is no {' or '.join(SCHEMAS)}"
         raise BayescalError(what, str(folder), "give a run folder of bayescal fit or gap")
     budget = _record(folder / BUDGET, BUDGET_SCHEMA) if (folder / BUDGET).is_file() else None
-    figures = {
-        path.name: path.read_text(encoding="utf-8")
-        for pattern in FIGURES
-        for path in sorted(folder.glob(pattern))
-    }
+    figures = {file: (folder / file).read_bytes() for file in FIGURES if (folder / file).is_file()}
     record = _record(folder / there[0], SCHEMAS[there[0]])
     return Run(there[0].removesuffix(".json"), record, name or str(folder), budget, figures)
 
