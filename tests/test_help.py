@@ -64,6 +64,7 @@ def test_every_command_is_asked():
     from bayescal.cli import (  # noqa: F401
         app,
         blind,
+        budget,
         check,
         compare,
         compensate,

@@ -19,15 +19,13 @@ from bayescal.effects.location import Driver, joint
 ROOT = Path(__file__).parents[2]
 DOCUMENTED = (
     "bayescal",
-    "bayescal.public.checking",
-    "bayescal.public.compensating",
-    "bayescal.public.functions",
-    "bayescal.public.planning",
-    "bayescal.public.plot",
-    "bayescal.public.saved",
-    "bayescal.public.starting",
     "bayescal.effects",
     "bayescal.robots",
+    *(
+        f"bayescal.public.{f.stem}"
+        for f in sorted(Path(bc.__file__).parent.glob("public/*.py"))
+        if ">>>" in f.read_text()
+    ),
 )
 
 
