@@ -153,7 +153,8 @@ def _differs(basis: Basis, parts: list[RowPrediction]) -> Iterator[str]:
     if parts:
         sizes = np.concatenate([np.bincount(poses(m, r.block.rows)) for r in parts])
         cycles = f"{sizes.min()}" if sizes.min() == sizes.max() else f"{sizes.min()} to {sizes.max()}"
-        yield f"{len(sizes)} poses with {cycles} cycles each; the norm: {POSES} poses, {CYCLES} cycles"
+        times = "1 cycle" if cycles == "1" else f"{cycles} cycles"
+        yield f"{len(sizes)} poses with {times} each; the norm: {POSES} poses, {CYCLES} cycles"
     if any(r.block.kind.rows == 1 for r in parts):
         yield "contacts with a surface show the component of the error along its normal alone"
     mass = max((t.mass for t in d.tools), default=0.0)

@@ -63,9 +63,28 @@ def test_every_verdict_has_a_page(found, kind):
         assert line in text
     assert len(page) < 3_000_000
     assert ("In the workshop" in text) == (kind != "null")
+    unmodelled = kind in ("unknown", "named+unexplained")
+    assert ("Inspect the location that is marked, correct it" in text) == unmodelled
+    if unmodelled:  # its row of the table of effects states the location, as the first screen does
+        place = next(w for w in record["where"] if not w["explained_by"])
+        size = f"{length(place['rms_um'])} µm RMS"
+        assert re.search(
+            rf"unmodelled effect (<|>|0)[ .\d]+ {re.escape(size)} {re.escape(place['text'])} ", text
+        )
     if "named" in kind:
         assert "Adjust the belt tension" in text
         assert "bayescal fit runs/x/dataset --model" in text
+
+
+def test_sizes_per_coordinate_are_labelled_so(found):
+    record = record_of(found, "unknown")
+    page = words(run_page(Run("gap", record, "x")))
+    assert "per coordinate" not in page
+    record["lengths"]["of"] = "validation points"
+    page = words(run_page(Run("gap", record, "x")))
+    assert page.count("RMS per coordinate (µm)") >= 2  # locations, groups
+    place = next(w for w in record["where"] if not w["explained_by"])
+    assert f"size {length(place['rms_um'])} µm RMS per coordinate" in page
 
 
 def test_nothing_is_marked_where_nothing_is_significant(found):
@@ -101,6 +120,7 @@ def test_fit_writes_its_page(saved):
         assert f"{f['symbol']}: {f['name']} {f['count']} {length(f['mean_um'])} " in text
     for difference in record["iso9283"]["differs_from_norm"]:
         assert difference in text
+    assert "with 1 cycle each" in text
     again = run_page(read_run(folder, str(folder)))
     assert again == page  # a page is a function of what the folder holds
 

@@ -24,6 +24,8 @@ VERDICTS = {
     "ambiguous": ("warn", "?", "Ambiguous: several explanations"),
 }
 """Tone, sign and word of each verdict."""
+UNMODELLED = ("unknown", "named+unexplained")
+"""Verdicts that state an unmodelled effect."""
 UNKNOWN = (
     "No effect of the vocabulary explains the error. Inspect the location first: bolts, cables and hoses "
     "that pull, covers that touch, the mounting. Then measure the contacts that are proposed."
@@ -76,11 +78,11 @@ def _faults(record: Mapping[str, Any]) -> list[Fault]:
         ]
         name = named["effect"] + ("" if named["confirmed"] else " (validation data do not confirm it)")
         out.append(Fault(name, _known(facts), _remedy(named["effect"])))
-    if record["verdict"] in ("unknown", "named+unexplained"):
-        where = next((w for w in record["where"] if not w["explained_by"]), None)
+    if record["verdict"] in UNMODELLED:
+        where = _unexplained(record)
         p = record["probability"].get(OTHER)
         facts = [("location", _words(where) if where else "no single location")]
-        facts += [("size", f"{length(where['rms_um'])} µm RMS")] if where else []
+        facts += [("size", _size(record, where))] if where else []
         facts += [] if p is None else [("probability", probability(p))]
         facts += [("share of the excess", share(where["share"]))] if where else []
         facts += [("what happens", where.get("words", ""))] if where else []
@@ -92,6 +94,23 @@ def _faults(record: Mapping[str, Any]) -> list[Fault]:
             facts = [("probability", probability(record["probability"].get(name) or 0.0))]
             out.append(Fault(f"possibly {rival(name)}", _known(facts), remedy))
     return out
+
+
+def _unexplained(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The largest location that no named effect explains, where the verdict is an unmodelled effect."""
+    if record["verdict"] not in UNMODELLED:
+        return None
+    return next((w for w in record["where"] if not w["explained_by"]), None)
+
+
+def _rms(record: Mapping[str, Any]) -> str:
+    """What RMS values of groups and locations are: for points they are per coordinate."""
+    return "RMS" if record["lengths"]["of"] == "validation contacts" else "RMS per coordinate"
+
+
+def _size(record: Mapping[str, Any], place: Mapping[str, Any]) -> str:
+    """Size of the error at a location."""
+    return f"{length(place['rms_um'])} µm {_rms(record)}"
 
 
 def _known(facts: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
@@ -177,7 +196,9 @@ def _next(run: Run) -> list[tuple[str, str]]:
         without = f" --without {shlex.quote(','.join(less))}" if less else ""
         words = "Correct the machine as above and measure again; or keep the effects in the model:"
         out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
-    open_ = record["verdict"] in ("ambiguous", "unknown", "named+unexplained") or record.get("undecided")
+    if _unexplained(record):
+        out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
+    open_ = record["verdict"] in ("ambiguous", *UNMODELLED) or record.get("undecided")
     if open_ and not sessions:
         command = f"bayescal plan {dataset} --after {folder} --for gap --contacts 60"
         out.append(("Measure the contacts that decide between the explanations.", command))
@@ -196,13 +217,17 @@ def effects(run: Run) -> Section | None:
         own = [a for a in record["amplitudes"] if a["effect"] == name]
         clear = [a for a in own if a["significant"]] or own
         location = ", ".join(dict.fromkeys(_site(a["site"]) for a in clear))
+        size, part = "; ".join(_amplitude(a) for a in clear), _share(record, name)
+        if name == OTHER and (place := _unexplained(record)):
+            location, part = _words(place), share(place["share"])
+            size = _size(record, place)
         entries.append(
             (
                 rival(name),
                 Bar(p or 0.0, MISSING if p is None else probability(p), name in record["credible_set90"]),
-                "; ".join(_amplitude(a) for a in clear) or MISSING,
+                size or MISSING,
                 location or MISSING,
-                _share(record, name),
+                part,
                 least.get(name, MISSING),
             )
         )
@@ -273,7 +298,7 @@ def where(run: Run) -> Section | None:
     )
     table = Sheet(
         "location and dependence",
-        ("RMS (µm)", "share of the excess", "p", "explained by"),
+        (f"{_rms(record)} (µm)", "share of the excess", "p", "explained by"),
         entries,
         "Residuals that a location explains. Dark: significant (p below 0.01, corrected for the number of "
         "locations)",
@@ -292,7 +317,7 @@ def margins(run: Run) -> tuple[Sheet, ...]:
         out.append(
             Sheet(
                 key,
-                ("rows", "RMS (µm)", "mean (µm)", "p"),
+                ("rows", f"{_rms(run.record)} (µm)", "mean (µm)", "p"),
                 tuple(
                     (
                         g["label"],
