@@ -208,3 +208,15 @@ def test_ticks_are_round():
     assert len(ticks(3.0, 3.0)) == 1
     assert "-0" not in [f"{v:g}" for low in (-0.3, -0.9, -1.0) for v in ticks(low, 1.0)]
     assert np.all(np.diff(ticks(0.0, 777.0)) == 200.0)
+
+
+def test_lengths_of_errors_have_an_axis_from_zero_with_room_for_its_ticks(found):
+    record = record_of(found, "null")
+    record["rows"]["residual_um"] = [
+        None if r is None else 1e3 * abs(r) for r in record["rows"]["residual_um"]
+    ]
+    page = run_page(Run("gap", record, "x"))
+    drawing = re.search(r'<svg [^>]*aria-label="Residuals over J1.*?</svg>', page, re.DOTALL)[0]
+    levels = re.findall(r'<text x="([.\d]+)" y="[-.\d]+" text-anchor="end">([^<]+)</text>', drawing)
+    assert min(float(value) for _, value in levels) == 0
+    assert all(float(x) - 6.2 * len(value) > 14 for x, value in levels)  # the label of the axis is left of it

@@ -96,6 +96,7 @@ def _drawings(run: Run) -> Figures:
     check = np.array(rows["role"]) == "validate"
     edge = float(np.quantile(np.abs(r[keep]), CLIP)) if np.any(keep) else 1.0
     edge = 1.15 * max(edge, 2.2 * (noise(run) or 0.0), 1e-3)
+    ends = (-edge if signed(run) else 0.0, edge)
     y_label = "residual (µm)" if signed(run) else "length of error (µm)"
     band = None if noise(run) is None else 2.0 * (noise(run) or 0.0)
     angles = np.array(rows["angle_deg"], float)
@@ -109,7 +110,7 @@ def _drawings(run: Run) -> Figures:
             svg.Dots(x[some], r[some], style)
             for style, some in (("dot", keep & ~check), ("check", keep & check))
         ]
-        return "", svg.scatter(groups, label, y_label, band, f"Residuals over {label}", edge)
+        return "", svg.scatter(groups, label, y_label, band, f"Residuals over {label}", ends)
 
     return Figures(tuple(drawn(label, x) for label, x in coordinates))
 

@@ -15,6 +15,8 @@ from markupsafe import Markup, escape
 WIDTH, HEIGHT = 360, 210
 LEFT, RIGHT, TOP, BOTTOM = 44, 8, 8, 36
 TICKS = 5
+CHARACTER = 6.4
+"""Width of a character, about."""
 
 
 @dataclass(frozen=True)
@@ -56,36 +58,44 @@ def ticks(low: float, high: float, count: int = TICKS) -> np.ndarray:
 
 
 def scatter(
-    dots: Sequence[Dots], x_label: str, y_label: str, band: float | None, label: str, edge: float
+    dots: Sequence[Dots],
+    x_label: str,
+    y_label: str,
+    band: float | None,
+    label: str,
+    ends: tuple[float, float],
 ) -> Markup:
-    """Residuals over a coordinate, with a band of +- `band` about zero; y from -edge to edge.
+    """Residuals over a coordinate, with a band of +- `band` about zero; y between `ends`.
 
-    Points beyond the edge are drawn at it, as triangles.
+    Points beyond the ends are drawn at them, as triangles.
     """
+    bottom, top = ends
+    levels = ticks(bottom, top)
+    left = max(LEFT, 20 + CHARACTER * max(len(f"{v:g}") for v in levels))  # room for the label of the axis
     x = np.concatenate([d.x for d in dots])
     low, high = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
     room = 0.03 * (high - low) or 1.0
     low, high = low - room, high + room
 
     def at_x(v: np.ndarray | float) -> np.ndarray:
-        return LEFT + (np.asarray(v) - low) / (high - low) * (WIDTH - LEFT - RIGHT)
+        return left + (np.asarray(v) - low) / (high - low) * (WIDTH - left - RIGHT)
 
     def at_y(v: np.ndarray | float) -> np.ndarray:
-        return TOP + (1 - (np.asarray(v) + edge) / (2 * edge)) * (HEIGHT - TOP - BOTTOM)
+        return TOP + (top - np.asarray(v)) / (top - bottom) * (HEIGHT - TOP - BOTTOM)
 
     parts: list[str] = []
     if band is not None:
-        top, bottom = float(at_y(min(band, edge))), float(at_y(-min(band, edge)))
-        size = f'width="{WIDTH - LEFT - RIGHT}" height="{bottom - top:.1f}"'
-        parts.append(f'<rect class="band" x="{LEFT}" y="{top:.1f}" {size}/>')
-    for v in ticks(-edge, edge):
+        upper, lower = (float(at_y(np.clip(v, bottom, top))) for v in (band, -band))
+        size = f'width="{WIDTH - left - RIGHT:.1f}" height="{lower - upper:.1f}"'
+        parts.append(f'<rect class="band" x="{left:.1f}" y="{upper:.1f}" {size}/>')
+    for v in levels:
         y = float(at_y(v))
-        parts.append(line(np.array([[LEFT, y], [WIDTH - RIGHT, y]]), "zero" if abs(v) < 1e-12 else "grid"))
-        parts.append(text(LEFT - 5, y + 4, f"{v:g}", anchor="end"))
+        parts.append(line(np.array([[left, y], [WIDTH - RIGHT, y]]), "zero" if abs(v) < 1e-12 else "grid"))
+        parts.append(text(left - 5, y + 4, f"{v:g}", anchor="end"))
     for v in ticks(low, high):
         parts.append(text(float(at_x(v)), HEIGHT - BOTTOM + 15, f"{v:g}"))
     for d in dots:
-        inside = np.abs(d.y) <= edge
+        inside = (d.y >= bottom) & (d.y <= top)
         at = zip(at_x(d.x[inside]), at_y(d.y[inside]), strict=True)
         # one path of lines without length: their round ends are the dots
         parts.append(f'<path class="{d.style}" d="{"".join(f"M{px:.1f} {py:.1f}h0" for px, py in at)}"/>')
@@ -93,7 +103,7 @@ def scatter(
             py, s = (TOP, 4) if up else (HEIGHT - BOTTOM, -4)
             path = f"M{px - 4:.1f} {py + s:.1f}L{px + 4:.1f} {py + s:.1f}L{px:.1f} {py - s:.1f}Z"
             parts.append(f'<path class="beyond" d="{path}"/>')
-    parts.append(text((LEFT + WIDTH - RIGHT) / 2, HEIGHT - 5, x_label))
+    parts.append(text((left + WIDTH - RIGHT) / 2, HEIGHT - 5, x_label))
     middle = (TOP + HEIGHT - BOTTOM) / 2
     turned = f'<g transform="translate(11 {middle:.1f}) rotate(-90)">{text(0, 0, y_label)}</g>'
     return drawing(WIDTH, HEIGHT, [*parts, turned], label)
@@ -124,7 +134,7 @@ def prior_posterior(prior: tuple[float, float], ends: tuple[float, float], at: f
 def matrix(names: Sequence[str], values: np.ndarray, label: str) -> Markup:
     """Correlations as squares: their area is the absolute value, they are filled where positive."""
     cell = 13.0
-    left = 8 + 6.2 * max(map(len, names))
+    left = 8 + CHARACTER * max(map(len, names))
     size = cell * len(names)
     parts = []
     for i, name in enumerate(names):
