@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -56,15 +57,28 @@ def pages(record, tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def opened(browser, pages):
-    """Open a page at a width; errors of the console and requests are collected, and must be none."""
-    problems: list[str] = []
-    contexts = []
+@pytest.fixture(scope="module")
+def problems():
+    """Errors of the console, dialogs and requests of all pages."""
+    return []
 
-    def open_(name: str, width: int, **options):
-        context = browser.new_context(viewport={"width": width, "height": 900}, **options)
-        contexts.append(context)
+
+@pytest.fixture(autouse=True)
+def without_problems(problems):
+    """After every test there must be none."""
+    yield
+    found = problems.copy()
+    problems.clear()
+    assert found == []
+
+
+@pytest.fixture(scope="module")
+def opened(browser, pages, problems):
+    """A page at a width, loaded once for all tests of it: a test leaves its medium as it was."""
+
+    @cache
+    def open_(name: str, width: int, scripts: bool = True):
+        context = browser.new_context(viewport={"width": width, "height": 900}, java_script_enabled=scripts)
         page = context.new_page()
         page.set_default_timeout(WAIT)
         page.on("console", lambda m: m.type == "error" and problems.append(m.text))
@@ -74,10 +88,7 @@ def opened(browser, pages):
         page.goto((pages / f"{name}.html").as_uri())
         return page
 
-    yield open_
-    for context in contexts:
-        context.close()
-    assert problems == []
+    return open_
 
 
 def drawn(page, section: str) -> None:
@@ -161,7 +172,7 @@ def test_accessible(opened, width):
 
 
 def test_without_scripts_the_drawings_stay(opened):
-    page = opened("plain", 1280, java_script_enabled=False)
+    page = opened("plain", 1280, scripts=False)
     assert page.locator("#arm figure.static svg").is_visible()
     assert page.locator("#residuals .figures svg").first.is_visible()
     assert not page.locator(".interactive").first.is_visible()
@@ -171,8 +182,11 @@ def test_print_has_the_drawings(opened):
     page = opened("plain", 1280)
     drawn(page, "arm")
     page.emulate_media(media="print")
-    assert page.locator("#arm figure.static svg").is_visible()
-    assert not page.locator(".interactive").first.is_visible()
+    try:
+        assert page.locator("#arm figure.static svg").is_visible()
+        assert not page.locator(".interactive").first.is_visible()
+    finally:
+        page.emulate_media(media="screen")
 
 
 def test_names_from_files_are_inert(opened):
