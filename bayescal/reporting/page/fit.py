@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from bayescal.reporting.page import rows, svg
+from bayescal.reporting.page.fit_first import first
 from bayescal.reporting.page.numbers import MISSING, interval, length, measured, share, uncertainty
 from bayescal.reporting.page.run import Run
 from bayescal.reporting.page.section import (
     Bar,
     Block,
     Facts,
-    Fault,
     Figures,
     Section,
     Sheet,
@@ -24,106 +23,14 @@ from bayescal.reporting.page.section import (
     blocks,
     texts,
 )
-from bayescal.reporting.shared.text import model_label, p_value, unit_label
+from bayescal.reporting.shared.text import model_label, unit_label
 
-REASONS = 4
-"""Failed tests that the first screen names."""
 ARM = ("target", "plane-form")
 """Effects whose parameters are not those of the arm."""
 PAIRS = 12
 MATRIX = 45
 """Most parameters that the matrix of correlations shows."""
 LEVELS = {"determined": "yes", "partly": "weakly", "prior_only": "no"}
-
-
-def first(run: Run) -> Section:
-    """Verdict, distance error with U, failed tests, next command."""
-    record, verdict = run.record, run.record["verdict"]
-    good = verdict["explains"] and verdict["validated"] and verdict.get("determined", True)
-    tone = "good" if good else "warn" if verdict["explains"] else "bad"
-    reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
-    faults = [
-        Fault(c["words"], () if c["p"] is None else (("p", p_value(c["p"])),)) for c in reasons[:REASONS]
-    ]
-    context = {
-        "tone": tone,
-        "sign": {"good": "✓", "warn": "?", "bad": "✗"}[tone],
-        "word": verdict["words"][:1].upper() + verdict["words"][1:],
-        "lines": () if good else [_why(run)],
-        "keys": _keys(record),
-        "fault_title": "What is wrong: tests that fail",
-        "faults": faults,
-        "arm": None,
-        "arm_caption": "",
-        "next": _next(run),
-        "warnings": record["warnings"],
-    }
-    return Section("result", "", "first.html.j2", context)
-
-
-def _why(run: Run) -> str:
-    verdict = run.record["verdict"]
-    if verdict["explains"] and not verdict.get("determined", True):
-        return "Too few or too similar rows: the arm is known little better than before. Measure more rows."
-    if verdict["explains"]:
-        return "No independent rows check the calibration: the errors below are predictions of the model."
-    return "The machine differs from the model by more than noise: the uncertainties below are too small."
-
-
-def _keys(record: Any) -> list[tuple[str, str, str]]:
-    expected, validation = record["predicted_distance"], record["validation"]
-    low, high = expected["lengths_mm"]
-    over = f"{expected['count']} of {low:.0f} to {high:.0f} mm between {expected['over']}"
-    out = [
-        (
-            "Distance error, expected",
-            f"U = {uncertainty(expected['expanded_U_um'])} µm (k = 2)",
-            f"RMS {uncertainty(expected['predicted_rms_um'])} µm, 95 %: "
-            f"{interval(expected['predicted_interval95_um'])} µm; {over}",
-        )
-    ]
-    distances = validation["distances"]
-    if distances:
-        errors = np.array([d["calibrated_error_um"] for d in distances])
-        within = sum(bool(d["inside95"]) for d in distances)
-        rms = float(np.sqrt(np.mean(errors**2)))
-        value = f"{length(float(np.max(np.abs(errors))))} µm maximum"
-        detail = f"RMS {length(rms)} µm; {within} of {len(distances)} within the 95 % prediction interval"
-        out.append(("Distance error, measured", value, detail))
-    if validation["points"]["count"]:
-        p = validation["points"]
-        value = f"{length(p['calibrated_max_um'])} µm maximum"
-        detail = f"mean {length(p['calibrated_mean_um'])} µm over {p['count']} validation points"
-        out.append(("Point error, measured", value, detail))
-    if validation["planes"]:
-        count = sum(p["count"] for p in validation["planes"])
-        rms = math.sqrt(sum(p["count"] * p["calibrated_rms_um"] ** 2 for p in validation["planes"]) / count)
-        largest = max(p["calibrated_max_um"] for p in validation["planes"])
-        detail = f"maximum {length(largest)} µm over {count} validation contacts"
-        out.append(("Contact error, measured", f"{length(rms)} µm RMS", detail))
-    if decided := record["acceptance"]:
-        value = f"{decided['decision']} at {decided['tolerance_mm']:g} mm"
-        out.append(("Tolerance (ISO 14253-1)", value, decided["why"]))
-    return out
-
-
-def _next(run: Run) -> list[tuple[str, str]]:
-    folder, verdict = shlex.quote(run.folder), run.record["verdict"]
-    codes = {f["code"] for f in run.record["findings"]}
-    if not verdict["explains"]:
-        sessions = run.record["dataset"].get("sessions") or ()
-        parts = [f"{folder}/dataset/{k}" for k in range(1, len(sessions) + 1)] or [f"{folder}/dataset"]
-        return [("Find the cause in the machine.", f"bayescal gap {' '.join(parts)}")]
-    if not verdict["validated"]:
-        return [
-            ("Measure rows with role validate, best on spheres at certified distances; then fit again.", "")
-        ]
-    if codes & {"directions", "prior", "no_length", "contrast"}:
-        return [("Measure what the warnings say is missing; then fit again.", "")]
-    return [
-        ("Use robot.yaml of the run folder, or export the arm.", f"bayescal export {folder} --to urdf"),
-        ("Check whether effects remain that the model lacks.", f"bayescal gap {folder}/dataset"),
-    ]
 
 
 def levels(run: Run) -> Section | None:

@@ -2,209 +2,33 @@
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from bayescal.effects import EFFECTS
-from bayescal.effects.location import Site
 from bayescal.reporting.page import rows
-from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.fit import level_sheet
-from bayescal.reporting.page.numbers import MISSING, interval, length, measured, quantity, share, uncertainty
+from bayescal.reporting.page.gap_first import (
+    NULL,
+    OTHER,
+    VALIDATION_POINTS,
+    amplitude_of,
+    first,
+    rms_of,
+    share_of,
+    site_of,
+    size_of,
+    unexplained,
+    words_of,
+)
+from bayescal.reporting.page.numbers import MISSING, length, quantity, share
 from bayescal.reporting.page.run import Run
-from bayescal.reporting.page.section import Bar, Block, Fault, Section, Sheet, Text, blocks, texts
+from bayescal.reporting.page.section import Bar, Block, Section, Sheet, Text, blocks, texts
 from bayescal.reporting.shared.text import NEVER, level_label, p_value, probability, rival
 
-VERDICTS = {
-    "null": ("good", "✓", "No effect above noise"),
-    "named": ("bad", "✗", "Effect found"),
-    "named+unexplained": ("bad", "✗", "Effect found, and an unmodelled effect"),
-    "unknown": ("bad", "✗", "Unmodelled effect"),
-    "ambiguous": ("warn", "?", "Ambiguous: several explanations"),
-}
-"""Tone, sign and word of each verdict."""
-UNMODELLED = ("unknown", "named+unexplained")
-"""Verdicts that state an unmodelled effect."""
-UNKNOWN = (
-    "No effect of the vocabulary explains the error. Inspect the location first: bolts, cables and hoses "
-    "that pull, covers that touch, the mounting. Then measure the contacts that are proposed."
-)
 SIGNIFICANT = 0.01
-COVERAGE = 2.0
 MARGINS = ("target", "joint", "region", "time", "direction")
 LEAST = 0.01
 """Least probability of an effect that is listed unfolded."""
-NULL, OTHER = "null", "unknown"
-VALIDATION_POINTS, DISTANCES = "validation points", "sphere distances"
-COORDINATES = 3
-"""Of a point: records state RMS values per coordinate, pages the length of the error vector."""
-
-
-def first(run: Run) -> Section:
-    """Verdict, distance error with U, effects with size and location, remedies, next commands."""
-    record = run.record
-    tone, sign, word = VERDICTS[record["verdict"]]
-    if record["verdict"] == "null" and record["words"][0].startswith("No effect found"):
-        tone, sign, word = "warn", "?", "No effect found"
-    sites = marked_sites(run)
-    context = {
-        "tone": tone,
-        "sign": sign,
-        "word": word,
-        "lines": record["words"],
-        "keys": _keys(record),
-        "fault_title": "What is wrong, and what to look at",
-        "faults": _faults(record),
-        "arm": draw_arm(run) if sites else None,
-        "arm_caption": "Marked: " + ", ".join(s.text for s in sites),
-        "next": _next(run),
-        "warnings": record["warnings"],
-    }
-    return Section("result", "", "first.html.j2", context)
-
-
-def _faults(record: Mapping[str, Any]) -> list[Fault]:
-    """Named effects with location, amplitude, probability and share; an unmodelled effect; or the rivals."""
-    out = []
-    for named in record["named"]:
-        own = [a for a in record["amplitudes"] if a["effect"] == named["effect"]]
-        clear = [a for a in own if a["significant"]] or own
-        facts = [
-            ("location", ", ".join(dict.fromkeys(_site(a["site"]) for a in clear)) or _site(named["site"])),
-            ("size", "; ".join(_amplitude(a) for a in clear)),
-            ("probability", probability(named["probability"])),
-            ("share of the excess", _share(record, named["effect"])),
-        ]
-        name = named["effect"] + ("" if named["confirmed"] else " (validation data do not confirm it)")
-        out.append(Fault(name, _known(facts), _remedy(named["effect"])))
-    if record["verdict"] in UNMODELLED:
-        where = _unexplained(record)
-        p = record["probability"].get(OTHER)
-        facts = [("location", _words(where) if where else "no single location")]
-        facts += [("size", _size(record, where))] if where else []
-        facts += [] if p is None else [("probability", probability(p))]
-        facts += [("share of the excess", share(where["share"]))] if where else []
-        facts += [("what happens", where.get("words", ""))] if where else []
-        remedy = where.get("remedy", "") if where else ""
-        out.append(Fault(rival(OTHER), _known(facts), remedy or UNKNOWN))
-    if record["verdict"] == "ambiguous":
-        for name in (n for n in record["credible_set90"] if n != NULL):
-            remedy = UNKNOWN if name == OTHER else _remedy(name)
-            facts = [("probability", probability(record["probability"].get(name) or 0.0))]
-            out.append(Fault(f"possibly {rival(name)}", _known(facts), remedy))
-    return out
-
-
-def _unexplained(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """The largest location that no named effect explains, where the verdict is an unmodelled effect."""
-    if record["verdict"] not in UNMODELLED:
-        return None
-    return next((w for w in record["where"] if not w["explained_by"]), None)
-
-
-def _rms(record: Mapping[str, Any]) -> str:
-    """What RMS values of groups and locations are: for points they are per coordinate."""
-    return "RMS" if record["lengths"]["of"] == "validation contacts" else "RMS per coordinate"
-
-
-def _size(record: Mapping[str, Any], place: Mapping[str, Any]) -> str:
-    """Size of the error at a location."""
-    return f"{length(place['rms_um'])} µm {_rms(record)}"
-
-
-def _known(facts: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
-    return tuple((name, value) for name, value in facts if value not in ("", MISSING))
-
-
-def _remedy(effect: str) -> str:
-    """What to inspect; "" for an effect of the user that is not registered here."""
-    return EFFECTS[effect].remedy if effect in EFFECTS else ""
-
-
-def _amplitude(a: Mapping[str, Any]) -> str:
-    text = f"{a['what']} {measured(a['value'], a['u'], a['unit'])}"
-    return text if a["significant"] else f"{text}, not significant alone"
-
-
-def _site(site: str) -> str:
-    return " and ".join(Site.read(part).text for part in site.split(" and "))
-
-
-def _words(place: Mapping[str, Any]) -> str:
-    """A location in words; records of earlier versions have site and driver alone."""
-    return str(place.get("text") or f"{place['site']}, {place['driver']}")
-
-
-def _share(record: Mapping[str, Any], effect: str) -> str:
-    """Share of the excess variance at the largest location that an effect explains."""
-    own = [w for w in record["where"] if w["explained_by"] and effect in w["explained_by"].split(", ")]
-    return share(own[0]["share"]) if own and own[0]["share"] is not None else MISSING
-
-
-def _keys(record: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    out = []
-    measured_now = {m["what"]: m for m in record["gap"]["measured"]}
-    better = record["shrinkage"].get("distances")
-    now = measured_now.get(DISTANCES)
-    if better and record["verdict"] == "named":
-        value = f"U = {uncertainty(COVERAGE * better['predicted_rms_um'])} µm (k = 2)"
-        after = f", {length(better['after_rms_um'])} µm after" if better["claimed"] else ""
-        detail = (
-            f"with the named effects in the model; measured RMS {length(better['before_rms_um'])} µm before"
-            f"{after}, {better['count']} distances"
-        )
-        out.append(("Distance error", value, detail))
-    elif now:
-        trusted = record["verdict"] == "null" and now["rms_um"] <= now["predicted_interval95_um"][1]
-        rms, expected = length(now["rms_um"]), length(now["predicted_rms_um"])
-        expanded = uncertainty(COVERAGE * now["predicted_rms_um"])
-        value = f"U = {expanded} µm (k = 2)" if trusted else f"{rms} µm RMS"
-        detail = f"measured {rms} µm RMS over {now['count']} distances, expected {expected} µm"
-        if not trusted:
-            detail += f"; U = {expanded} µm (k = 2) holds only without the effect"
-        out.append(("Distance error", value, detail))
-    else:
-        out.append(("Distance error", "not measured", "no certified distances in the validation rows"))
-    of = record["lengths"]
-    kind = "point (length)" if of["of"] == VALIDATION_POINTS else "contact"
-    low, high = record["gap"]["excess_um"]["interval95"]
-    scale = COORDINATES**0.5 if of["of"] == VALIDATION_POINTS else 1.0
-    excess = f"{length(of['excess_um'])} µm" if low or record["verdict"] != "null" else "none"
-    out.append(
-        (
-            "Excess above noise",
-            excess,
-            f"95 %: {interval([low, high], scale)} µm per {kind}; validation RMS "
-            f"{length(of['validation_rms_um'])} µm, noise {length(of['noise_um'])} µm",
-        )
-    )
-    null = record["probability"].get(NULL)
-    if null is not None:
-        out.append(("Probability of noise only", probability(null), f"from {record['gap']['heldout']}"))
-    return out
-
-
-def _next(run: Run) -> list[tuple[str, str]]:
-    record, folder = run.record, shlex.quote(run.folder)
-    sessions = record["dataset"].get("sessions") or ()
-    dataset = " ".join(f"{folder}/dataset/{k}" for k in range(1, len(sessions) + 1)) or f"{folder}/dataset"
-    out = []
-    if record["named"]:
-        model = shlex.quote(record["refit"]["model"])
-        less = record["refit"]["without"]
-        without = f" --without {shlex.quote(','.join(less))}" if less else ""
-        words = "Correct the machine as above and measure again; or keep the effects in the model:"
-        out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
-    if _unexplained(record):
-        out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
-    open_ = record["verdict"] in ("ambiguous", *UNMODELLED) or record.get("undecided")
-    if open_ and not sessions:
-        command = f"bayescal plan {dataset} --after {folder} --for gap --contacts 60"
-        out.append(("Measure the contacts that decide between the explanations.", command))
-    if record["verdict"] == "null":
-        out.insert(0, ("Calibrate with the model as it is.", f"bayescal fit {dataset}"))
-    return out or [("Inspect the location that is marked, and measure again.", "")]
 
 
 def effects(run: Run) -> Section | None:
@@ -216,11 +40,11 @@ def effects(run: Run) -> Section | None:
     for name, p in ranked:
         own = [a for a in record["amplitudes"] if a["effect"] == name]
         clear = [a for a in own if a["significant"]] or own
-        location = ", ".join(dict.fromkeys(_site(a["site"]) for a in clear))
-        size, part = "; ".join(_amplitude(a) for a in clear), _share(record, name)
-        if name == OTHER and (place := _unexplained(record)):
-            location, part = _words(place), share(place["share"])
-            size = _size(record, place)
+        location = ", ".join(dict.fromkeys(site_of(a["site"]) for a in clear))
+        size, part = "; ".join(amplitude_of(a) for a in clear), share_of(record, name)
+        if name == OTHER and (place := unexplained(record)):
+            location, part = words_of(place), share(place["share"])
+            size = size_of(record, place)
         entries.append(
             (
                 rival(name),
@@ -284,7 +108,7 @@ def where(run: Run) -> Section | None:
     largest = max((w["rms_um"] or 0.0 for w in record["where"]), default=0.0) or 1.0
     entries = tuple(
         (
-            _words(w),
+            words_of(w),
             Bar(
                 (w["rms_um"] or 0.0) / largest,
                 length(w["rms_um"]),
@@ -298,7 +122,7 @@ def where(run: Run) -> Section | None:
     )
     table = Sheet(
         "location and dependence",
-        (f"{_rms(record)} (µm)", "share of the excess", "p", "explained by"),
+        (f"{rms_of(record)} (µm)", "share of the excess", "p", "explained by"),
         entries,
         "Residuals that a location explains. Dark: significant (p below 0.01, corrected for the number of "
         "locations)",
@@ -317,7 +141,7 @@ def margins(run: Run) -> tuple[Sheet, ...]:
         out.append(
             Sheet(
                 key,
-                ("rows", f"{_rms(run.record)} (µm)", "mean (µm)", "p"),
+                ("rows", f"{rms_of(run.record)} (µm)", "mean (µm)", "p"),
                 tuple(
                     (
                         g["label"],
@@ -406,7 +230,7 @@ def blind(run: Run) -> Section | None:
         error = b["distance_error_um"]
         entries.append(
             (
-                f"{b['effect']}, {_site(b['site'])}",
+                f"{b['effect']}, {site_of(b['site'])}",
                 quantity(usual["value"], usual["unit"]),
                 "not detectable" if never else quantity(least["value"], least["unit"]),
                 MISSING if error is None else Bar(error / largest, f"{length(error)} µm"),
