@@ -15,31 +15,15 @@ row is 1 everywhere. Sites count 6 a frame in the order of `transforms.AXES`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
-import numba
 import numpy as np
+
+from bayescal.arm.compiled import compiled
 
 WIDTH = 128
 MAX_ANGLE = 0.15  # rad a displacement; the series are then right to 1e-13 rad
-_FLAGS = {"contract", "nsz", "arcp"}
-
-
-def _compiled(inline: str = "never") -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function; the compiled code is kept on disk where any folder for it can be written."""
-
-    def compiled(function: Callable[..., Any]) -> Any:
-        options: dict[str, Any] = {"error_model": "numpy", "fastmath": _FLAGS, "inline": inline}
-        try:
-            return numba.njit(cache=True, **options)(function)
-        except RuntimeError:  # neither beside this file nor in the user's cache folder
-            return numba.njit(**options)(function)
-
-    return compiled
-
-
-_jit, _inline = _compiled(), _compiled("always")
+_FAST = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
+_jit, _inline = compiled(**_FAST), compiled(**_FAST, inline="always")
 
 # Scratch rows: the point (or the wrench's point), the force, a joint's sine and cosine, working rows
 _X, _Y, _Z, _U, _V, _W, _S, _C, _T, _D = range(10)

@@ -79,6 +79,7 @@ def certificate(
     gate.check(arm.against, force, "certified")
     notes = (*arm.notes, *(f"Issued in spite of: {reason}" for reason in arm.against))
     content = dcc(given, basis, notes)
-    if str(schema):
-        check_valid(content, Path(schema))
-    return CertificateResult(content, f"{arm.dataset.robot.name}-dcc.xml", str(schema))
+    validated = str(schema)
+    if validated and (faults := check_valid(content, Path(schema))):
+        validated += f", of which {faults} faulty or missing parts were not checked"
+    return CertificateResult(content, f"{arm.dataset.robot.name}-dcc.xml", validated)

@@ -12,7 +12,7 @@ COMPILED = sorted(
     path
     for package in ("bayescal", "factors")
     for path in (ROOT / package).rglob("*.py")
-    if "import numba" in path.read_text(encoding="utf-8")
+    if any(words in path.read_text(encoding="utf-8") for words in ("import numba", "arm.compiled import"))
 )
 
 

@@ -119,3 +119,16 @@ def test_pdf(own):
     page, printed = bc.report(own, own.parent / "x.html", pdf=True)
     assert printed.read_bytes().startswith(b"%PDF")
     assert page.is_file()
+
+
+def test_a_link_in_a_run_folder_brings_no_file_into_the_page(tmp_path):
+    from bayescal.reporting.page.run import FIGURES, _png
+
+    secret = tmp_path / "secret.png"
+    secret.write_bytes(b"\x89PNG secret")
+    name = next(iter(FIGURES))
+    (tmp_path / name).symlink_to(secret)
+    assert _png(secret)
+    assert _png(tmp_path / name) == b""
+    (tmp_path / "other.png").write_bytes(b"no picture")
+    assert _png(tmp_path / "other.png") == b""

@@ -9,8 +9,10 @@ from bayescal.errors import BayescalError
 from bayescal.exporting.dcc.xml import SI
 
 
-def check_valid(content: str, schema: Path) -> None:
-    """Refuse a certificate that a schema does not accept.
+def check_valid(content: str, schema: Path) -> int:
+    """Refuse a certificate that a schema does not accept; the number of faults of the schema is returned.
+
+    Parts of the schema with a fault (a file that it includes and that is not here) are not checked.
 
     Parameters
     ----------
@@ -46,3 +48,4 @@ def check_valid(content: str, schema: Path) -> None:
         raise BayescalError(f"cannot be read: {error}", f"--schema {schema}") from None
     if found is not None:
         raise BayescalError(f"not valid: {found.reason} ({found.path})", f"--schema {schema}")
+    return len(known.all_errors)

@@ -91,7 +91,7 @@ def _in_place(folder: Path, run: Run, pdf: bool) -> tuple[Path, ...]:
     name = PAGES[run.kind]
     names = [name]
     with whole(folder, f"{run.kind}.json") as stage:
-        shutil.copytree(folder, stage, dirs_exist_ok=True, ignore=shutil.ignore_patterns(LIST))
+        shutil.copytree(folder, stage, symlinks=True, dirs_exist_ok=True, ignore=shutil.ignore_patterns(LIST))
         (stage / name).write_text(run_page(run), encoding="utf-8")
         if pdf:
             names.append(Path(name).with_suffix(".pdf").name)

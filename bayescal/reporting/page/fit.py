@@ -44,15 +44,15 @@ def levels(run: Run) -> Section | None:
     return blocks("levels", "Model levels", level_sheet(run.record["ladder"], columns))
 
 
-def level_sheet(ladder: Any, columns: tuple[tuple[str, str], ...], names: tuple[str, ...] = ()) -> Sheet:
+def level_sheet(levels: Any, columns: tuple[tuple[str, str], ...], names: tuple[str, ...] = ()) -> Sheet:
     """Model levels with a bar of the first column that has values; bars are logarithmic."""
-    shown = [(h, key) for h, key in columns if any(step.get(key) is not None for step in ladder)]
+    shown = [(h, key) for h, key in columns if any(step.get(key) is not None for step in levels)]
     sheet_rows = []
-    for k, step in enumerate(ladder):
+    for k, step in enumerate(levels):
         cells: list[Any] = [length(step[key]) for _, key in shown]
         if shown:
-            every = [s[shown[0][1]] for s in ladder]
-            cells[0] = Bar(log_fraction(every[k], every), cells[0], marked=k == len(ladder) - 1)
+            every = [s[shown[0][1]] for s in levels]
+            cells[0] = Bar(log_fraction(every[k], every), cells[0], marked=k == len(levels) - 1)
         sheet_rows.append((names[k] if names else model_label(step["model"]), *cells))
     caption = "RMS errors of validation rows, µm; bars are logarithmic"
     return Sheet("model", tuple(h for h, _ in shown), tuple(sheet_rows), caption)

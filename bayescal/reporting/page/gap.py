@@ -172,19 +172,19 @@ def levels(run: Run) -> Section | None:
         ("distances RMS", "distance_rms_um"),
         ("points RMS (length)", "point_length_rms_um"),
     )
-    ladder = [dict(step) for step in record["ladder"]]
-    for step in ladder:
+    steps = [dict(step) for step in record["ladder"]]
+    for step in steps:
         gain, se = step["delta_elpd"], step["delta_elpd_se"]
         step["gain"] = MISSING if gain is None or not gain else f"{gain:+.0f} ± {se:.0f}"
     names = tuple(
-        level_label(tuple(step["model"]), tuple(ladder[k - 1]["model"]) if k else ())
-        for k, step in enumerate(ladder)
+        level_label(tuple(step["model"]), tuple(steps[k - 1]["model"]) if k else ())
+        for k, step in enumerate(steps)
     )
-    sheet = level_sheet(ladder, columns[1:] if points else columns, names)
+    sheet = level_sheet(steps, columns[1:] if points else columns, names)
     sheet = Sheet(
         sheet.title,
         (*sheet.headings, "difference of log density (nats)"),
-        tuple((*row, step["gain"]) for row, step in zip(sheet.rows, ladder, strict=True)),
+        tuple((*row, step["gain"]) for row, step in zip(sheet.rows, steps, strict=True)),
         sheet.caption,
     )
     improved = Sheet(

@@ -69,9 +69,17 @@ def read_run(folder: Path, name: str = "") -> Run:
         what = f"there is no {' or '.join(SCHEMAS)}"
         raise BayescalError(what, str(folder), "give a run folder of bayescal fit or gap")
     budget = _record(folder / BUDGET, BUDGET_SCHEMA) if (folder / BUDGET).is_file() else None
-    figures = {file: (folder / file).read_bytes() for file in FIGURES if (folder / file).is_file()}
+    figures = {file: content for file in FIGURES if (content := _png(folder / file))}
     record = _record(folder / there[0], SCHEMAS[there[0]])
     return Run(there[0].removesuffix(".json"), record, name or str(folder), budget, figures)
+
+
+def _png(path: Path) -> bytes:
+    """Content of a figure; b"" for what is none: a link could bring any file of the user into the page."""
+    if path.is_symlink() or not path.is_file():
+        return b""
+    content = path.read_bytes()
+    return content if content.startswith(b"\x89PNG") else b""
 
 
 def _record(path: Path, schema: str) -> Json:
