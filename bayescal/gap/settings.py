@@ -167,7 +167,8 @@ class VerdictSettings:
     """Probability of the noise-only model from which on no effect is named (tuned: with 0.2, 3 of 16 sessions
     without an effect had one)."""
     unexplained: float = 0.25
-    """Probability of an unmodelled effect from which on a verdict is not plain `named` (tuned)."""
+    """Probability of a further effect, of the vocabulary or not, from which on a verdict is not plain `named`
+    (tuned)."""
     sure: float = 0.5
     """Probability from which on an effect is named (convention: more likely than not)."""
     credible: float = 0.9

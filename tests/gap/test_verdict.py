@@ -40,6 +40,11 @@ def weighed(*names, probability=0.0, score=0.0, cell=False):
         # beside a doubtful effect only a nearly certain one is named
         ([(("lobing", "step"), 0.45), (("lobing",), 0.55)], "ambiguous", ("lobing",)),
         ([(("lobing", "step"), 0.45), (("lobing",), 0.3), (("latency",), 0.25)], "ambiguous", ()),
+        # a further effect counts, whichever it is
+        ([(("lobing",), 0.55), (("lobing", "step"), 0.45)], "named+unexplained", ("lobing",)),
+        ([(("lobing",), 0.7), (("lobing", "step"), 0.2), (("latency",), 0.1)], "named", ("lobing",)),
+        ([(("lobing",), 0.7), (("lobing", "step"), 0.16), (("lobing", "unknown"), 0.14)],
+         "named+unexplained", ("lobing",)),
         ([(("unknown",), 0.6), (("lobing",), 0.4)], "unknown", ()),
         ([(("unknown",), 0.4), (("lobing",), 0.35), (("step",), 0.25)], "ambiguous", ()),
         ([(("lobing", "unknown"), 0.6), (("unknown",), 0.4)], "named+unexplained", ("lobing",)),

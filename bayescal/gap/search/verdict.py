@@ -172,8 +172,14 @@ def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> 
     if best.cell is not None:
         return "named+unexplained", sure
     if len(sure) == len(best.hypothesis.names):
-        return ("named+unexplained" if probability["unknown"] >= VERDICT.unexplained else "named"), sure
+        return ("named+unexplained" if further(weighed) >= VERDICT.unexplained else "named"), sure
     return "ambiguous", tuple(n for n in sure if probability[n] >= VERDICT.credible)
+
+
+def further(weighed: Sequence[Weighed]) -> float:
+    """Probability that the leading set is not all: of its supersets, and of every unmodelled effect."""
+    names = set(weighed[0].effects)
+    return sum(w.probability for w in weighed if w.cell is not None or names < set(w.effects))
 
 
 def contradicted(weighed: Sequence[Weighed]) -> bool:

@@ -9,8 +9,10 @@ from bayescal.gap.result import Gap, Named, Place
 from bayescal.model.orientations import posed
 from bayescal.reporting.gap.amplitudes import sites
 from bayescal.reporting.gap.causes import PLAIN, sentence
+from bayescal.reporting.shared.further import possible
 from bayescal.reporting.shared.text import listed, probability, rival
 
+OUTSIDE = "an unmodelled effect outside the vocabulary"
 NO_PLACE = "at no single location"
 LOOSE = 4.0
 """Expected validation error over noise from which on a null verdict means only: too few contacts."""
@@ -74,7 +76,9 @@ def headline(gap: Gap) -> list[str]:
     lines = [f"Effect found: {named(n, gap)}" for n in verdict.named[:1]]
     lines += [f"Also found: {named(n, gap)}" for n in verdict.named[1:]]
     if verdict.kind == "named+unexplained":
-        lines += [f"Also: an unmodelled effect outside the vocabulary, {there}", *_cause(at, gap)]
+        names = possible(verdict.probability, verdict.credible_set90, {n.effect for n in verdict.named})
+        further = f"a further effect, {listed(names, 'or')}" if names else OUTSIDE
+        lines += [f"Also: {further}, {there}", *_cause(at, gap)]
     return lines
 
 

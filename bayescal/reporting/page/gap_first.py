@@ -12,12 +12,13 @@ from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.numbers import MISSING, interval, length, measured, share, uncertainty
 from bayescal.reporting.page.run import Run
 from bayescal.reporting.page.section import Fault, Section
+from bayescal.reporting.shared.further import possible
 from bayescal.reporting.shared.text import probability, rival
 
 VERDICTS = {
     "null": ("good", "✓", "No effect above noise"),
     "named": ("bad", "✗", "Effect found"),
-    "named+unexplained": ("bad", "✗", "Effect found, and an unmodelled effect"),
+    "named+unexplained": ("bad", "✗", "Effect found, and a further one"),
     "unknown": ("bad", "✗", "Unmodelled effect"),
     "ambiguous": ("warn", "?", "Ambiguous: several explanations"),
 }
@@ -60,7 +61,7 @@ def first(run: Run) -> Section:
 
 def _faults(record: Mapping[str, Any]) -> list[Fault]:
     """Named effects with location, amplitude, probability and share; an unmodelled effect; or the rivals."""
-    out = []
+    out, may_be = [], _further(record)
     for named in record["named"]:
         own = [a for a in record["amplitudes"] if a["effect"] == named["effect"]]
         clear = [a for a in own if a["significant"]] or own
@@ -75,7 +76,7 @@ def _faults(record: Mapping[str, Any]) -> list[Fault]:
         ]
         name = named["effect"] + ("" if named["confirmed"] else " (validation data do not confirm it)")
         out.append(Fault(name, _known(facts), _remedy(named["effect"])))
-    if record["verdict"] in UNMODELLED:
+    if record["verdict"] in UNMODELLED and not may_be:
         where = unexplained(record)
         p = record["probability"].get(OTHER)
         facts = [("location", words_of(where) if where else "no single location")]
@@ -86,11 +87,19 @@ def _faults(record: Mapping[str, Any]) -> list[Fault]:
         remedy = where.get("remedy", "") if where else ""
         out.append(Fault(rival(OTHER), _known(facts), remedy or UNKNOWN))
     if record["verdict"] == "ambiguous":
-        for name in (n for n in record["credible_set90"] if n != NULL):
-            remedy = UNKNOWN if name == OTHER else _remedy(name)
-            facts = [("probability", probability(record["probability"].get(name) or 0.0))]
-            out.append(Fault(f"possibly {rival(name)}", _known(facts), remedy))
+        may_be = tuple(n for n in record["credible_set90"] if n != NULL)
+    for name in may_be:
+        remedy = UNKNOWN if name == OTHER else _remedy(name)
+        facts = [("probability", probability(record["probability"].get(name) or 0.0))]
+        out.append(Fault(f"possibly {rival(name)}", _known(facts), remedy))
     return out
+
+
+def _further(record: Mapping[str, Any]) -> tuple[str, ...]:
+    """Effects of the vocabulary of which one is probable beside the named ones."""
+    if record["verdict"] != "named+unexplained":
+        return ()
+    return possible(record["probability"], record["credible_set90"], record["effects"])
 
 
 def unexplained(record: Mapping[str, Any]) -> Mapping[str, Any] | None:

@@ -1,0 +1,19 @@
+"""Which effects of the vocabulary may be the further one of a verdict `named+unexplained`."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+APART = ("null", "unknown")
+
+
+def possible(
+    probability: Mapping[str, float | None], credible: Sequence[str], named: Collection[str]
+) -> tuple[str, ...]:
+    """Effects of the credible set that are not named, where they exceed an unmodelled effect; otherwise ().
+
+    It is their sum of probabilities that exceeds that of an unmodelled effect.
+    """
+    rest = tuple(n for n in credible if n not in named and n not in APART)
+    together = sum(probability.get(n) or 0.0 for n in rest)
+    return rest if together > (probability.get("unknown") or 0.0) else ()
