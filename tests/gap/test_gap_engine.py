@@ -14,9 +14,9 @@ from bayescal.effects import EFFECTS, parameters_of
 from bayescal.effects.compliance import expected
 from bayescal.effects.location import joint
 from bayescal.estimate import STATED_WORTH, linearise
-from bayescal.gap.linear import evidence
 from bayescal.gap.linear import masses as mass_errors
 from bayescal.gap.linear.evidence import SCALES, log_bayes, project
+from bayescal.gap.linear.noise_integral import gain
 from bayescal.gap.linear.problem import Problem, without_nuisance
 from bayescal.gap.linear.slopes import Slopes, of_certificate, problem
 from bayescal.gap.linear.state import fit_state
@@ -180,8 +180,8 @@ def test_evidence_at_one_noise_is_the_ratio_of_two_normal_densities(state, colum
     seen = project(state, state.problem.pool)
     values, vectors = np.linalg.eigh(seen.information(np.array(columns)))
     along = (vectors.T @ seen.score[columns]) ** 2
-    table = evidence.gain_at(values[None, None], along[None, None], np.zeros((1, 1, 1)))[0, :, 0]
-    for scale, found in zip(SCALES, table, strict=True):
+    for scale in SCALES:
+        found = gain(values, along, scale**2, 0.0)
         y, with_it, without = covariance_of(state, columns, scale)
         unit = np.eye(len(y))
         exact = multivariate_normal.logpdf(y, cov=unit + with_it) - multivariate_normal.logpdf(

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from bayescal.estimate import STATED_WORTH
+from bayescal.gap.linear.noise_integral import integrated
 from bayescal.gap.linear.state import State
 from bayescal.gap.settings import LINEAR
 
@@ -18,10 +19,9 @@ SCALES = np.array(LINEAR.scales)
 SCALE_PRIOR = -0.5 * (np.log(SCALES) / np.log(LINEAR.scale_spread)) ** 2
 SCALE_PRIOR = SCALE_PRIOR - np.log(np.sum(np.exp(SCALE_PRIOR)))
 """Log weights of the factors."""
-NODES, WEIGHTS = np.polynomial.hermite.hermgauss(LINEAR.noise_nodes)
+NODES, _WEIGHTS = np.polynomial.hermite.hermgauss(LINEAR.noise_nodes)
+LOG_WEIGHTS = np.log(_WEIGHTS)
 """Of the quadrature over the noise."""
-TRIED, NEWTON = 8, 5
-"""Number of noise levels among which the mode of that integral is searched, and of refinement steps."""
 
 
 def log_sum(x: np.ndarray, axis: int | None = None) -> np.ndarray:
@@ -149,60 +149,8 @@ def _factors(state: State, information: np.ndarray, score: np.ndarray) -> np.nda
 
 
 def _factors_along(state: State, values: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Log Bayes factors (B, scales) from eigenvalues of information (B, k) and squared scores along them.
-
-    Over L, the log of the noise's precision over the state's own: without the columns its density is
-    exp(dof L / 2 - chi2 exp(L) / 2), a gamma integral. With them, Gauss-Hermite quadrature is centred at its
-    mode and has the width there, about 1 / sqrt(dof / 2): correct to a thousandth of a nat for any number of
-    contacts.
-    """
-    values, along = np.maximum(values, 0.0)[:, None], along[:, None]
+    """Log Bayes factors (B, scales) from eigenvalues of information (B, k) and squared scores along them."""
     count, dof, worth = state.problem.count, state.dof, STATED_WORTH / state.kappa**2
     chi2 = float(np.sum(state.weight[:count] * state.residual[:count] ** 2)) / state.kappa**2 + worth
-    # the columns explain at most chi2 minus the share of the stated noise, which bounds the noise from below
-    seen = values > 1e-12 * np.max(values, axis=2, keepdims=True, initial=1e-300)
-    explained = np.sum(np.divide(along, values, where=seen, out=np.zeros_like(along)), axis=2)
-    # what columns take from the model's prior is no part of chi2: without this limit the integral diverges
-    most = chi2 - min(worth, chi2)
-    along = along * np.minimum(1.0, most / np.maximum(explained, 1e-300))[..., None]
-    explained = np.minimum(explained, most)
-    lowest = np.log(dof / chi2)
-    highest = np.log(dof / np.maximum(chi2 - explained, min(worth, chi2)))
-    tried = lowest + (highest - lowest)[..., None] * np.linspace(0.0, 1.0, TRIED)  # (B, 1, U)
-    density = 0.5 * (dof * tried - chi2 * np.exp(tried)) + gain_at(values, along, tried)
-    mode = np.take_along_axis(tried + np.zeros_like(density), np.argmax(density, axis=-1)[..., None], -1)
-    for _ in range(NEWTON):
-        slope, bend = _slopes(values, along, mode)
-        slope, bend = slope + 0.5 * (dof - chi2 * np.exp(mode)), bend - 0.5 * chi2 * np.exp(mode)
-        mode = mode + np.clip(slope / np.maximum(np.abs(bend), 1e-3 * dof), -0.5, 0.5)
-    bend = 0.5 * chi2 * np.exp(mode) - _slopes(values, along, mode)[1]
-    width = 1.0 / np.sqrt(np.maximum(bend, 1e-3 * dof))
-    nodes = mode + np.sqrt(2.0) * width * NODES
-    density = 0.5 * (dof * nodes - chi2 * np.exp(nodes)) + gain_at(values, along, nodes)
-    with_it = log_sum(density + NODES**2 + np.log(WEIGHTS), axis=-1) + np.log(np.sqrt(2.0) * width[..., 0])
+    with_it = integrated(np.maximum(values, 0.0), along, SCALES**2, dof, chi2, worth, NODES, LOG_WEIGHTS)
     return with_it - (gammaln(dof / 2) - dof / 2 * np.log(chi2 / 2))
-
-
-def gain_at(values: np.ndarray, along: np.ndarray, log_precision: np.ndarray) -> np.ndarray:
-    """Log Bayes factors (B, scales, U) of columns at log precisions of the noise (B or 1, scales or 1, U).
-
-    `values` (B, 1, k) are the eigenvalues of their information, `along` (B, 1, k) their squared scores along
-    its eigenvectors, both at log precision 0.
-    """
-    y = np.exp(log_precision)[..., None]
-    by = (SCALES**2)[:, None, None] * y
-    with_it = 1.0 + by * values[:, :, None]
-    return 0.5 * np.sum(along[:, :, None] * by * y / with_it - np.log(with_it), axis=-1)
-
-
-def _slopes(values: np.ndarray, along: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivative of `gain_at` by the log precision, (B, scales, 1) each."""
-    y = np.exp(at)
-    by = (SCALES**2)[:, None] * y
-    p = by * values
-    h = along * by * y * (2.0 + p) / (1.0 + p) ** 2
-    first = np.sum(h - p / (1.0 + p), axis=-1, keepdims=True)
-    second = np.sum(
-        h * (2.0 + p / (2.0 + p) - 2.0 * p / (1.0 + p)) - p / (1.0 + p) ** 2, axis=-1, keepdims=True
-    )
-    return 0.5 * first, 0.5 * second
