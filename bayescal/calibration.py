@@ -16,6 +16,7 @@ from bayescal.assess.directions import Directions, directions
 from bayescal.assess.findings import Assessed, Finding, findings, rests_on_priors
 from bayescal.assess.identifiability import Identifiability, identifiability
 from bayescal.assess.shared_causes import SharedCause, rejected_share, shared_causes, with_sharing_rows
+from bayescal.assess.undetermined import Undetermined, undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.joint import JOINT
@@ -58,6 +59,7 @@ class Fit:
     sampled: Draws  # the posterior of the model
     draws: Draws  # the same with the stated uncertainty
     identifiability: Identifiability
+    undetermined: tuple[Undetermined, ...]
     faces: tuple[FaceCheck, ...]
     forecast: Forecast
     directions: Directions
@@ -172,13 +174,14 @@ def fit(
         levels.append(ModelLevel(found.model.effects or NOMINAL, found, left, checked))
     progress("done", 1.0)
     known, seen = identifiability(found), directions(found.model)
+    lacking = undetermined(found, known)
     expected = forecast(found, z, checked, rest.excess, of_forecast, wide.wide)
     tests = replace(tests, determined=not rests_on_priors(expected, left))
-    told = findings(Assessed(found, left, checked, expected, known, seen, faces, tests, prior_width))
+    told = findings(Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width))
     decided = None if tolerance is None else conformance(tolerance, expected, checked, tests)
     return Fit(
         dataset, seed, prior_width, tuple(levels), wide, draws,
-        replace(draws, z=wide.reported(every).reshape(draws.z.shape)), known,
+        replace(draws, z=wide.reported(every).reshape(draws.z.shape)), known, lacking,
         faces, expected, seen, tests, told, decided, robust, tuple(map(str, parts)), rest.excess,
     )  # fmt: skip
 

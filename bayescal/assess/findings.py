@@ -10,7 +10,7 @@ import numpy as np
 
 from bayescal.assess.acceptance import SHARED, Acceptance
 from bayescal.assess.directions import Directions, in_words
-from bayescal.assess.identifiability import Identifiability
+from bayescal.assess.undetermined import Undetermined
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate
 from bayescal.estimate.flatness import FORM, FaceCheck
@@ -31,6 +31,8 @@ FAR = 4.0
 """Prior standard deviations from nominal from which on a parameter is told."""
 PRIOR_DECIDES = 0.5
 """Share of the predicted distance variance from which on it rests on the tolerances."""
+COVERED = 2.0
+"""Standard uncertainties within which an estimate is not distinguishable from 0."""
 FAR_BEYOND = 3.0
 """Times the error of validation contacts from which on a distance error is one that they do not show."""
 
@@ -52,7 +54,7 @@ class Assessed:
     left: Unexplained
     checked: Validation
     expected: Forecast
-    known: Identifiability
+    undetermined: tuple[Undetermined, ...]
     seen: Directions
     faces: tuple[FaceCheck, ...]
     tests: Acceptance
@@ -108,12 +110,9 @@ def _residuals(of: Assessed) -> Iterator[Finding]:
 
 def _parameters(of: Assessed) -> Iterator[Finding]:
     model, z = of.found.model, of.found.z
-    if len(of.known.weak) > 1:
-        yield Finding(
-            "not_identifiable", "warning",
-            f"{len(of.known.weak)} combinations of parameters are not identifiable from these contacts: "
-            "they rest on their priors",
-        )  # fmt: skip
+    for u in of.undetermined:
+        if u.matters or u.hidden:
+            yield Finding("not_identifiable", "warning" if u.matters else "note", u.words)
     if not model.knows_length:
         yield Finding(
             "no_length", "warning",
@@ -127,18 +126,29 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
             f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations from nominal; "
             "check the robot file",
         )  # fmt: skip
-    values = model.physical(z)
-    negative = [p.name for p, v in zip(model.parameters, values, strict=False) if p.positive and v < 0]
-    if negative:
-        yield Finding(
-            "negative", "warning",
-            f"{', '.join(negative)}: negative, which is not physical; not identifiable from these contacts",
-        )  # fmt: skip
+    yield from (Finding("negative", "warning", words) for words in negative(of.found))
     absent = [name for name in model.effects if plain(name) not in IN_ROBOT_FILE]
     if absent:
         yield Finding(
             "not_in_robot_file", "note", f"robot.yaml cannot hold {', '.join(absent)}: see fit.json"
         )  # fmt: skip
+
+
+def negative(found: Estimate) -> Iterator[str]:
+    """Estimates below zero of parameters that are physically positive."""
+    model, z = found.model, found.z
+    values, u = model.physical(z), found.sd
+    below = [(p, v / (u[k] * p.sd)) for k, (p, v) in enumerate(zip(model.parameters, values, strict=False))
+             if p.positive and v < 0]  # fmt: skip
+    within = [p.name for p, t in below if t > -COVERED]
+    if within:
+        yield f"{', '.join(within)}: not distinguishable from 0 (negative by less than {COVERED:.0f} u)"
+    beyond = [p.name for p, t in below if t <= -COVERED]
+    if beyond:
+        yield (
+            f"{', '.join(beyond)}: negative by more than {COVERED:.0f} u, which is not physical: "
+            "the model lacks an effect, or masses are wrong; run bayescal gap"
+        )
 
 
 def rests_on_priors(expected: Forecast, left: Unexplained) -> bool:

@@ -25,6 +25,7 @@ class Direction:
     singular_value: float
     loadings: tuple[tuple[str, float], ...]  # largest first, in units of prior sds
     words: str
+    vector: np.ndarray  # (P,) unit vector, of the parameters of `Identifiability.index`
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,13 @@ class Identifiability:
     determined: tuple[str, ...]
     partly: tuple[str, ...]
     prior_only: tuple[str, ...]
+    index: np.ndarray  # (P,) of the arm's parameters in the model
+    information: np.ndarray  # (P, P) of the rows, by z, without the prior
+    parameters: tuple[Parameter, ...]  # (P,) of the index
+
+    def direction(self, v: np.ndarray) -> Direction:
+        """A unit vector (P,) among the weak directions, with its words."""
+        return _direction(self.parameters, v, self.information, np.array([d.vector for d in self.weak]).T)
 
 
 def identifiability(fitted: Estimate) -> Identifiability:
@@ -56,13 +64,7 @@ def identifiability(fitted: Estimate) -> Identifiability:
     parameters = [model.parameters[k] for k in arm]
     names = [p.name for p in parameters]
     weak = vectors[:, singular < WEAK]
-    found = []
-    for v in _varimax(weak).T if weak.size else ():
-        size = float(np.sqrt(max(v @ information @ v, 0.0)))
-        order = np.argsort(-np.abs(v))
-        v = v * np.sign(v[order[0]])
-        loadings = tuple((names[k], float(v[k])) for k in order if abs(v[k]) > SHOWN)
-        found.append(Direction(size, loadings, _words(parameters, v, size, weak)))
+    found = [_direction(parameters, v, information, weak) for v in simplified(weak).T] if weak.size else []
     contraction = 1.0 - np.diag(fitted.covariance)[arm]
     found.sort(key=lambda d: d.singular_value)
     return Identifiability(
@@ -71,7 +73,21 @@ def identifiability(fitted: Estimate) -> Identifiability:
         tuple(n for n, c in zip(names, contraction, strict=True) if c >= DETERMINED),
         tuple(n for n, c in zip(names, contraction, strict=True) if PRIOR_ONLY <= c < DETERMINED),
         tuple(n for n, c in zip(names, contraction, strict=True) if c < PRIOR_ONLY),
+        arm,
+        information,
+        tuple(parameters),
     )
+
+
+def _direction(
+    parameters: Sequence[Parameter], v: np.ndarray, information: np.ndarray, weak: np.ndarray
+) -> Direction:
+    """A direction (P,) among weak ones (P, K), with its words."""
+    size = float(np.sqrt(max(v @ information @ v, 0.0)))
+    order = np.argsort(-np.abs(v))
+    v = v * np.sign(v[order[0]])
+    loadings = tuple((parameters[k].name, float(v[k])) for k in order if abs(v[k]) > SHOWN)
+    return Direction(size, loadings, _words(parameters, v, size, weak), v)
 
 
 def _words(parameters: Sequence[Parameter], v: np.ndarray, size: float, weak: np.ndarray) -> str:
@@ -118,7 +134,7 @@ def _combination(first: str, second: str, factor: float) -> str:
     return f"{first} {'+' if factor > 0 else '-'} {'' if size == '1' else size + '*'}{second}"
 
 
-def _varimax(basis: np.ndarray, rounds: int = 60) -> np.ndarray:
+def simplified(basis: np.ndarray, rounds: int = 60) -> np.ndarray:
     """Rotate an orthonormal basis (P, k) so that each vector loads on few parameters (Kaiser 1958)."""
     turn = np.eye(basis.shape[1])
     for _ in range(rounds):

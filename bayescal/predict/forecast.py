@@ -16,12 +16,17 @@ from bayescal.estimate import Estimate
 from bayescal.estimate.discrepancy import EFFECT
 from bayescal.estimate.flatness import FORM
 from bayescal.model.block import ARM
+from bayescal.predict.elsewhere import elsewhere, joint_range
 from bayescal.predict.intervals import interval95
 from bayescal.predict.pairs import evenly, far_pairs, lengths, slopes
 from bayescal.predict.validation import Validation
 
 POINTS = 40
 """Number of points of the workspace between which distances are predicted, evenly spaced among all rows."""
+SMALLEST = 0.01
+"""m, assumed: points that are all nearer to each other give no distance; the range of all joints counts."""
+RANGE_SEED = 40
+"""Of the poses in it."""
 DRAWS = 400
 """Number of posterior draws for this prediction."""
 
@@ -146,8 +151,8 @@ def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
         pick = evenly(len(rows), POINTS)
         at = xyz[rows[pick]].T
         pairs = far_pairs(at)
-        if len(pairs):
-            true = lengths(at, pairs)
+        true = lengths(at, pairs)
+        if np.max(true, initial=0.0) >= SMALLEST:
             predicted = lengths(at + p.predicted[evenly(len(p.predicted), DRAWS)][..., pick], pairs) - true
             parts.append((true, predicted, lengths(at + p.residuals[:, pick], pairs) - true))
     if not parts:
@@ -161,23 +166,36 @@ def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Points of the probed workspace, and the pairs between which distances are predicted."""
+    """Points of the probed workspace, and the pairs between which distances are predicted.
+
+    `over` is the type of the points.
+    """
 
     motion: Motion  # of the rows
     values: np.ndarray  # (P,) deviations of the arm's parameters, SI
     pairs: np.ndarray  # (K, 2) of the rows
+    over: str = "points of the workspace"
 
 
 def workspace(fitted: Estimate) -> Workspace:
-    """Positions of the same tool, evenly among the rows of fitted tools, and pairs that are far apart."""
+    """Positions of the same tool, evenly among the rows of fitted tools, and pairs that are far apart.
+
+    Rows that have all but one position give no distance: there points over the range of all joints count.
+    """
     model, scene = fitted.model, fitted.model.scene
     tool = scene.dataset.measurements.tool
     rows = scene.rows("calibrate", "validate")
     rows = rows[np.isin(tool[rows], tool[scene.rows("calibrate")])]
     rows = rows[evenly(len(rows), POINTS)]
     motion, values = model.motion(rows), model.deviations(fitted.z[model.slices[ARM]])
-    pairs = far_pairs(motion.points(values))
-    return Workspace(motion, values, pairs[tool[rows[pairs[:, 0]]] == tool[rows[pairs[:, 1]]]])
+    at, over = motion.points(values), Workspace.over
+    if np.max(lengths(at, np.stack(np.triu_indices(len(rows), 1), axis=1)), initial=0.0) < SMALLEST:
+        rows = np.resize(rows, POINTS)
+        readings = joint_range(scene.dataset.robot, POINTS, np.random.default_rng(RANGE_SEED))
+        motion, over = elsewhere(model, rows, readings), "points over the range of all joints"
+        at = motion.points(values)
+    pairs = far_pairs(at)
+    return Workspace(motion, values, pairs[tool[rows[pairs[:, 0]]] == tool[rows[pairs[:, 1]]]], over)
 
 
 def _workspace(
@@ -190,7 +208,7 @@ def _workspace(
     if excess:
         drawn = drawn + excess * rng.standard_normal(drawn.shape)
     found = DistanceErrors(
-        "points of the workspace", len(space.pairs), float(np.min(true, initial=np.inf)),
+        space.over, len(space.pairs), float(np.min(true, initial=np.inf)),
         float(np.max(true, initial=0.0)), lengths(drawn, space.pairs) - true, None,
     )  # fmt: skip
     if not model.parameters or not len(space.pairs):

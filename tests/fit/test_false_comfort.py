@@ -172,7 +172,7 @@ def test_more_than_was_predicted_is_said(fits, times, lacks):
     last = found.final
     said = findings(
         Assessed(
-            last.estimate, last.unexplained, last.validation, expected, found.identifiability,
+            last.estimate, last.unexplained, last.validation, expected, found.undetermined,
             found.directions, found.faces, found.acceptance,
         )
     )  # fmt: skip

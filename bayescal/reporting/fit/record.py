@@ -8,6 +8,7 @@ import numpy as np
 
 from bayescal.assess.conformance import COVERAGE
 from bayescal.assess.iso9283 import iso9283
+from bayescal.assess.undetermined import Undetermined
 from bayescal.calibration import Fit, ModelLevel
 from bayescal.estimate import Estimate
 from bayescal.model import Block
@@ -48,6 +49,7 @@ def fit_record(fit: Fit) -> dict[str, Any]:
             "determined": list(fit.identifiability.determined),
             "partly": list(fit.identifiability.partly),
             "prior_only": list(fit.identifiability.prior_only),
+            "undetermined": [_undetermined(u) for u in fit.undetermined],
         },
         "faces": [
             {"target": f.target, "form_rms_um": UM * f.form, "p_value": f.p_value, "uneven": f.uneven}
@@ -67,6 +69,18 @@ def fit_record(fit: Fit) -> dict[str, Any]:
         "warnings": list(fit.warnings),
         "arm": arm_drawing(level.estimate.model.scene),
         "rows": rows_record(level.estimate),
+    }
+
+
+def _undetermined(u: Undetermined) -> dict[str, Any]:
+    """What is not determined, with what would determine it."""
+    return {
+        "parameters": list(u.parameters),
+        "combinations": u.combinations,
+        "state": u.state,
+        "lacks": list(u.changes),
+        "left_rms_um": UM * u.left,
+        "words": u.words,
     }
 
 

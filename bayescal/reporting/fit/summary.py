@@ -26,6 +26,8 @@ MOST_ROWS = 6
 """Rejected rows named without --verbose."""
 MOST_FAMILIES = 3
 """Families of the discrepancy that are named."""
+MEASURE = ("directions", "prior", "no_length", "contrast", "not_identifiable")
+"""Findings after which more is to be measured."""
 STYLES = {PASS: "bold green", FAIL: "bold red"}
 
 Facts = Iterable[tuple[str, str, str]]
@@ -66,10 +68,11 @@ def _verdict(tests: Acceptance) -> Facts:
 def _predicted(fit: Fit) -> Facts:
     """The distance error to expect, its interval, and the maximum errors of validation rows."""
     lead, space = fit.forecast.lead, fit.forecast.workspace
-    yield "distance error", _expected(lead), "bold"
+    rests = "" if fit.acceptance.determined else ", from priors: not determined by these rows"
+    yield "distance error", _expected(lead) + (rests if lead is space else ""), "bold"
     yield "", _over(lead), "dim"
     if fit.forecast.checked:
-        yield "probed volume", _expected(space), ""
+        yield "probed volume", _expected(space) + rests, ""
         yield "", _over(space), "dim"
     for k, words in enumerate(_measured(fit.final.validation, lead)):
         yield "" if k else "validation", words, "" if k else "bold"
@@ -128,7 +131,7 @@ def _next(fit: Fit) -> Facts:
     elif not fit.acceptance.validated:
         words = "measure rows with role validate, best on spheres at certified distances"
         yield "next", words, "bold"
-    elif any(f.code in ("directions", "prior", "no_length", "contrast") for f in fit.findings):
+    elif any(f.code in MEASURE for f in fit.findings if f.severity != "note"):
         yield "next", "measure what the warnings below say is missing; then fit again", "bold"
     else:
         yield "next", "use robot.yaml of the run folder", "bold"

@@ -1,0 +1,205 @@
+"""What a session leaves undetermined, why, and what to measure.
+
+A direction is a combination of parameters that the rows reduce little (`identifiability`). For each, the
+smallest change of the session is found that would determine it: a session of `PLANNED` rows with that change
+is linearised, and its information is added. The changes are those that a user can make (`CHANGES`). What no
+change determines either has no effect on a measurement, or one below the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bayescal.assess.conditions import PAYLOAD, PLANNED, Conditions
+from bayescal.assess.directions import directions, in_words
+from bayescal.assess.identifiability import DETERMINED, SHOWN, Identifiability, simplified
+from bayescal.estimate import Estimate
+
+STILL = np.radians(15.0)
+"""rad: range of a joint below which it counts as not moved (assumed)."""
+REDUNDANT = 0.01
+"""Displacement of any measurement by a prior standard deviation, in units of its noise, that is none."""
+HIDDEN = 0.3
+"""Displacement, in units of the noise, below which what is not determined has no effect."""
+NAMED = 6
+"""Parameters that a sentence names."""
+
+State = Literal["measure", "rows", "noise", "redundant"]
+
+
+def _too_few(session: Conditions) -> bool:
+    """Whether there are fewer values in different poses than unknowns."""
+    poses, each = len(np.unique(session.readings[session.rows], axis=0)), session.values_per_row
+    return poses * each < session.model.size
+
+
+def _poses(session: Conditions) -> str:
+    still = _still(session)
+    if still:
+        return f"{still} hardly moved"
+    if _too_few(session):
+        count = len(np.unique(session.readings[session.rows], axis=0))
+        several = f"{count} different poses cannot determine {session.model.size} unknowns"
+        return several if count > 1 else "all rows have one pose"
+    return "the poses are too much alike"
+
+
+def _still(session: Conditions) -> str:
+    robot, readings = session.model.scene.dataset.robot, session.readings[session.rows]
+    still = [n for n, span in zip(robot.joint_names, np.ptp(readings, axis=0), strict=True) if span < STILL]
+    return "" if len(still) == robot.n else ", ".join(still)
+
+
+def _look(session: Conditions) -> str:
+    return in_words(directions(session.model)) or "each target is seen along few directions"
+
+
+CHANGES: dict[str, tuple[Callable[[Conditions], str], Callable[[Conditions], str]]] = {
+    "poses": (
+        _poses,
+        lambda s: f"measure in poses over most of the range of {_still(s) or 'every joint'}",
+    ),
+    "directions": (_look, lambda s: "probe planes in three directions, or spheres"),
+    "length": (
+        lambda s: "no length is certified",
+        lambda s: "state a certified distance between fitted targets",
+    ),
+    "payload": (
+        lambda s: "gravity torques vary too little",
+        lambda s: f"measure also with {PAYLOAD:g} kg more payload",
+    ),
+    "tool": (
+        lambda s: "one tool point does not show all rotations of the flange",
+        lambda s: "measure also with a second tool, its point 100 mm away",
+    ),
+}
+"""What a session may lack, the least costly first: the reason, and what to measure."""
+OTHERWISE = {
+    "rows": ("the rows are too few for their noise", "measure more rows of the same kind"),
+    "noise": (
+        "the noise is larger than their effect",
+        "lower the noise (means of repeats), or leave them out of the model",
+    ),
+    "redundant": ("no measurement depends on them", "nothing needs to be done"),
+}
+"""Reason and remedy of what no change determines."""
+
+
+@dataclass(frozen=True)
+class Undetermined:
+    """Combinations of parameters with a common cause.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+        All that have a part in them.
+    combinations : int
+    what : str
+        What is not determined, in words.
+    changes : tuple of str
+        The smallest set of `CHANGES` that determines them; () if more rows of the same kind do, or nothing.
+    state : str
+        ``measure``: the changes determine them; ``rows``: more rows do; ``noise``: their effect is below the
+        noise; ``redundant``: they have none.
+    left : float
+        RMS displacement, m, of tool points over the range of all joints by what is not determined.
+    noise : float
+        Of one measurement, m.
+    reason, remedy : str
+    """
+
+    parameters: tuple[str, ...]
+    combinations: int
+    what: str
+    changes: tuple[str, ...]
+    state: State
+    left: float
+    noise: float
+    reason: str
+    remedy: str
+
+    @property
+    def matters(self) -> bool:
+        """Whether a point that the arm can go to with this tool is affected beyond the noise."""
+        return self.state != "redundant" and self.left > self.noise
+
+    @property
+    def hidden(self) -> bool:
+        """Whether it may matter otherwise: with another tool, or with less noise."""
+        below = self.state == "noise" and self.left > HIDDEN * self.noise
+        return not self.matters and ("tool" in self.changes or below)
+
+    @property
+    def words(self) -> str:
+        """In one sentence."""
+        effect = "no effect with this tool"
+        if self.left > HIDDEN * self.noise:
+            effect = f"{float(f'{1e6 * self.left:.2g}'):.9g} µm RMS over the range of all joints"
+        return f"{self.what} ({effect}), because {self.reason}: {self.remedy}"
+
+
+def undetermined(fitted: Estimate, known: Identifiability) -> tuple[Undetermined, ...]:
+    """What is not determined, by cause, the largest consequence first.
+
+    Parameters
+    ----------
+    fitted : Estimate
+    known : Identifiability
+        Of this estimate.
+    """
+    if not known.weak:
+        return ()
+    session = Conditions(fitted, known.index)
+    possible = session.possible(tuple(CHANGES))
+    weak = np.array([d.vector for d in known.weak]).T
+    seen, turn = np.linalg.eigh(weak.T @ session.information(possible[-1]) @ weak)
+    no_effect = np.sqrt(np.maximum(seen, 0.0) / PLANNED) < REDUNDANT
+    groups: dict[tuple[State, tuple[str, ...]], list[np.ndarray]] = {}
+    if np.any(no_effect):
+        groups["redundant", ()] = [*(weak @ turn[:, no_effect]).T]
+    for v in simplified(weak @ turn[:, ~no_effect]).T if not np.all(no_effect) else ():
+        groups.setdefault(_cause(session, known, v, possible), []).append(v)
+    found = [_described(session, known, *cause, np.array(own).T) for cause, own in groups.items()]
+    return tuple(sorted(found, key=lambda u: -u.left))
+
+
+def _cause(
+    session: Conditions, known: Identifiability, v: np.ndarray, possible: list[tuple[str, ...]]
+) -> tuple[State, tuple[str, ...]]:
+    """The state of a direction (P,), and the smallest of the possible changes that determines it."""
+    own = np.eye(len(v)) + known.information
+    for changes in possible:
+        if v @ np.linalg.solve(own + session.information(changes), v) <= 1.0 - DETERMINED:
+            return ("measure" if changes else "rows"), changes
+    return "noise", ()
+
+
+def _listed(parameters: tuple[str, ...], combinations: int) -> str:
+    more = f" and {len(parameters) - NAMED} more" if len(parameters) > NAMED else ""
+    which = ", ".join(parameters[:NAMED]) + more
+    singly = combinations == len(parameters)
+    return f"{which} are not identifiable" if singly else f"combinations of {which} are not identifiable"
+
+
+def _described(
+    session: Conditions, known: Identifiability, state: State, changes: tuple[str, ...], v: np.ndarray
+) -> Undetermined:
+    """Directions (P, K) with a common cause, in words."""
+    names = [p.name for p in known.parameters]
+    shown = np.max(np.abs(v), axis=1) > SHOWN
+    covariance = v.T @ np.linalg.solve(np.eye(len(v)) + known.information, v)
+    if state == "measure":
+        reason = " and ".join(CHANGES[c][0](session) for c in changes)
+        remedy = ", ".join(CHANGES[c][1](session) for c in changes)
+    else:
+        reason, remedy = OTHERWISE[state]
+    parameters = tuple(n for n, own in zip(names, shown, strict=True) if own)
+    what = known.direction(v[:, 0]).words if v.shape[1] == 1 else _listed(parameters, v.shape[1])
+    return Undetermined(
+        parameters, v.shape[1], what, changes, state,
+        session.displacement(v @ covariance @ v.T), session.noise, reason, remedy,
+    )  # fmt: skip
