@@ -94,8 +94,8 @@ def points_function(problem: Problem) -> Callable[[Any], list[Any]]:
 def density_function(problem: Problem, density: Density) -> Callable[[Any], Any]:
     """Log density at one point (D + 1,), equal to `Density` up to rounding."""
     model = problem.model
-    ratio = np.concatenate([np.full(len(b.rows), density.ratio[b.group]) for b in model.blocks])
-    sigma = np.concatenate([density.estimate.weights.sigma[b.target] for b in model.blocks]) * ratio
+    (count,) = density.count  # one noise group
+    sigma = np.concatenate([density.estimate.weights.sigma[b.target] for b in model.blocks])
     walls = problem.walls(sigma)
     points = points_function(problem)
     shift_of_prior = model.deviations(np.zeros(len(model.parameters)))  # from nominal
@@ -110,6 +110,6 @@ def density_function(problem: Problem, density: Density) -> Callable[[Any], Any]
         contacts = jnp.sum(contact_residuals(jnp, walls, normal, shift, points(values)) ** 2)
         rest = jnp.sum(tie_residuals(jnp, walls, normal, shift) ** 2) + jnp.sum(z**2)
         half = 0.5 * (contacts + STATED_WORTH) * jnp.exp(-2.0 * log_kappa)
-        return -(density.count + STATED_WORTH) * log_kappa - 0.5 * rest - half
+        return -(count + STATED_WORTH) * log_kappa - 0.5 * rest - half
 
     return log_density

@@ -13,7 +13,7 @@ import numpy as np
 
 from analysis.benchmarks.effective import Turn
 from bayescal.posterior import Density
-from bayescal.posterior.density import Linearised
+from bayescal.posterior.linearised import Linearised
 from bayescal.posterior.sample import Evolution, Independence
 
 THIN = 10  # of the stretch move's steps one is kept: its chains are long

@@ -24,7 +24,7 @@ from analysis.benchmarks.effective import Turn
 from analysis.benchmarks.jax_density import density_function
 from analysis.benchmarks.problem import Problem
 from bayescal.posterior import Density
-from bayescal.posterior.density import Linearised
+from bayescal.posterior.linearised import Linearised
 
 AGREEMENT = 1e-6
 WARM_UP = 1000  # draws, for step size and mass matrix
@@ -84,5 +84,5 @@ def _covariance(density: Density) -> np.ndarray:
     """Of the linearised posterior and the logarithm of the noise scale, (D + 1, D + 1)."""
     out = np.zeros((density.size, density.size))
     out[:-1, :-1] = density.estimate.covariance
-    out[-1, -1] = 0.5 / density.count
+    out[-1, -1] = 0.5 / density.count[0]
     return out

@@ -39,7 +39,7 @@ def validated(solution: Solution) -> Validation:
     weights = unit_weights(model, z)
     unsaid = np.full((model.size, model.size), np.nan)
     at = Estimate(model, z, unsaid, weights, linearise(model, z, weights), 0, np.array([], int), {})
-    return validate(at, z[None], np.ones(1))
+    return validate(at, z[None], np.ones((1, len(weights.scale))))
 
 
 def predicted(solution: Solution, seed: int) -> Validation | None:

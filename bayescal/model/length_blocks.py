@@ -16,3 +16,12 @@ def main_group(model: Model) -> str:
     for b in length_blocks(model):
         count[b.group] = count.get(b.group, 0) + b.residuals
     return max(count, key=lambda group: count[group])
+
+
+def noise_groups(model: Model) -> tuple[str, ...]:
+    """All noise groups of a fitted model, that of most lengths first; none if nothing is fitted."""
+    present = dict.fromkeys(b.group for b in model.blocks)
+    if not length_blocks(model):
+        return tuple(present)
+    first = main_group(model)
+    return (first, *(g for g in present if g != first))

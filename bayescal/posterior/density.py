@@ -1,25 +1,20 @@
-"""Log density of the whitened parameters and the noise scale, and its linearised approximation.
+"""Log density of the whitened parameters and of the noise scale of each group.
 
-A point x is (z, log kappa): kappa multiplies the stated noise; groups of noise keep the ratio of
-their estimated scales. Contacts rejected by the estimate are left out.
+A point x is (z, log kappa of every noise group), the main group first: kappa multiplies the stated noise of
+its group. Contacts rejected by the estimate are left out.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
-from scipy.linalg import eigh
 
-from bayescal.estimate import STATED_WORTH, Estimate, linearise
+from bayescal.estimate import STATED_WORTH, Estimate
 from bayescal.model import ARM, Turned
-
-BINS = 2001
-REACH = 9.0  # standard deviations of log kappa that the grid covers on either side
+from bayescal.model.length_blocks import noise_groups
 
 
 class Density:
-    """Log posterior density, vectorised over walkers: ``density(x)`` of x (W, D + 1) is (W,)."""
+    """Log posterior density, vectorised over walkers: ``density(x)`` of x (W, D + G) is (W,)."""
 
     def __init__(self, estimate: Estimate) -> None:
         model = estimate.model
@@ -31,24 +26,25 @@ class Density:
         self._motion = model.motion(np.concatenate(touching))
         ends = np.cumsum([len(rows) for rows in kept])
         self._at = [slice(end - len(rows), end) for end, rows in zip(ends, kept, strict=True)]
-        scale = estimate.weights.scale
-        main = max(scale, key=lambda g: sum(b.residuals for b in self.blocks if b.group == g))
-        self.kappa = scale[main]  # the estimate's
-        self.ratio = {g: s / self.kappa for g, s in scale.items()}
-        self.inverse_sigma = []
+        self.groups = noise_groups(model)
+        self.kappa = np.array([estimate.weights.scale[g] for g in self.groups])  # (G,) the estimate's
+        member = np.array([[b.group == g for g in self.groups] for b in self.blocks], float)
+        self.member = member.reshape(len(self.blocks), len(self.groups))  # 1 where a block is of a group
+        self.inverse_sigma, numbers = [], []
         for b, full in zip(self.blocks, model.blocks, strict=True):
             row = np.tile(estimate.weights.row[b.name], full.kind.rows)
-            inverse = np.sqrt(row) / (estimate.weights.sigma[b.name] * self.ratio[b.group])
+            inverse = np.sqrt(row) / estimate.weights.sigma[b.name]
             self.inverse_sigma.append(inverse[row > 0].reshape(full.kind.rows, -1))
-        self.count = sum(float(np.sum(estimate.weights.row[b.name])) * b.kind.rows for b in model.blocks)
+            numbers.append(float(np.sum(row)))
+        self.count = np.array(numbers) @ self.member  # (G,) residuals
 
     @property
     def size(self) -> int:
-        """Length of a point: D + 1."""
-        return self.model.size + 1
+        """Length of a point: D + G."""
+        return self.model.size + len(self.groups)
 
     def whitened(self, z: np.ndarray) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
-        """Residuals of every block at z (W, D), in standard uncertainties at kappa 1, and all target states.
+        """Residuals of every block at z (W, D), in stated standard uncertainties, and all target states.
 
         Shape for a block: (W, rows of its kind, contacts that were not rejected).
         """
@@ -66,11 +62,14 @@ class Density:
         return residuals, states
 
     def misfit(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Chi-squared of the contacts at kappa 1, and of certificates and prior, at z (W, D): (W,), (W,)."""
+        """Chi-squared of each group's contacts at stated noise (W, G), and of certificates and prior (W,).
+
+        At z (W, D).
+        """
         residuals, states = self.whitened(z)
-        contacts = np.zeros(len(z))
-        for r in residuals:
-            contacts += np.einsum("wkc,wkc->w", r, r)
+        contacts = np.zeros((len(z), len(self.groups)))
+        for r, member in zip(residuals, self.member, strict=True):
+            contacts += np.einsum("wkc,wkc->w", r, r)[:, None] * member
         values = self.model.deviations(z[:, self.model.slices[ARM]])
         rest = np.einsum("wd,wd->w", z, z)
         for constraint in self.model.constraints:
@@ -79,86 +78,11 @@ class Density:
         return contacts, rest
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Log density up to a constant, (W,), at points x (W, D + 1)."""
-        contacts, rest = self.misfit(x[:, :-1])
-        log_kappa = x[:, -1]
+        """Log density up to a constant, (W,), at points x (W, D + G)."""
+        contacts, rest = self.misfit(x[:, : self.model.size])
+        log_kappa = x[:, self.model.size :]
         with np.errstate(over="ignore", invalid="ignore"):
-            out = -(self.count + STATED_WORTH) * log_kappa - 0.5 * rest
-            out -= 0.5 * (contacts + STATED_WORTH) * np.exp(-2.0 * log_kappa)
+            of_scales = (self.count + STATED_WORTH) * log_kappa
+            of_scales += 0.5 * (contacts + STATED_WORTH) * np.exp(-2.0 * log_kappa)
+            out = -0.5 * rest - np.sum(of_scales, axis=1)
         return np.where(np.isfinite(out), out, -np.inf)
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """The density with the model linearised at the estimate; draws and evaluation are exact.
-
-    The noise scale is drawn from its closed-form marginal on a grid, the parameters from their normal
-    distribution given the scale. A generalised eigendecomposition makes it diagonal for every scale.
-    """
-
-    centre: np.ndarray  # (D,) the estimate
-    basis: np.ndarray  # (D, D) V with V' P V = 1 and V' A V = diag(eigenvalues)
-    inverse: np.ndarray  # (D, D) its inverse
-    eigenvalues: np.ndarray  # (D,) information of the contacts at kappa 1, relative to the rest
-    pull: np.ndarray  # (D,) gradient of the contacts' half chi-squared, in the basis
-    push: np.ndarray  # (D,) gradient of half chi-squared of prior and certificates, in the basis
-    edges: np.ndarray  # (BINS + 1,) of log kappa
-    log_mass: np.ndarray  # (BINS,) log density in each bin
-
-    @classmethod
-    def of(cls, density: Density) -> Linearised:
-        """Linearise a density at its estimate."""
-        estimate = density.estimate
-        # at kappa 1, with the row weights of the density
-        unit = linearise(density.model, estimate.z, replace(estimate.weights, scale=density.ratio))
-        contacts = sum(s.stop - s.start for s in unit.of_block.values())
-        jc, jt = unit.jacobian[:contacts], unit.jacobian[contacts:]
-        rc, rt = unit.residual[:contacts], unit.residual[contacts:]
-        eigenvalues, basis = eigh(jc.T @ jc, np.eye(density.model.size) + jt.T @ jt)
-        eigenvalues = np.maximum(eigenvalues, 0.0)
-        pull, push = basis.T @ (jc.T @ rc), basis.T @ (jt.T @ rt + estimate.z)
-        inverse = np.linalg.inv(basis)
-        chi2 = float(rc @ rc)
-        spread = 1.0 / np.sqrt(2.0 * max(density.count - density.model.size + STATED_WORTH, 4.0))
-        edges = np.log(density.kappa) + REACH * spread * np.linspace(-1.0, 1.0, BINS + 1)
-        middle = 0.5 * (edges[1:] + edges[:-1])
-        inverse_square = np.exp(-2.0 * middle)[:, None]
-        precision = 1.0 + eigenvalues * inverse_square
-        gain = (pull * inverse_square + push) ** 2 / precision
-        log_mass = (
-            -(density.count + STATED_WORTH) * middle
-            - 0.5 * (chi2 + STATED_WORTH) * inverse_square[:, 0]
-            + 0.5 * np.sum(gain - np.log(precision), axis=1)
-        )
-        log_mass -= log_mass.max()
-        log_mass -= np.log(np.sum(np.exp(log_mass)) * (edges[1] - edges[0]))
-        return cls(estimate.z, basis, inverse, eigenvalues, pull, push, edges, log_mass)
-
-    def _given(self, log_kappa: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Means and precisions (W, D) in the basis, given the scale."""
-        inverse_square = np.exp(-2.0 * log_kappa)[:, None]
-        precision = 1.0 + self.eigenvalues * inverse_square
-        return -(self.pull * inverse_square + self.push) / precision, precision
-
-    def draw(
-        self, count: int, rng: np.random.Generator | np.random.RandomState, spread: float = 1.0
-    ) -> np.ndarray:
-        """Independent points (count, D + 1); `spread` is a factor on the standard deviation of parameters."""
-        width = self.edges[1] - self.edges[0]
-        cumulative = np.cumsum(np.exp(self.log_mass) * width)
-        bins = np.searchsorted(cumulative, rng.uniform(size=count) * cumulative[-1])
-        log_kappa = self.edges[np.minimum(bins, BINS - 1)] + width * rng.uniform(size=count)
-        mean, precision = self._given(log_kappa)
-        y = mean + spread * rng.standard_normal(size=mean.shape) / np.sqrt(precision)
-        return np.column_stack([self.centre + y @ self.basis.T, log_kappa])
-
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Log density (W,) of `draw` at points x (W, D + 1), up to a constant."""
-        log_kappa = x[:, -1]
-        bins = np.floor((log_kappa - self.edges[0]) / (self.edges[1] - self.edges[0])).astype(int)
-        inside = (bins >= 0) & (bins < BINS)
-        y = (x[:, :-1] - self.centre) @ self.inverse.T
-        mean, precision = self._given(np.where(inside, log_kappa, self.edges[0]))
-        out = self.log_mass[np.clip(bins, 0, BINS - 1)]
-        out = out + 0.5 * np.sum(np.log(precision) - precision * (y - mean) ** 2, axis=1)
-        return np.where(inside, out, -np.inf)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayescal.estimate import Estimate
-from bayescal.posterior.density import Density, Linearised
+from bayescal.posterior.density import Density
+from bayescal.posterior.linearised import Linearised
 
 CHAINS = 4
 
@@ -21,12 +23,12 @@ class Draws:
     """
 
     z: np.ndarray  # (chains, draws, D)
-    log_kappa: np.ndarray  # (chains, draws), noise scale over the stated noise
+    log_kappa: np.ndarray  # (chains, draws, G), noise scale of each group over its stated noise
     log_density: np.ndarray  # (chains, draws)
-    names: tuple[str, ...]  # of the D components and the noise scale
-    ess_bulk: np.ndarray  # (D + 1,) effective draws in the bulk
-    ess_tail: np.ndarray  # (D + 1,) effective draws in the tails, of the 5 % and the 95 % quantile
-    rhat: np.ndarray  # (D + 1,) rank-normalised split R-hat, nan where not sampled
+    names: tuple[str, ...]  # of the D components and the noise scales
+    ess_bulk: np.ndarray  # (D + G,) effective draws in the bulk
+    ess_tail: np.ndarray  # (D + G,) effective draws in the tails, of the 5 % and the 95 % quantile
+    rhat: np.ndarray  # (D + G,) rank-normalised split R-hat, nan where not sampled
     acceptance: dict[str, float]  # by move
     moves: str
     steps: int  # of each ensemble after burn-in
@@ -36,7 +38,7 @@ class Draws:
 
     @property
     def ess(self) -> np.ndarray:
-        """Effective draws, the smaller of bulk and tails, (D + 1,)."""
+        """Effective draws, the smaller of bulk and tails, (D + G,)."""
         return np.minimum(self.ess_bulk, self.ess_tail)
 
     @property
@@ -47,19 +49,24 @@ class Draws:
 
     @property
     def kappa(self) -> np.ndarray:
-        """Noise scales of `flat`, (chains * draws,)."""
-        return np.exp(self.log_kappa.ravel())
+        """Noise scales of `flat`, (chains * draws, G), in the order of `noise_groups`."""
+        return np.exp(self.log_kappa.reshape(-1, self.log_kappa.shape[-1]))
+
+
+def scale_names(groups: Sequence[str]) -> tuple[str, ...]:
+    """Names of the noise scales: that of the first group is the noise scale of a fit."""
+    return tuple(f"noise scale of {g}" if k else "noise scale" for k, g in enumerate(groups))
 
 
 def gaussian(estimate: Estimate, seed: int, count: int = 4000) -> Draws:
-    """Draws of the linearised posterior: the Gaussian approximation, with the noise scale unknown."""
+    """Draws of the linearised posterior: the Gaussian approximation, with the noise scales unknown."""
     density = Density(estimate)
     x = Linearised.of(density).draw(count, np.random.default_rng(seed))
     x = x.reshape(CHAINS, -1, density.size)
     lp = np.stack([density(part) for part in x])
-    every = np.full(density.size, float(count))
+    every, size = np.full(density.size, float(count)), density.model.size
     return Draws(
-        x[..., :-1], x[..., -1], lp, (*estimate.model.names, "noise scale"),
+        x[..., :size], x[..., size:], lp, (*estimate.model.names, *scale_names(density.groups)),
         every, every, np.full(density.size, np.nan), {},
         "none: independent draws of the linearised posterior", count, 1, True, "",
     )  # fmt: skip

@@ -40,8 +40,8 @@ def pointwise(estimate: Estimate, z: np.ndarray, kappa: np.ndarray, rng: np.rand
         Rows that were excluded as outliers are omitted.
     z : np.ndarray, shape (S, D)
         Draws of the whitened parameters.
-    kappa : np.ndarray, shape (S,)
-        Noise scales of the same draws.
+    kappa : np.ndarray, shape (S, G)
+        Noise scales of the same draws, in the order of `noise_groups`.
     rng : np.random.Generator
         Of the noise of replicated data.
     """
@@ -58,10 +58,10 @@ def pointwise(estimate: Estimate, z: np.ndarray, kappa: np.ndarray, rng: np.rand
         observed[at[k]] = _size(here[k][0] / density.inverse_sigma[k])
     for start in range(0, len(z), CHUNK):
         part = slice(start, start + CHUNK)
-        scale = kappa[part, None, None]
         residuals, _ = density.whitened(z[part])
         for k, r in enumerate(residuals):
             inverse = density.inverse_sigma[k]
+            scale = kappa[part, density.groups.index(blocks[k].group), None, None]
             term = np.log(1e-6 * inverse / np.sqrt(2.0 * np.pi) / scale) - 0.5 * (r / scale) ** 2
             log_likelihood[part, at[k]] += term.sum(axis=1)
             if k in pointlike:
@@ -75,12 +75,12 @@ def _size(residuals: np.ndarray) -> np.ndarray:
     return residuals[..., 0, :] if residuals.shape[-2] == 1 else np.linalg.norm(residuals, axis=-2)
 
 
-def prior_draws(size: int, chains: int, draws: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Draws of the prior: z (chains, draws, size), and logs of the noise scale (chains, draws).
+def prior_draws(size: int, groups: int, chains: int, draws: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Draws of the prior: z (chains, draws, size), and logs of the noise scales (chains, draws, groups).
 
-    Only the parameters have a prior; certificates between targets are data. The prior of the noise scale
+    Only the parameters have a prior; certificates between targets are data. The prior of each noise scale
     gives the stated noise the weight of `STATED_WORTH` contacts.
     """
     rng = np.random.default_rng([seed, PRIOR])
     z = rng.standard_normal((chains, draws, size))
-    return z, -0.5 * np.log(rng.chisquare(STATED_WORTH, (chains, draws)) / STATED_WORTH)
+    return z, -0.5 * np.log(rng.chisquare(STATED_WORTH, (chains, draws, groups)) / STATED_WORTH)

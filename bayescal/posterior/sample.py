@@ -16,8 +16,9 @@ import numpy as np
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
 from bayescal.posterior.convergence import Convergence, convergence, split_rhat
-from bayescal.posterior.density import Density, Linearised
-from bayescal.posterior.draws import CHAINS, Draws
+from bayescal.posterior.density import Density
+from bayescal.posterior.draws import CHAINS, Draws, scale_names
+from bayescal.posterior.linearised import Linearised
 
 LEAST_SHARE, LARGEST_SHARE = 0.5, 0.9
 """Limits of the share of independent proposals; within them it is their acceptance rate in the burn-in."""
@@ -69,7 +70,7 @@ def sample(
     progress: Callable[[float], None] = lambda fraction: None,
     max_steps: int = MAX_STEPS,
 ) -> Draws:
-    """Sample until every parameter and the noise scale have `effective` effective draws, bulk and tails.
+    """Sample until every parameter and noise scale has `effective` effective draws, bulk and tails.
 
     Parameters
     ----------
@@ -116,7 +117,7 @@ def sample(
             states[k] = sampler.run_mcmc(states[k], more)
             progress((steps + (k + 1) / CHAINS * more) / (steps + more))
         steps += more
-        chains = np.stack([s.get_chain(discard=first, thin=thin) for s in samplers])  # (M, T, W, D + 1)
+        chains = np.stack([s.get_chain(discard=first, thin=thin) for s in samplers])  # (M, T, W, D + G)
         ends = _walkers_end_to_end(chains)
         found, drift = convergence(ends), _drift(chains)
         tau = thin * chains[..., 0].size / float(found.ess_bulk.min())
@@ -129,14 +130,14 @@ def sample(
         growth = min(MARGIN / enough if enough < 1.0 else GROWTH, GROWTH)
         more = max(int(np.ceil((steps - first) * (growth - 1.0))), first - steps // 2, 1)
     lp = np.stack([s.get_log_prob(discard=first, thin=thin) for s in samplers])
-    names = (*estimate.model.names, "noise scale")
+    names, size = (*estimate.model.names, *scale_names(density.groups)), density.model.size
     complaint = _complaint(names, found, drift, effective, steps, tau)
     acceptance = {
         "independence": float(np.mean([pair[0].rate for pair in moves])),
         "differential evolution": float(np.mean([pair[1].rate for pair in moves])),
     }
     return Draws(
-        ends[..., :-1], ends[..., -1], _walkers_end_to_end(lp), names,
+        ends[..., :size], ends[..., size:], _walkers_end_to_end(lp), names,
         found.ess_bulk, found.ess_tail, found.rhat, acceptance,
         f"{100 * share:.0f} % independent proposals from the linearised posterior, the others differential "
         "evolution",

@@ -14,6 +14,7 @@ import numpy as np
 
 from bayescal.estimate import Estimate
 from bayescal.model import ARM, Block, Model
+from bayescal.model.length_blocks import noise_groups
 from bayescal.predict.distances import certified_pairs
 from bayescal.predict.rows import Prepared, RowPrediction, certified_diameters, predicted_rows, prepared
 from bayescal.predict.targets import LocatedTarget
@@ -90,7 +91,7 @@ class _Draws:
 
     estimate: Estimate
     away: np.ndarray  # (S, D) posterior draws minus the estimate
-    kappa: np.ndarray  # (S,)
+    kappa: np.ndarray  # (S, G)
     excess: float  # m, unexplained error of a ball centre
     rng: np.random.Generator
     of_target: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
@@ -104,8 +105,7 @@ class _Draws:
         scales, model = self.estimate.weights.scale, self.estimate.model
         if group not in scales:
             return np.ones((len(self.kappa), 1))
-        main = max(scales, key=lambda g: sum(b.residuals for b in model.blocks if b.group == g))
-        return self.kappa[:, None] / scales[main]
+        return self.kappa[:, noise_groups(model).index(group), None] / scales[group]
 
     def of_instrument(self, block: Block) -> bool:
         """Whether an instrument reads the rows of a block."""
@@ -165,8 +165,8 @@ def validate(
     estimate : Estimate
     z : np.ndarray, shape (S, D)
         Posterior draws.
-    kappa : np.ndarray, shape (S,)
-        Their noise scales.
+    kappa : np.ndarray, shape (S, G)
+        Their noise scales, in the order of `noise_groups`.
     excess : float
         Standard deviation of the unexplained error (`unexplained`), m per coordinate. Contacts of the same
         sphere or socket share it; every point read by an instrument has an independent one.

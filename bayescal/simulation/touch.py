@@ -72,7 +72,7 @@ def misstated(world: World, dataset: Dataset) -> World:
     wrong = [constraint for constraint in model.constraints if len(constraint.index)]
     faces = [b.target for b in model.blocks if isinstance(b.kind, Plane)]
     true = {t.name: t for t in world.targets}
-    z = {name: _state_of(true[name], model.block_of[name]) for name in faces}
+    z = {name: state_of(true[name], model.block_of[name]) for name in faces}
     z |= {ARM: -model.shift / model.sd}
     right = [model.linearised(constraint, z)[0] for constraint in wrong]
     z |= {ARM: (values - model.shift) / model.sd}
@@ -85,7 +85,7 @@ def misstated(world: World, dataset: Dataset) -> World:
     return replace(world, targets=tuple(_at(t, model, z) if wrong else t for t in world.targets))
 
 
-def _state_of(face: Target, block: Block) -> np.ndarray:
+def state_of(face: Target, block: Block) -> np.ndarray:
     """A true face as whitened state (3,) of the nominal face."""
     plane, normal = block.kind, np.asarray(face.values["normal"], float)
     assert isinstance(plane, Plane)

@@ -15,7 +15,7 @@ from bayescal.arm.chain import Chain
 from bayescal.arm.motion import Motion, Term
 from bayescal.estimate import linearise, solve
 from bayescal.posterior import Density
-from bayescal.posterior.density import Linearised
+from bayescal.posterior.linearised import Linearised
 
 
 @pytest.fixture(scope="module")

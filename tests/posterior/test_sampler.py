@@ -14,7 +14,7 @@ from bayescal.model.scene import Scene
 from bayescal.posterior import Density, gaussian
 from bayescal.posterior import sample as sampling
 from bayescal.posterior.convergence import convergence
-from bayescal.posterior.density import Linearised
+from bayescal.posterior.linearised import Linearised
 from bayescal.posterior.sample import Evolution, Independence, sample
 
 
@@ -33,22 +33,38 @@ def few(cube):
     return estimate(build(Scene(session), ("geometry", "compliance")), robust=False)
 
 
-@pytest.mark.parametrize("more", [(), ("artefact",)], ids=["fitted", "wrong paper"])
+@pytest.fixture(scope="module")
+def grouped(few):
+    """The forty contacts, of which those of one face have a noise of their own."""
+    return estimate(build(with_own_noise(few.model.scene), ("geometry", "compliance")), robust=False)
+
+
+def with_own_noise(scene):
+    """A scene in which the first fitted face has a noise group of its own."""
+    first, *others = scene.dataset.targets
+    return Scene(replace(scene.dataset, targets=(replace(first, noise="A"), *others)))
+
+
+@pytest.mark.parametrize("more", ["", "artefact", "own noise"])
 def test_density_is_the_written_out_posterior(fitted, more, tie_residuals):
     """Sum by sum, from residuals of the model's blocks."""
-    if more:
-        fitted = estimate(build(fitted.model.scene, (*fitted.model.effects, *more)))
+    scene, effects = fitted.model.scene, fitted.model.effects
+    if more == "artefact":
+        fitted = estimate(build(scene, (*effects, more)))
+    elif more:
+        fitted = estimate(build(with_own_noise(scene), effects))
     density, model = Density(fitted), fitted.model
     rng = np.random.default_rng(0)
     x = Linearised.of(density).draw(3, rng, spread=2.0)
     expected = []
     for point in x:
-        z, kappa = point[:-1], np.exp(point[-1])
-        total = -0.5 * z @ z - 8 * np.log(kappa) - 8 / (2 * kappa**2)
+        z, scales = point[: model.size], np.exp(point[model.size :])
+        assert len(scales) == (2 if more == "own noise" else 1)
+        total = -0.5 * z @ z - np.sum(8 * np.log(scales) + 8 / (2 * scales**2))
         for block in model.blocks:
             r = fitted.residuals(block, z)[0]
             kept = fitted.weights.row[block.target] > 0
-            sigma = fitted.weights.sigma[block.target]
+            kappa, sigma = scales[density.groups.index(block.group)], fitted.weights.sigma[block.target]
             total += np.sum((-0.5 * (r / (kappa * sigma)) ** 2 - np.log(kappa))[kept])
         for constraint in model.constraints:
             total -= 0.5 * np.sum(tie_residuals(model, constraint, z) ** 2)
@@ -69,15 +85,41 @@ def test_linearised_draws_have_the_density_that_they_claim(few):
     """Importance weights from a wider normal, on the noise scale and one parameter, integrate to one."""
     linearised = Linearised.of(Density(few))
     x = linearised.draw(40_000, np.random.default_rng(2))
-    middle = 0.5 * (linearised.edges[1:] + linearised.edges[:-1])
-    mass = np.exp(linearised.log_mass) * (linearised.edges[1] - linearised.edges[0])
+    (scale,) = linearised.scales
+    middle = 0.5 * (scale.edges[1:] + scale.edges[:-1])
+    mass = np.exp(scale.log_mass) * (scale.edges[1] - scale.edges[0])
     assert x[:, -1].mean() == pytest.approx(mass @ middle, abs=0.01)
-    _, precision = linearised._given(x[:, -1])
-    y = (x[:, :-1] - linearised.centre) @ linearised.inverse.T
-    mean, _ = linearised._given(x[:, -1])
+    y = (x[:, :-1] - linearised.centre) @ scale.inverse.T
+    mean, precision = scale.given(x[:, -1])
     z = (y - mean) * np.sqrt(precision)
     assert np.abs(z.mean()) < 0.01
     assert z.std() == pytest.approx(1.0, abs=0.01)
+
+
+def test_linearised_draws_of_two_noise_groups(grouped):
+    """Given the scales the parameters are the normal that is claimed, and weights hardly differ."""
+    density = Density(grouped)
+    linearised = Linearised.of(density)
+    x = linearised.draw(3000, np.random.default_rng(3))
+    mean, root = linearised._given(x[:, density.model.size :])
+    away = x[:, : density.model.size] - grouped.z - mean
+    z = np.einsum("wij,wi->wj", root, away)
+    assert np.abs(z.mean()) < 0.01
+    assert z.std() == pytest.approx(1.0, abs=0.01)
+    np.testing.assert_allclose(z.T @ z / len(z), np.eye(z.shape[1]), atol=0.12)
+    weight = np.exp(density(x) - linearised(x) - np.max(density(x) - linearised(x)))
+    assert np.sum(weight) ** 2 / np.sum(weight**2) > 0.85 * len(x)
+
+
+def test_the_noise_of_a_small_group_is_as_uncertain_as_its_contacts(grouped):
+    """The spread of an inverse gamma of its degrees of freedom, not that of the scale of all contacts."""
+    draws = sample(grouped, 1500, seed=3)
+    assert draws.acceptance["independence"] > 0.8
+    for k, group in enumerate(Density(grouped).groups):
+        expected = 1.0 / np.sqrt(2.0 * (grouped.dof[group] + 8))
+        for found in (draws, gaussian(grouped, 1)):
+            assert np.log(found.kappa[:, k]).std() == pytest.approx(expected, rel=0.2)
+    assert grouped.dof["contact of A"] < 0.5 * grouped.dof["contact"]
 
 
 @pytest.mark.parametrize("size", [2, 12, 40])
@@ -140,7 +182,7 @@ def test_agrees_with_weighted_independent_draws(few):
     mean = weight @ x
     sd = np.sqrt(weight @ (x - mean) ** 2)
     ours = sample(few, 5000, seed=2)
-    drawn = np.concatenate([ours.flat, np.log(ours.kappa)[:, None]], axis=1)
+    drawn = np.concatenate([ours.flat, np.log(ours.kappa)], axis=1)
     assert np.max(np.abs(drawn.mean(axis=0) - mean) / sd) < 0.06
     assert np.max(np.abs(drawn.std(axis=0) / sd - 1.0)) < 0.05
 
@@ -149,7 +191,7 @@ def test_reaches_what_was_asked_and_says_how(fitted):
     """Of the draws that are kept, in the bulk and in the tails, as ArviZ counts them; and not many more."""
     draws = sample(fitted, 4000, seed=0)
     assert draws.converged
-    both = np.concatenate([draws.z, draws.log_kappa[..., None]], axis=-1)
+    both = np.concatenate([draws.z, draws.log_kappa], axis=-1)
     for count, method in ((draws.ess_bulk, "bulk"), (draws.ess_tail, "tail")):
         theirs = [float(arviz_ess(both[..., k], method)) for k in range(both.shape[-1])]
         np.testing.assert_allclose(count, theirs, rtol=1e-6)

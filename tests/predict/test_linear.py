@@ -32,7 +32,7 @@ def relocated(found, t, draws, rng, excess=0.0):
     values = model.deviations(draws.flat[:, model.slices[ARM]])
     block, count = t.block, len(draws.flat)
     p = block.motion.points(values) + excess * rng.standard_normal((count, 3, 1))
-    scale = (draws.kappa / found.weights.scale["contact"])[:, None, None]
+    scale = (draws.kappa / found.weights.scale["contact"])[:, :, None]
     noise = scale * t.noise * rng.standard_normal((count, 1, len(t.noise)))
     at = search(block.touched(values[0]), p, 1.0 / t.noise[None], noise, start=t.state)
     assert np.all(at.left < 0.01)
@@ -74,7 +74,7 @@ def test_unexplained_error_of_an_instrument_is_another_at_every_point(cube, trac
     own = found.model.slices[ARM]
     found = replace(found, z=found.z[own], covariance=found.covariance[own, own])
     draws = np.tile(found.z, (3000, 1))
-    kappa = np.full(3000, found.weights.scale["point"])
+    kappa = np.full((3000, 1), found.weights.scale["point"])
     found = replace(found, weights=replace(found.weights, scale={}))
     (plain,) = validate(found, draws, kappa).points
     (wide,) = validate(found, draws, kappa, 50e-6).points

@@ -10,7 +10,9 @@ import numpy as np
 from bayescal import __version__
 from bayescal.calibration import VALIDATION_DRAWS, Fit
 from bayescal.model import Model
+from bayescal.model.length_blocks import noise_groups
 from bayescal.posterior import Pointwise, pointwise, prior_draws
+from bayescal.posterior.draws import scale_names
 from bayescal.posterior.inference import Record, Variables
 from bayescal.reporting.shared.text import UM
 
@@ -41,6 +43,7 @@ def fit_draws(fit: Fit) -> Record:
     predictive["residual_um"] = (("contact",), _some(_chains(fit, UM * judged.replicated)))
     observed["residual_um"] = (("contact",), UM * judged.observed)
     rows = scene.rows("calibrate")
+    prior = prior_draws(model.size, len(noise_groups(model)), PRIOR_CHAINS, PRIOR_DRAWS, fit.seed)
     constant: Labelled = {
         "reading_deg": (("row", "joint"), np.degrees(m.readings[rows])),
         "target": (("row",), np.array([t.name for t in scene.dataset.targets])[m.target[rows]]),
@@ -57,7 +60,7 @@ def fit_draws(fit: Fit) -> Record:
         "sample_stats": {"lp": ((), draws.log_density)},
         "log_likelihood": {"residual_um": (("contact",), _single(_chains(fit, judged.log_likelihood)))},
         "posterior_predictive": predictive,
-        "prior": _parameters(model, *prior_draws(model.size, PRIOR_CHAINS, PRIOR_DRAWS, fit.seed)),
+        "prior": _parameters(model, *prior),
         "observed_data": observed,
         "constant_data": constant,
     }
@@ -82,11 +85,12 @@ def parameter_draws(fit: Fit) -> dict[str, np.ndarray]:
 
 
 def _parameters(model: Model, z: np.ndarray, log_kappa: np.ndarray) -> Labelled:
-    """Draws z (chains, draws, D) as variables in file units, the noise scale, and z itself by `parameter`."""
+    """Draws z (chains, draws, D) as variables in file units, noise scales, and z itself by `parameter`."""
     _, factor = model.in_file_units()
     values = model.physical(z) * factor
     out: Labelled = {variable(name): ((), values[..., k]) for k, name in enumerate(model.names)}
-    out["noise_scale"] = ((), np.exp(log_kappa))
+    for k, name in enumerate(scale_names(noise_groups(model))):
+        out[variable(name)] = ((), np.exp(log_kappa[..., k]))
     out["z"] = (("parameter",), z)
     return out
 
@@ -110,8 +114,8 @@ def _pointwise(fit: Fit) -> Pointwise:
     rows = sum(len(b.rows) for b in estimate.model.states)
     most = max(MOST_VALUES // max(rows * chains, 1), FEWEST_DRAWS)
     pick = np.linspace(0, count - 1, min(count, most)).astype(int)
-    z, kappa = draws.z[:, pick].reshape(-1, size), np.exp(draws.log_kappa[:, pick]).ravel()
-    return pointwise(estimate, z, kappa, np.random.default_rng([fit.seed, REPLICATED]))
+    z, kappa = draws.z[:, pick].reshape(-1, size), np.exp(draws.log_kappa[:, pick])
+    return pointwise(estimate, z, kappa.reshape(len(z), -1), np.random.default_rng([fit.seed, REPLICATED]))
 
 
 def _some(drawn: np.ndarray) -> np.ndarray:

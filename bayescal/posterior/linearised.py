@@ -1,0 +1,189 @@
+"""The posterior with the model linearised at the estimate: draws, and their density in closed form.
+
+Given the noise scales the parameters are normal. The scale of each noise group is drawn from its marginal on
+a grid, with the scales of the other groups at their estimates: with one group this is exact; with several,
+the scales are correlated only through the parameters that both groups determine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import eigh
+
+from bayescal.estimate import STATED_WORTH, linearise
+from bayescal.posterior.density import Density
+
+BINS = 2001
+REACH = 9.0
+"""Standard deviations of log kappa that a grid covers on either side."""
+CHUNK = 256
+"""Draws of several groups at a time: each has a covariance of its own."""
+
+Random = np.random.Generator | np.random.RandomState
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """Half a chi-squared about the estimate: information (D, D), gradient (D,)."""
+
+    information: np.ndarray
+    gradient: np.ndarray
+
+    def scaled(self, factor: float) -> Quadratic:
+        """Multiplied by a factor."""
+        return Quadratic(factor * self.information, factor * self.gradient)
+
+    def __add__(self, other: Quadratic) -> Quadratic:
+        return Quadratic(self.information + other.information, self.gradient + other.gradient)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """One noise scale, with all others given: its marginal, and the parameters given it.
+
+    A generalised eigendecomposition makes the information diagonal for every scale.
+    """
+
+    basis: np.ndarray  # (D, D) V with V' P V = 1 and V' A V = diag(eigenvalues)
+    inverse: np.ndarray  # (D, D) its inverse
+    eigenvalues: np.ndarray  # (D,) information of the group at kappa 1, relative to the rest
+    pull: np.ndarray  # (D,) gradient of the group's half chi-squared at kappa 1, in the basis
+    push: np.ndarray  # (D,) gradient of the rest, in the basis
+    edges: np.ndarray  # (BINS + 1,) of log kappa
+    log_mass: np.ndarray  # (BINS,) log density in each bin
+
+    @classmethod
+    def of(cls, own: Quadratic, chi2: float, count: float, rest: Quadratic, kappa: float) -> Scale:
+        """Build it from the part of a group with `count` residuals, and all other parts.
+
+        Parameters
+        ----------
+        own : Quadratic
+            Of the group at kappa 1; `chi2` is its value at the estimate.
+        chi2 : float
+        count : float
+            Residuals of the group.
+        rest : Quadratic
+            Of prior, certificates and other groups.
+        kappa : float
+            Estimated scale, about which the grid lies.
+        """
+        eigenvalues, basis = eigh(own.information, rest.information)
+        eigenvalues = np.maximum(eigenvalues, 0.0)
+        pull, push = basis.T @ own.gradient, basis.T @ rest.gradient
+        spread = 1.0 / np.sqrt(2.0 * max(count - len(basis) + STATED_WORTH, 4.0))
+        edges = np.log(kappa) + REACH * spread * np.linspace(-1.0, 1.0, BINS + 1)
+        middle = 0.5 * (edges[1:] + edges[:-1])
+        inverse_square = np.exp(-2.0 * middle)[:, None]
+        precision = 1.0 + eigenvalues * inverse_square
+        gain = (pull * inverse_square + push) ** 2 / precision
+        log_mass = (
+            -(count + STATED_WORTH) * middle
+            - 0.5 * (chi2 + STATED_WORTH) * inverse_square[:, 0]
+            + 0.5 * np.sum(gain - np.log(precision), axis=1)
+        )
+        log_mass -= log_mass.max()
+        log_mass -= np.log(np.sum(np.exp(log_mass)) * (edges[1] - edges[0]))
+        return cls(basis, np.linalg.inv(basis), eigenvalues, pull, push, edges, log_mass)
+
+    def given(self, log_kappa: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Means and precisions (W, D) of the parameters in the basis, given the scale (W,)."""
+        inverse_square = np.exp(-2.0 * log_kappa)[:, None]
+        precision = 1.0 + self.eigenvalues * inverse_square
+        return -(self.pull * inverse_square + self.push) / precision, precision
+
+    def draw(self, count: int, rng: Random) -> np.ndarray:
+        """Draws (count,) of log kappa."""
+        width = self.edges[1] - self.edges[0]
+        cumulative = np.cumsum(np.exp(self.log_mass) * width)
+        bins = np.searchsorted(cumulative, rng.uniform(size=count) * cumulative[-1])
+        return self.edges[np.minimum(bins, BINS - 1)] + width * rng.uniform(size=count)
+
+    def __call__(self, log_kappa: np.ndarray) -> np.ndarray:
+        """Log density (W,) of `draw`; -inf beyond the grid."""
+        bins = np.floor((log_kappa - self.edges[0]) / (self.edges[1] - self.edges[0])).astype(int)
+        inside = (bins >= 0) & (bins < BINS)
+        return np.where(inside, self.log_mass[np.clip(bins, 0, BINS - 1)], -np.inf)
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The linearised density of the parameters and of the noise scale of every group."""
+
+    centre: np.ndarray  # (D,) the estimate
+    scales: tuple[Scale, ...]  # of each group
+    information: np.ndarray  # (G, D, D) of each group at kappa 1
+    gradient: np.ndarray  # (G, D) of each group at kappa 1
+    rest: Quadratic  # of prior and certificates
+
+    @classmethod
+    def of(cls, density: Density) -> Linearised:
+        """Linearise a density at its estimate."""
+        estimate, model = density.estimate, density.model
+        stated = replace(estimate.weights, scale=dict.fromkeys(density.groups, 1.0))
+        unit = linearise(model, estimate.z, stated)
+        own, chi2 = [], []
+        for group in density.groups:
+            at = [unit.of_block[b.name] for b in model.blocks if b.group == group]
+            j = np.concatenate([unit.jacobian[s] for s in at])
+            r = np.concatenate([unit.residual[s] for s in at])
+            own.append(Quadratic(j.T @ j, j.T @ r))
+            chi2.append(float(r @ r))
+        first = sum(s.stop - s.start for s in unit.of_block.values())
+        j, r = unit.jacobian[first:], unit.residual[first:]
+        rest = Quadratic(np.eye(model.size) + j.T @ j, estimate.z + j.T @ r)
+        at_estimate = [q.scaled(k**-2) for q, k in zip(own, density.kappa, strict=True)]
+        scales = []
+        for k, q in enumerate(own):
+            others = sum((o for h, o in enumerate(at_estimate) if h != k), rest)
+            scales.append(Scale.of(q, chi2[k], float(density.count[k]), others, float(density.kappa[k])))
+        return cls(
+            estimate.z,
+            tuple(scales),
+            np.array([q.information for q in own]),
+            np.array([q.gradient for q in own]),
+            rest,
+        )
+
+    def draw(self, count: int, rng: Random, spread: float = 1.0) -> np.ndarray:
+        """Independent points (count, D + G); `spread` is a factor on the standard deviation of parameters."""
+        log_kappa = np.stack([s.draw(count, rng) for s in self.scales], axis=1)
+        away = rng.standard_normal(size=(count, len(self.centre)))
+        if len(self.scales) == 1:
+            mean, precision = self.scales[0].given(log_kappa[:, 0])
+            z = (mean + spread * away / np.sqrt(precision)) @ self.scales[0].basis.T
+        else:
+            z = np.concatenate([
+                self._drawn(log_kappa[k : k + CHUNK], spread * away[k : k + CHUNK])
+                for k in range(0, count, CHUNK)
+            ])  # fmt: skip
+        return np.column_stack([self.centre + z, log_kappa])
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Log density (W,) of `draw` at points x (W, D + G), up to a constant."""
+        size = len(self.centre)
+        away, log_kappa = x[:, :size] - self.centre, x[:, size:]
+        out = np.sum([s(own) for s, own in zip(self.scales, log_kappa.T, strict=True)], axis=0)
+        log_kappa = np.where(np.isfinite(out)[:, None], log_kappa, [s.edges[0] for s in self.scales])
+        if len(self.scales) == 1:
+            mean, precision = self.scales[0].given(log_kappa[:, 0])
+            y = away @ self.scales[0].inverse.T
+            return out + 0.5 * np.sum(np.log(precision) - precision * (y - mean) ** 2, axis=1)
+        mean, root = self._given(log_kappa)
+        y = np.einsum("wij,wi->wj", root, away - mean)
+        return out + np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)) - 0.5 * y**2, axis=1)
+
+    def _given(self, log_kappa: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Means (W, D) and Cholesky factors (W, D, D) of the information, given the scales (W, G)."""
+        inverse_square = np.exp(-2.0 * log_kappa)
+        information = self.rest.information + np.tensordot(inverse_square, self.information, axes=1)
+        gradient = self.rest.gradient + inverse_square @ self.gradient
+        mean = -np.linalg.solve(information, gradient[..., None])[..., 0]
+        return mean, np.linalg.cholesky(information)
+
+    def _drawn(self, log_kappa: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """Parameters (W, D) relative to the estimate, from the scales and standard normals (W, D)."""
+        mean, root = self._given(log_kappa)
+        return mean + np.linalg.solve(np.swapaxes(root, 1, 2), normal[..., None])[..., 0]
