@@ -10,7 +10,8 @@ imported when first used.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+
+TYPE_CHECKING = False  # `typing` is not imported: see `bayescal.cli`
 
 if TYPE_CHECKING:
     from bayescal import effects, robots
@@ -68,7 +69,7 @@ _FROM |= {
 _MODULES = {"effects": "bayescal.effects", "plot": "bayescal.public.plot", "robots": "bayescal.robots"}
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Import a public name when it is first used."""
     if name in _MODULES:
         return import_module(_MODULES[name])

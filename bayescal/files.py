@@ -9,6 +9,7 @@ import os
 import re
 import secrets
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path as File
 from typing import Annotated, Any, TypeVar
@@ -17,7 +18,9 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from bayescal.beside import OTHER_OUT, PART, beside, remove_leftovers
 from bayescal.errors import BayescalError
+from bayescal.stopping import completed
 
 UNITS = {"mm": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180} | dict.fromkeys(
     ("rad", "kg", "nm", "s", "c", "mps2", "rad_per_nm"), 1.0
@@ -303,7 +306,9 @@ def write_together(files: Mapping[File, str | bytes]) -> None:
     BayescalError
         If one cannot be written; then no file is changed.
     """
-    staged = {path: path.with_name(f".{path.name}.{secrets.token_hex(4)}.part") for path in files}
+    staged = {path: beside(path.absolute(), f"{secrets.token_hex(4)}.{PART}") for path in files}
+    for path in files:
+        remove_leftovers(path.absolute())
     try:
         for path, content in files.items():
             data = content.encode("utf-8") if isinstance(content, str) else content
@@ -313,11 +318,13 @@ def write_together(files: Mapping[File, str | bytes]) -> None:
                 os.fsync(stream.fileno())
         for path in files:
             staged[path].replace(path)
+        completed(f"{', '.join(map(str, files))} written")
     except OSError as error:
-        raise BayescalError(error.strerror or "cannot be written", str(path), "give another --out") from None
+        raise BayescalError(error.strerror or "cannot be written", str(path), OTHER_OUT) from None
     finally:
         for part in staged.values():
-            part.unlink(missing_ok=True)
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
 
 
 def json_text(record: Any) -> str:

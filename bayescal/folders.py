@@ -7,9 +7,8 @@ one is removed. The folder's name therefore always refers to the complete earlie
 new one, even if the process is killed.
 
 Some file systems cannot exchange folders (NFS, Windows). There the earlier folder is renamed, then the new
-one. A process that is killed between the two calls leaves the earlier folder under a hidden name; the next
-command for that folder restores it. The name of a staging folder contains the host and the process number,
-so that folders left by a killed process can be removed.
+one. A process that is killed between the two calls leaves the earlier folder under a hidden name (`beside`);
+the next command for that folder restores it.
 """
 
 from __future__ import annotations
@@ -19,25 +18,20 @@ import errno
 import hashlib
 import json
 import os
-import re
-import secrets
 import shutil
-import socket
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from bayescal.beside import ASIDE, OTHER_OUT, PART, alone, beside, leftovers
 from bayescal.errors import BayescalError
+from bayescal.stopping import completed
 
 LIST = ".bayescal-files.json"
 SCHEMA = "bayescal-files/1"
-STAGE, ASIDE = "part", "old"
-TOKEN = secrets.token_hex(4)
-"""Random token of this process: process numbers are reused, for example in a container."""
 SHOWN = 3
 """Maximum number of files that an error message names."""
-OTHER_OUT = "give another --out"
 
 
 def check_free(folder: Path, marker: str) -> None:
@@ -88,24 +82,34 @@ def whole(folder: Path, marker: str) -> Iterator[Path]:
         As `check_free`, or if the folder cannot be written.
     """
     folder = folder.resolve()
-    check_free(folder, marker)
-    stage = _beside(folder, STAGE)
-    try:
-        stage.mkdir(parents=True)
-        yield stage
-        _seal(stage)
-        check_free(folder, marker)  # files may have been added during a long run
-        _put(stage, folder)
-    except OSError as error:
-        raise BayescalError(error.strerror or "cannot be written", str(folder), OTHER_OUT) from None
-    finally:
-        _discard(stage)
+    with claimed(folder, marker):
+        stage = beside(folder, PART)
+        try:
+            stage.mkdir()
+            yield stage
+            _seal(stage)
+            check_free(folder, marker)  # files may have been added during a long run
+            _put(stage, folder)
+            completed(f"{folder} is complete")
+        except OSError as error:
+            raise BayescalError(error.strerror or "cannot be written", str(folder), OTHER_OUT) from None
+        finally:
+            _discard(stage)
 
 
-def _beside(folder: Path, kind: str) -> Path:
-    """A new hidden name beside a folder; it contains the host and the process that uses it."""
-    own = f".{folder.name}.{socket.gethostname()}.{os.getpid()}.{TOKEN}.{kind}"
-    return folder.parent / own
+@contextmanager
+def claimed(folder: Path, marker: str) -> Iterator[Path]:
+    """Lock a folder for the result of a command, before a long computation; see `check_free`, `alone`.
+
+    Raises
+    ------
+    BayescalError
+        As `check_free`, or if another run writes to it.
+    """
+    check_free(folder, marker)  # nothing is created beside a folder of the user
+    with alone(folder):
+        check_free(folder, marker)
+        yield folder
 
 
 def _written(folder: Path) -> dict[str, str]:
@@ -178,7 +182,7 @@ def _put(stage: Path, folder: Path) -> None:
             folder.rmdir()
         os.rename(stage, folder)
     elif not _exchanged(stage, folder):
-        aside = _beside(folder, ASIDE)
+        aside = beside(folder, ASIDE)
         os.rename(folder, aside)
         try:
             os.rename(stage, folder)
@@ -209,39 +213,12 @@ def _exchanged(one: Path, other: Path) -> bool:
 
 def _recover(folder: Path) -> None:
     """Restore an earlier folder that a killed process had moved aside, and remove its staging folders."""
-    own = rf"\.{re.escape(folder.name)}\.{re.escape(socket.gethostname())}"
-    name = re.compile(rf"{own}\.(\d+)\.([0-9a-f]+)\.({STAGE}|{ASIDE})")
-    for path in _hidden(folder):
-        match = name.fullmatch(path.name)
-        if not match or _runs(int(match[1]), match[2]):
-            continue
-        if match[3] == ASIDE and not (folder.is_dir() and any(folder.iterdir())):
+    for path, kind in leftovers(folder):
+        if kind == ASIDE and not (folder.is_dir() and any(folder.iterdir())):
             with suppress(OSError):
                 os.rename(path, folder)
                 continue
         _discard(path)
-
-
-def _hidden(folder: Path) -> list[Path]:
-    try:
-        return sorted(p for p in folder.parent.iterdir() if p.name.startswith(f".{folder.name}."))
-    except OSError:
-        return []
-
-
-def _runs(process: int, token: str) -> bool:
-    """Whether a process of this host is alive."""
-    if process == os.getpid():
-        return token == TOKEN
-    if os.name == "nt":
-        return True  # os.kill would terminate the process on Windows; the user removes the folder
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        pass
-    return True
 
 
 def _discard(folder: Path) -> None:

@@ -3,13 +3,14 @@
 import json
 import os
 import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from bayescal import folders
+from bayescal import beside
 from bayescal.errors import BayescalError
 from bayescal.folders import LIST, check_free, whole
 
@@ -112,7 +113,7 @@ def test_a_failed_run_leaves_nothing(tmp_path):
 KILLED = """
 import os, sys
 from pathlib import Path
-from bayescal import folders
+from bayescal import beside, folders
 from test_folders import run, held
 top, exchange = Path(sys.argv[1]), sys.argv[2] == "exchange"
 if not exchange:
@@ -150,7 +151,8 @@ while True:
     there = (out / "fit.json").is_file()
     if exchange:
         assert there, k
-    folders.check_free(out, "fit.json")  # the next command
+    with folders.claimed(out, "fit.json"):  # the next command
+        pass
     now = held(out)
     texts = {v for name, v in now.items() if name != folders.LIST}
     assert len(now) == 3 and len(texts) == 1 and texts <= {"first", "second"}, (k, now)
@@ -185,14 +187,14 @@ def test_killed_before_any_system_call(tmp_path, way):
 def test_staging_of_live_and_of_other_hosts_is_left(tmp_path, monkeypatch):
     out = tmp_path / "out"
     run(out, "first")
-    own = folders._beside(out, folders.STAGE).name
+    own = beside.beside(out, beside.PART).name
     dead = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True)
     names = {
         "live": re.sub(rf"\.{os.getpid()}\.", f".{os.getppid()}.", own),
         "mine": own,
-        "elsewhere": own.replace(f".out.{folders.socket.gethostname()}.", ".out.elsewhere."),
+        "elsewhere": own.replace(f".out.{socket.gethostname()}.", ".out.elsewhere."),
         "dead": re.sub(rf"\.{os.getpid()}\.", f".{int(dead.stdout)}.", own),
-        "reborn": own.replace(folders.TOKEN, "0" * 8),
+        "reborn": own.replace(beside.TOKEN, "0" * 8),
         "another folder's": own.replace(".out.", ".out.2."),
     }
     for name in names.values():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ from rich.text import Text
 
 from bayescal.blind.rows import bands, by_form, by_lambda, number, rows
 from bayescal.errors import BayescalError
+from bayescal.files import write_together
 from bayescal.reporting.shared.text import facts, plain_table
 
 BEGIN, END = "<!-- blind: begin -->", "<!-- blind: end -->"
@@ -147,9 +147,7 @@ def between(path: Path, marks: tuple[str, str], text: str) -> None:
         raise BayescalError(
             "the page has no marks for the tables", str(path), f"add {begin} and {end}"
         ) from None
-    stage = path.with_name(f".{path.name}.part")
-    stage.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8", newline="\n")
-    os.replace(stage, path)
+    write_together({path: f"{before}{begin}\n{text}\n{end}{after}"})
 
 
 def tables(found: Mapping[str, Any], about: Mapping[str, Any], pictures: Iterable[str] = ()) -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from bayescal.errors import BayescalError
+from bayescal.files import write_together
 
 WORLDS, ANSWERS = "worlds", "answers"
 TRUTH, SEALED = "truth.json", "answers.json"
@@ -88,11 +88,8 @@ def write(path: Path, content: str | Mapping[str, Any]) -> None:
         Where it cannot be written.
     """
     text = content if isinstance(content, str) else json.dumps(content, allow_nan=False, indent=1) + "\n"
-    stage = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        stage.write_bytes(text.encode())
-        os.replace(stage, path)
     except OSError as error:
-        stage.unlink(missing_ok=True)
         raise BayescalError(error.strerror or "cannot be written", str(path)) from None
+    write_together({path: text})

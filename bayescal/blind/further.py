@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bayescal.beside import scratch
 from bayescal.blind.folder import DATASET, write
 from bayescal.blind.make import NO_PINOCCHIO
 from bayescal.errors import BayescalError
@@ -58,9 +57,9 @@ def planned(task: Open) -> dict[str, Any]:
     from bayescal.planning.separate import choose
     from bayescal.planning.vocabulary import nominal
 
-    with tempfile.TemporaryDirectory(prefix="bayescal-blind-") as folder:
+    with scratch("bayescal-blind") as folder:
         for file in DATASET:
-            write(Path(folder) / file, task.texts[file])
+            write(folder / file, task.texts[file])
         dataset = read_dataset(folder)
     asked = after.continued(task.gap, f"world {task.name}")
     try:

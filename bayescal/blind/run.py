@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import closing
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bayescal.beside import scratch
 from bayescal.blind import seal
 from bayescal.blind.folder import (
     BASELINE,
@@ -133,9 +133,9 @@ def answered(task: Task) -> dict[str, Any]:
     from bayescal.reporting.gap.record import gap_record
 
     start, about = time.process_time(), _about(task)
-    with tempfile.TemporaryDirectory(prefix="bayescal-blind-") as folder:
+    with scratch("bayescal-blind") as folder:
         for file in DATASET:
-            write(Path(folder) / file, task.texts[file])
+            write(folder / file, task.texts[file])
         try:
             effects = tuple(task.texts[BASELINE].split()[-1].split(","))
             gap = gap_record(diagnose(read_dataset(folder), effects))

@@ -7,7 +7,7 @@ import signal
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from multiprocessing.process import BaseProcess
@@ -87,7 +87,8 @@ class Process:
         """See `Crew`."""
         while len(self.jobs) < DEPTH and (job := queue.take()):
             try:
-                self.jobs[self._pool.submit(work, job.task)] = job
+                with _no_interrupts():  # the process is started here
+                    self.jobs[self._pool.submit(work, job.task)] = job
             except BrokenExecutor:
                 queue.put_back([job])
                 if self.jobs:  # `done` handles them first
@@ -176,6 +177,19 @@ def _crews(workers: int, dask: str | None) -> list[Callable[[], Crew]]:
 
 def _broken(future: Future[Any]) -> bool:
     return isinstance(future.exception(), BrokenExecutor)
+
+
+@contextmanager
+def _no_interrupts() -> Iterator[None]:
+    """A process that is started within receives no Ctrl-C: its parent ends it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _settle() -> None:

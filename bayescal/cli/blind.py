@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from bayescal.cli import app
+from bayescal.cli.root import app
+from bayescal.stopping import keeping
 
-STOPPED = 130
-"""Exit code of a command that Ctrl-C ended."""
+KEPT = "completed sessions are kept; the same command continues"
+"""What a stopped command reports."""
 commands = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
@@ -32,16 +31,6 @@ Dask = Annotated[
 Rounds = Annotated[
     int, typer.Option(min=1, max=2, help="2: a second round of contacts that the diagnosis plans.")
 ]
-
-
-@contextmanager
-def _resumable() -> Iterator[None]:
-    """Report on Ctrl-C that completed work is kept."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        typer.echo("stopped; completed work is kept; run the same command again to continue", err=True)
-        raise typer.Exit(STOPPED) from None
 
 
 @commands.command()
@@ -67,10 +56,11 @@ def make(
     The simulator is independent of the model (needs bayescal[world]). The ground truth of all sessions is in
     a single file; its SHA-256 is printed and stored in every session. An interrupted run continues.
     """
+    from bayescal.beside import alone
     from bayescal.blind.make import make as run
     from bayescal.cli.progress import progress
 
-    with _resumable(), progress("worlds") as notify:
+    with alone(out), keeping(lambda: KEPT), progress("worlds") as notify:
         sealed = run(out, worlds, seed, workers, dask, notify, generator, reserved)
     typer.echo(f"{worlds} test sessions in {out}/worlds; ground truth sealed in {out}/truth.json")
     typer.echo(f"SHA-256 of the ground truth  {sealed}")
@@ -84,13 +74,14 @@ def run(folder: Folder, workers: Workers = 1, dask: Dask = None, rounds: Rounds 
     not changed. With two rounds, the diagnosis then plans 60 further contacts of every session that its
     answer leaves open, the simulator probes them, and the diagnosis answers again, beside 60 random ones.
     """
+    from bayescal.beside import alone
     from bayescal.blind.folder import SEALED
     from bayescal.blind.rounds import second_round
     from bayescal.blind.run import known
     from bayescal.blind.run import run as answer
     from bayescal.cli.progress import progress
 
-    with _resumable(), progress("worlds") as notify:
+    with alone(folder), keeping(lambda: KEPT), progress("worlds") as notify:
         sealed = rounds > 1 and (folder / SEALED).is_file()
         found = known(folder) if sealed else answer(folder, workers, dask, notify)
         further = second_round(folder, workers, dask, notify) if rounds > 1 else {}

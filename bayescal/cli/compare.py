@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli import app
 from bayescal.cli.options import AllowXacro, Model, Out, Seed
 from bayescal.cli.output import run_folder, show
 from bayescal.cli.progress import progress
+from bayescal.cli.root import app
 
 
 @app.command()
@@ -26,8 +26,7 @@ def compare(
     """Calibrate by several published methods, and compare their errors on the same validation rows."""
     from bayescal.public.functions import compare as run
 
-    folder = run_folder(out, [dataset], "compare")
-    with progress("compare") as notify:
+    with run_folder(out, [dataset], "compare") as folder, progress("compare") as notify:
         result = run(dataset, model, seed, allow_xacro=allow_xacro, progress=notify)
         written = result.save(folder)
     show(result.report(), folder, written)

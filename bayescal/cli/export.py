@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli import app
 from bayescal.cli.options import Run, WithEffects, WithoutEffects
+from bayescal.cli.root import app
 from bayescal.errors import BayescalError
 
 

@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli import app
 from bayescal.cli.options import (
     AllowXacro,
     Datasets,
@@ -20,6 +19,7 @@ from bayescal.cli.options import (
 )
 from bayescal.cli.output import run_folder, show
 from bayescal.cli.progress import progress
+from bayescal.cli.root import app
 from bayescal.errors import BayescalError
 
 
@@ -59,8 +59,7 @@ def fit(
     """Calibrate an arm: its parameters with uncertainty, and the expected distance error in its workspace."""
     from bayescal.public.functions import fit as run
 
-    folder = run_folder(out, datasets, "fit")
-    with progress() as notify:
+    with run_folder(out, datasets, "fit") as folder, progress() as notify:
         result = run(
             datasets,
             model,

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli import app
 from bayescal.cli.options import (
     AllowXacro,
     Datasets,
@@ -21,6 +20,7 @@ from bayescal.cli.options import (
 )
 from bayescal.cli.output import run_folder, show
 from bayescal.cli.progress import progress
+from bayescal.cli.root import app
 
 
 @app.command()
@@ -41,8 +41,7 @@ def gap(
     """Diagnose the difference between model and machine: size, location, effect, improvement."""
     from bayescal.public.functions import diagnose
 
-    folder = run_folder(out, datasets, "gap")
-    with progress() as notify:
+    with run_folder(out, datasets, "gap") as folder, progress() as notify:
         result = diagnose(
             datasets,
             model,

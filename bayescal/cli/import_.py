@@ -6,8 +6,8 @@ from pathlib import Path
 
 import typer
 
-from bayescal.cli import app
 from bayescal.cli.options import AllowXacro
+from bayescal.cli.root import app
 
 
 @app.command("import")

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli import app
 from bayescal.cli.options import AllowXacro
+from bayescal.cli.root import app
 
 
 @app.command()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,22 +11,23 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
-def run_folder(out: Path | None, datasets: Sequence[Path], command: str) -> Path:
-    """The folder that a command will write: `out`, or runs/<datasets>-<command>.
+@contextmanager
+def run_folder(out: Path | None, datasets: Sequence[Path], command: str) -> Iterator[Path]:
+    """The folder that a command will write, locked: `out`, or runs/<datasets>-<command>.
 
     Checked before a long computation, so that its result can be written.
 
     Raises
     ------
     BayescalError
-        If the folder contains files other than an earlier run of the command.
+        If the folder contains files other than an earlier run of the command, or another run writes to it.
     """
-    from bayescal.folders import check_free
+    from bayescal.folders import claimed
 
     names = "+".join(folder.resolve().name for folder in datasets)
     folder = out or Path("runs") / f"{names}-{command}"
-    check_free(folder, f"{command}.json")
-    return folder
+    with claimed(folder, f"{command}.json"):
+        yield folder
 
 
 def show(report: RenderableType, folder: Path, written: Sequence[str]) -> None:

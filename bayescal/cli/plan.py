@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli import app
 from bayescal.cli.options import AllowXacro, Out, Seed
 from bayescal.cli.output import run_folder, show
 from bayescal.cli.progress import progress
+from bayescal.cli.root import app
 
 
 @app.command()
@@ -60,8 +60,7 @@ def plan(
     from bayescal.public.planning import plan as work
 
     formats = formats_of(to or [])
-    folder = run_folder(out, [setup], "plan")
-    with progress("candidates") as notify:
+    with run_folder(out, [setup], "plan") as folder, progress("candidates") as notify:
         result = work(
             setup,
             contacts,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli import app
+from bayescal.cli.root import app
 
 
 @app.command()

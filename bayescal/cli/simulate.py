@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli import app
 from bayescal.cli.options import AllowXacro
+from bayescal.cli.root import app
 
 
 @app.command()
@@ -43,30 +43,30 @@ def simulate(
     """Simulate a session on a cube and spheres; the ground truth is written to a separate file."""
     import math
 
-    from bayescal.folders import check_free
+    from bayescal.folders import claimed
     from bayescal.public.functions import simulate as run
     from bayescal.simulation.folder import TRUTH
 
-    check_free(out, TRUTH)
-    session = run(
-        robot,
-        effects,
-        seed=seed,
-        allow_xacro=allow_xacro,
-        name=name or out.resolve().name,
-        error_scale=error_scale,
-        contacts=contacts,
-        later=later,
-        repeats=repeats,
-        spheres=spheres,
-        placements=placements,
-        sphere_contacts=sphere_contacts,
-        noise=noise_um * 1e-6,
-        joint_noise=math.radians(joint_noise_deg),
-        outliers=outliers,
-        payload=payload,
-        arm_seed=arm_seed,
-    )
-    session.save(out)
+    with claimed(out, TRUTH):
+        session = run(
+            robot,
+            effects,
+            seed=seed,
+            allow_xacro=allow_xacro,
+            name=name or out.resolve().name,
+            error_scale=error_scale,
+            contacts=contacts,
+            later=later,
+            repeats=repeats,
+            spheres=spheres,
+            placements=placements,
+            sphere_contacts=sphere_contacts,
+            noise=noise_um * 1e-6,
+            joint_noise=math.radians(joint_noise_deg),
+            outliers=outliers,
+            payload=payload,
+            arm_seed=arm_seed,
+        )
+        session.save(out)
     typer.echo(str(session))
     typer.echo(f"written to {out}")

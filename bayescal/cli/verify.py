@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli import app
 from bayescal.cli.output import show
 from bayescal.cli.progress import progress
+from bayescal.cli.root import app
 
 
 @app.command()
@@ -21,12 +21,11 @@ def verify(
     ] = None,
 ) -> None:
     """Load an exported arm in its simulator: against the fitted arm, and against the measured rows."""
-    from bayescal.folders import check_free
+    from bayescal.folders import claimed
     from bayescal.public.verifying import verify as verified
 
     folder = out or Path("runs") / f"{file.stem}-verify"
-    check_free(folder, "verify.json")
-    with progress() as notify:
+    with claimed(folder, "verify.json"), progress() as notify:
         result = verified(run, file, progress=notify)
         written = result.save(folder)
     show(result.report(), folder, written)

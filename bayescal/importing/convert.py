@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from bayescal.beside import scratch
 from bayescal.dataset import Dataset, read_dataset, write_dataset
 from bayescal.dataset.append import followed
 from bayescal.dataset.checks.units import suspicion
@@ -110,8 +110,8 @@ def write(draft: Draft, folder: Path, force: bool = False) -> None:
     """
     if draft.wrong and not force:
         raise BayescalError(draft.wrong, draft.log, "correct the map, or write the dataset with --force")
-    with tempfile.TemporaryDirectory() as scratch:
-        trial = Path(scratch) / "trial"
+    with scratch("bayescal-import") as own:
+        trial = own / "trial"
         write_dataset(draft.dataset, trial)
         try:
             read_dataset(trial, judge=not force)

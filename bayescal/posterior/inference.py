@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.posterior.stream import patient
+
 Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray]]
 """Name -> (dimensions after chain and draw, values)."""
 
@@ -93,7 +95,7 @@ def save(record: Record, path: Path) -> None:
     """Write a record as netCDF, in the layout of xarray."""
     import h5netcdf
 
-    with h5netcdf.File(str(path), "w") as file:
+    with patient(path) as stream, h5netcdf.File(stream, "w") as file:
         file.attrs.update(record.attrs)
         for name in record.groups:
             group = file.create_group(name)

@@ -112,7 +112,7 @@ def test_interrupted_and_resumed_on_dask_the_seal_is_the_same(made, ran, cluster
     out, said = process.communicate(timeout=60)
     assert process.returncode == 130
     assert not out
-    assert "run the same command again to continue" in said
+    assert "completed sessions are kept; the same command continues" in said
     assert "Traceback" not in said
     first = sorted((folder / "answers").glob("*"))
     assert len(first) == 1

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
 from bayescal import __version__
 from bayescal.errors import BayescalError
+from bayescal.files import write_together
 from bayescal.folders import LIST, whole
 from bayescal.reporting.page import compare, fit, gap
 from bayescal.reporting.page.pdf import browser, print_pdf
@@ -82,7 +82,7 @@ def write_report(folders: Sequence[Path], out: Path | None, pdf: bool) -> tuple[
     if pdf:
         written.append(out.with_suffix(".pdf"))
         print_pdf(plain, written[-1])
-    _write(out, text)
+    write_together({out: text})
     return tuple(written)
 
 
@@ -110,15 +110,3 @@ def _check_replaceable(path: Path) -> None:
         if file.exists() and not own:
             what = "a file that is no page of bayescal has this name"
             raise BayescalError(what, str(file), "give another --out")
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a file that is there complete or not at all."""
-    stage = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        stage.write_text(text, encoding="utf-8")
-        os.replace(stage, path)
-    except OSError as error:
-        raise BayescalError(error.strerror or "cannot be written", str(path), "give another --out") from None
-    finally:
-        stage.unlink(missing_ok=True)

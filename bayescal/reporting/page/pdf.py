@@ -6,8 +6,8 @@ import os
 import shutil
 import subprocess
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
+from bayescal.beside import scratch
 from bayescal.errors import BayescalError
 
 BROWSERS = (
@@ -49,8 +49,8 @@ def print_pdf(page: str, path: Path) -> None:
         If there is no browser, or it does not print.
     """
     program = browser()
-    with TemporaryDirectory(prefix="bayescal-") as folder:
-        source, made = Path(folder) / "page.html", Path(folder) / "page.pdf"
+    with scratch("bayescal-page") as folder:
+        source, made = folder / "page.html", folder / "page.pdf"
         source.write_text(page, encoding="utf-8")
         command = [
             program,

@@ -1,0 +1,170 @@
+"""Hidden names beside an output: its unfinished parts, and the lock of the process that writes it.
+
+The name of an unfinished part contains the host and the process that writes it. If that process was killed,
+the next command for the same output removes the part, or restores an earlier result from it. The lock is held
+by the operating system for an open file: it ends with its process, however the process ends.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import shutil
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from threading import get_ident
+
+from bayescal.errors import BayescalError
+
+PART, ASIDE, LOCK = "part", "old", "bayescal-lock"
+TOKEN = secrets.token_hex(4)
+"""Random token of this process: process numbers are reused, for example in a container."""
+OTHER_OUT = "give another --out"
+_HELD: dict[Path, int] = {}
+"""Outputs that this process has locked, with the thread that did."""
+
+
+def beside(path: Path, kind: str) -> Path:
+    """A hidden name beside an output; it contains the host and the process that uses it."""
+    return path.with_name(f".{path.name}.{socket.gethostname()}.{os.getpid()}.{TOKEN}.{kind}")
+
+
+def leftovers(path: Path) -> list[tuple[Path, str]]:
+    """Parts of an output that killed processes of this host have left, with their kind."""
+    own = rf"\.{re.escape(path.name)}\.{re.escape(socket.gethostname())}"
+    name = re.compile(rf"{own}\.(\d+)\.([0-9a-f]+)\.(?:[0-9a-f]+\.)?({PART}|{ASIDE})")
+    try:
+        there = sorted(p.name for p in path.parent.iterdir() if p.name.startswith(f".{path.name}."))
+    except OSError:
+        return []
+    found = filter(None, map(name.fullmatch, there))
+    return [(path.with_name(m[0]), m[3]) for m in found if not _runs(int(m[1]), m[2])]
+
+
+def remove_leftovers(file: Path) -> None:
+    """Remove the parts of a file, or of a temporary folder, that killed processes have left."""
+    for part, _ in leftovers(file):
+        with suppress(OSError):
+            if part.is_dir() and not part.is_symlink():
+                shutil.rmtree(part, ignore_errors=True)
+            else:
+                part.unlink()
+
+
+def _runs(process: int, token: str) -> bool:
+    """Whether a process of this host is alive."""
+    if process == os.getpid():
+        return token == TOKEN
+    if os.name == "nt":
+        return True  # os.kill would terminate the process on Windows; the user removes the folder
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+@contextmanager
+def scratch(name: str) -> Iterator[Path]:
+    """A temporary folder; those of this name that killed processes have left are removed."""
+    general = Path(tempfile.gettempdir()) / name
+    remove_leftovers(general)
+    folder = beside(general, f"{secrets.token_hex(4)}.{PART}")
+    folder.mkdir(mode=0o700)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Lock an output for this process; within, the same thread may lock it again.
+
+    Missing folders above it are created; if they are empty at the end, they are removed.
+
+    Raises
+    ------
+    BayescalError
+        If another run has locked it, or nothing can be written there.
+    """
+    path = path.resolve()
+    if _HELD.get(path) == get_ident():
+        yield
+        return
+    if path in _HELD:
+        raise _busy(path, "")
+    made: list[Path] = []
+    lock = path.with_name(f".{path.name}.{LOCK}")
+    try:
+        for parent in reversed([p for p in path.parents if not p.exists()]):
+            parent.mkdir(exist_ok=True)
+            made.append(parent)
+        handle = _locked(lock, path)
+    except OSError as error:
+        _remove_empty(made)
+        raise BayescalError(error.strerror or "cannot be written", str(path), OTHER_OUT) from None
+    _HELD[path] = get_ident()
+    try:
+        yield
+    finally:
+        del _HELD[path]
+        if os.name == "nt":  # an open file cannot be removed there
+            os.close(handle)
+        with suppress(OSError):
+            lock.unlink()
+        if os.name != "nt":
+            os.close(handle)
+        _remove_empty(made)
+
+
+def _remove_empty(made: list[Path]) -> None:
+    """Remove folders, each above the next, that contain nothing."""
+    for parent in reversed(made):
+        with suppress(OSError):
+            parent.rmdir()
+
+
+def _locked(lock: Path, path: Path) -> int:
+    """The handle of a locked file; it is the file that has this name when the lock is held."""
+    while True:
+        handle = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        if not _exclusive(handle):
+            owner = os.read(handle, 20).decode("ascii", "replace") if os.name != "nt" else ""
+            os.close(handle)
+            raise _busy(path, owner)
+        with suppress(OSError):
+            if os.path.samestat(os.fstat(handle), os.stat(lock)):
+                os.ftruncate(handle, 0)
+                os.write(handle, f"{os.getpid()}".encode())
+                return handle
+        os.close(handle)  # the run that held it has removed it: lock the new one
+
+
+def _exclusive(handle: int) -> bool:
+    """Lock an open file without waiting; true also where the file system has no locks."""
+    try:
+        if os.name == "nt":
+            import msvcrt
+
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def _busy(path: Path, owner: str) -> BayescalError:
+    by = f" (process {owner})" if owner.isdigit() else ""
+    return BayescalError(f"another run{by} writes to it", str(path), f"wait for its end, or {OTHER_OUT}")

@@ -1,0 +1,71 @@
+"""A command as a process: what it prints and its exit code, if it is refused or stopped."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+
+from bayescal.errors import BayescalError
+from bayescal.stopping import Stopped, stoppable
+
+FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
+"""A full disk, a limit on the size of files, an exhausted quota: no defect of ours."""
+
+
+def run() -> None:
+    """Run the command of this process; a `BayescalError` becomes one line and exit code 1."""
+    try:
+        with stoppable():
+            try:
+                _command()
+            finally:
+                sys.stdout.flush()
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Python writes the rest at its end
+        where = str(error.filename or "output")
+        sys.stderr.write(f"bayescal: {BayescalError(str(error.strerror), where, 'free some space')}\n")
+        sys.exit(1)
+    except BayescalError as error:
+        sys.stderr.write(f"bayescal: {error}\n")
+        sys.exit(1)
+    except KeyboardInterrupt:
+        _exit(Stopped(signal.SIGINT))
+    except Stopped as stopped:
+        _exit(stopped)
+
+
+def _exit(stopped: Stopped) -> None:
+    stopped.report()
+    sys.exit(stopped.code)
+
+
+def _command() -> None:
+    # the matrices are small: several BLAS threads would slow the computation down
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        os.getcwd()
+    except OSError:
+        raise BayescalError("it does not exist any more", "working directory", "change to another") from None
+    from bayescal.cli import (  # noqa: F401  (they register their commands)
+        blind,
+        budget,
+        check,
+        compare,
+        compensate,
+        export,
+        fit,
+        gap,
+        import_,
+        init,
+        plan,
+        report,
+        simulate,
+        verify,
+    )
+    from bayescal.cli.root import app
+
+    app()

@@ -1,0 +1,107 @@
+"""Locks of outputs, temporary folders, files that are written together."""
+
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from bayescal import beside
+from bayescal.beside import alone, scratch
+from bayescal.errors import BayescalError
+from bayescal.files import write_together
+from bayescal.folders import claimed, whole
+
+BUSY = r"another run \(process \d+\) writes to it; wait for its end, or give another --out"
+HOLDS = """
+import sys, time
+from pathlib import Path
+from bayescal.beside import alone, scratch
+with alone(Path(sys.argv[1])), scratch("bayescal-tests") as folder:
+    print(folder, flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def other(tmp_path):
+    """Another process that has locked tmp_path/out, and its temporary folder."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDS, str(tmp_path / "out")],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent), "TMPDIR": str(tmp_path)},
+    )
+    yield process, Path(process.stdout.readline().strip())
+    process.kill()
+    process.communicate()
+
+
+def test_a_second_run_is_refused_until_the_first_ends(tmp_path, other, monkeypatch):
+    monkeypatch.setattr(beside.tempfile, "tempdir", str(tmp_path))
+    process, folder = other
+    out = tmp_path / "out"
+    for attempt in (alone(out), claimed(out, "fit.json"), whole(out, "fit.json")):
+        with pytest.raises(BayescalError, match=BUSY), attempt:
+            pass
+    with scratch("bayescal-tests"):
+        assert folder.is_dir()  # of a running process
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    with alone(out):
+        pass
+    with scratch("bayescal-tests") as own:
+        assert [p.name for p in tmp_path.iterdir()] == [own.name]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_thread_locks_again_and_another_thread_is_refused(tmp_path):
+    def attempt():
+        with alone(tmp_path / "out"):
+            pass
+
+    with alone(tmp_path / "new" / "out"):
+        attempt()
+        with alone(tmp_path / "new" / "out"):
+            pass
+        with (
+            alone(tmp_path / "out"),
+            ThreadPoolExecutor(1) as pool,
+            pytest.raises(BayescalError, match="another run writes to it"),
+        ):
+            pool.submit(attempt).result()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_created_folder_with_a_result_stays(tmp_path):
+    with whole(tmp_path / "runs" / "out", "fit.json") as stage:
+        (stage / "fit.json").write_text("{}")
+    assert [p.name for p in (tmp_path / "runs").iterdir()] == ["out"]
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="needs a file system of its own")
+def test_a_read_only_folder_is_one_line(tmp_path):
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "none", tmp_path], capture_output=True).returncode:
+        pytest.skip("mounting is not allowed")
+    try:
+        for attempt in (alone(tmp_path / "out"), alone(tmp_path / "new" / "out")):
+            with pytest.raises(BayescalError, match="Read-only file system; give another --out"), attempt:
+                pass
+    finally:
+        subprocess.run(["umount", tmp_path], check=True)
+
+
+def test_parts_of_files_that_killed_processes_left_are_removed(tmp_path):
+    file = tmp_path / "arm.urdf"
+    own = beside.beside(file, beside.PART).name
+    dead = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True)
+    left = tmp_path / own.replace(f".{os.getpid()}.", f".{int(dead.stdout)}.")
+    live = tmp_path / own.replace(f".{os.getpid()}.", f".{os.getppid()}.")
+    similar = tmp_path / ".arm.urdf.part"
+    for path in (left, live, similar):
+        path.touch()
+    write_together({file: "<robot/>", tmp_path / "arm.json": "{}"})
+    assert {p.name for p in tmp_path.iterdir()} == {live.name, similar.name, "arm.urdf", "arm.json"}

@@ -1,0 +1,132 @@
+"""A command that is stopped ends at once, says what is kept, and leaves nothing unfinished."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+TOP = Path(__file__).parent.parent
+SESSION = TOP / "data" / "lrmate200ic-cube"
+
+
+def hears():
+    """A shell's background jobs, and all that they start, ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def started(*line: str) -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, *line],
+        env=os.environ | {"PYTHONPATH": str(TOP)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=hears,
+    )
+
+
+def stopped(process: subprocess.Popen, number: int = signal.SIGINT) -> tuple[int, str, float]:
+    """Exit code, error stream, and seconds from the signal to the end."""
+    begin = time.monotonic()
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert not out
+    return process.returncode, err, time.monotonic() - begin
+
+
+PROGRAM = """
+import sys, time
+from contextlib import suppress
+from bayescal import stopping
+from bayescal.cli import entry
+def sleep():
+    print("ready", flush=True)
+    time.sleep(60)
+def lost():
+    print("ready", flush=True)
+    while True:
+        with suppress(BaseException):  # as where compiled code calls Python
+            time.sleep(60)
+def kept():
+    with stopping.keeping(lambda: "12 draws are kept"):
+        sleep()
+def complete():
+    stopping.completed("runs/x is complete")
+    sleep()
+entry._command = {"sleep": sleep, "lost": lost, "kept": kept, "complete": complete}[sys.argv[1]]
+entry.run()
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "number", "said"),
+    [
+        ("sleep", signal.SIGINT, "nothing was written"),
+        ("sleep", signal.SIGTERM, "nothing was written"),
+        ("lost", signal.SIGINT, "nothing was written"),
+        ("kept", signal.SIGINT, "12 draws are kept"),
+        ("complete", signal.SIGINT, "runs/x is complete"),
+    ],
+)
+def test_a_stopped_command_says_in_one_line_what_is_kept(what, number, said):
+    process = started("-c", PROGRAM, what)
+    assert process.stdout.readline() == "ready\n"
+    code, err, seconds = stopped(process, number)
+    assert (code, err) == (128 + number, f"bayescal: stopped; {said}\n")
+    assert seconds < 5.0  # one on a quiet machine
+
+
+def test_a_stop_while_modules_are_imported_has_no_traceback():
+    program = """
+import sys
+from bayescal.cli import main
+class Slow:
+    def find_spec(self, name, *rest):
+        if name == sys.argv[1]:
+            print("ready", flush=True)
+            import time; time.sleep(60)
+sys.meta_path.insert(0, Slow())
+main()
+"""
+    for module in ("bayescal.cli.entry", "typer"):
+        process = started("-c", program, module)
+        assert process.stdout.readline() == "ready\n"
+        code, err, _ = stopped(process)
+        assert (code, err) == (130, "bayescal: stopped; nothing was written\n")
+
+
+def test_a_stopped_fit_leaves_nothing(tmp_path):
+    process = started("-m", "bayescal.cli", "fit", str(SESSION), "--out", str(tmp_path / "new" / "out"))
+    while process.poll() is None and not list(tmp_path.rglob(".out.*")):
+        time.sleep(0.02)
+    code, err, _ = stopped(process)
+    assert (code, err) == (130, "bayescal: stopped; nothing was written\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_working_directory_that_was_removed_is_one_line(tmp_path):
+    line = "import os; os.rmdir(os.getcwd()); from bayescal.cli import main; main()"
+    (tmp_path / "gone").mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", line],
+        cwd=tmp_path / "gone",
+        env=os.environ | {"PYTHONPATH": str(TOP)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    assert done.stderr == "bayescal: working directory: it does not exist any more; change to another\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("program", ["print('x')", "print('x' * 100_000)", "print('x'); raise SystemExit(0)"])
+def test_a_full_disk_behind_the_output_is_one_line(program):
+    line = f"from bayescal.cli import entry\ndef command(): {program}\nentry._command = command\nentry.run()"
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, "-c", line], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 1
+    assert done.stderr == "bayescal: output: No space left on device; free some space\n"
