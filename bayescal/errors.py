@@ -1,13 +1,81 @@
-"""The one exception that a user is meant to read."""
+"""The one exception that a user is meant to read, and the only form in which text of a user is repeated."""
 
 from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+LONGEST = 80
+"""Characters of a name, key or cell that a message repeats."""
+LONGEST_PATH = 160
+"""Characters of a path that a message repeats."""
+LONGEST_PART = 220
+"""Characters of each part of a message: what is wrong, and its remedy."""
+FAR = 20
+"""Times its bound from which on the middle of a text is not looked at."""
+FEW = 6
+"""Entries of a list that a message names."""
+QUOTED = re.compile(rf"([`'\"])([^`'\"]{{{LONGEST},}})\1")
+UNBROKEN = re.compile(rf"[^\s`'\"]{{{LONGEST_PATH},}}")
+
+
+def shown(text: object, longest: int = LONGEST) -> str:
+    """Text of a user on one line of printable characters, with its middle left out beyond a length.
+
+    Control characters, among them the escape sequences of terminals and the marks that reverse the direction
+    of writing, become escapes as `repr` writes them.
+
+    Examples
+    --------
+    >>> shown("a\\x1b[31mb")
+    'a\\\\x1b[31mb'
+    >>> shown("x" * 100, 9)
+    'xxx...xxx'
+    """
+    out = " ".join(_ends(str(text), longest).split())
+    if not out.isprintable():
+        out = "".join(c if c.isprintable() or c == "\N{NO-BREAK SPACE}" else _escape(c) for c in out)
+    if len(out) <= longest:
+        return out
+    half = (longest - 3) // 2
+    return f"{out[: longest - 3 - half]}...{out[len(out) - half :]}"
+
+
+def listed(names: Iterable[object], few: int = FEW) -> str:
+    """The first names of a sequence, and how many more there are.
+
+    Examples
+    --------
+    >>> listed(["a", "b", "c"], 2)
+    'a, b and 1 more'
+    """
+    every = [shown(name, LONGEST // 2) for name in names]
+    more = len(every) - few
+    return ", ".join(every) if more <= 0 else f"{', '.join(every[:few])} and {more} more"
+
+
+def _ends(text: str, longest: int) -> str:
+    """Beginning and end of a text that is far too long."""
+    far = FAR * longest
+    return text if len(text) <= 2 * far else text[:far] + text[-far:]
+
+
+def _escape(character: str) -> str:
+    return character.encode("unicode_escape", "backslashreplace").decode("ascii")
+
+
+def _part(text: str, longest: int = LONGEST_PART) -> str:
+    """One part of a message: quoted texts and words within `LONGEST`, the whole within `longest`."""
+    line = " ".join(_ends(text, longest).split())
+    line = QUOTED.sub(lambda found: found[1] + shown(found[2]) + found[1], line)
+    return shown(UNBROKEN.sub(lambda found: shown(found[0], LONGEST_PATH), line), longest)
 
 
 class BayescalError(Exception):
     """Bad input or an answer that the data cannot give, told in one line.
 
     The command line prints the message and exits with code 1; every other exception is a defect
-    of ours and keeps its traceback.
+    of ours and keeps its traceback. Whatever the message repeats of the input is bounded and printable.
 
     Parameters
     ----------
@@ -20,6 +88,6 @@ class BayescalError(Exception):
     """
 
     def __init__(self, what: str, where: str = "", remedy: str = "") -> None:
-        self.what, self.where, self.remedy = what, where, remedy
-        parts = (f"{where}: {what}" if where else what, remedy)
-        super().__init__("; ".join(" ".join(p.split()) for p in parts if p))
+        self.what, self.where, self.remedy = _part(what), shown(where, LONGEST_PATH), _part(remedy)
+        parts = (f"{self.where}: {self.what}" if self.where else self.what, self.remedy)
+        super().__init__("; ".join(p for p in parts if p))

@@ -15,11 +15,12 @@ from pathlib import Path as File
 from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from bayescal.beside import OTHER_OUT, PART, beside, remove_leftovers
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, listed
+from bayescal.reading import CONTROL, decoded
 from bayescal.stopping import completed
 
 UNITS = {"mm": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180} | dict.fromkeys(
@@ -35,13 +36,47 @@ ANGLES = ("deg", "rad", "mrad", "urad")
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+SMALLEST = 1e-9
+"""Of a standard uncertainty that is not zero, in the unit of its key: less than any instrument has."""
+Uncertain = Annotated[Positive, AfterValidator(lambda value: _not_tiny(value))]
+UncertainOrKnown = Annotated[NotNegative, AfterValidator(lambda value: _not_tiny(value))]
 Vector = tuple[Number, Number, Number]
+Name = Annotated[str, Field(min_length=1, max_length=200)]
 FILL_IN = "!FILL_IN"
 """Mark (a YAML tag) of a value that the user has still to write; a value behind it is only assumed."""
 MORE_LINES = 6
 """Maximum number of further lines that an error message names."""
+LARGEST_YAML = 5_000_000
+"""Bytes of a YAML file; a session of 10,000 targets has 1 MB."""
+DEEPEST = 30
+"""Levels of a YAML file; the formats have five."""
+MOST_VALUES = 100_000
+"""Values of a YAML file, with those that its aliases repeat: a few lines can stand for 10^9."""
+LONGEST_KEY, LONGEST_TEXT = 200, 20_000
+"""Characters of a key, and of a value."""
+RANGES: dict[str, tuple[float, float]] = {
+    "mm": (-1e6, 1e6),
+    "deg": (-1e6, 1e6),
+    "degps": (-1e6, 1e6),
+    "rad": (-1e4, 1e4),
+    "kg": (-1e6, 1e6),
+    "nm": (-1e7, 1e7),
+    "s": (-1e12, 1e12),
+    "c": (-273.15, 1e4),
+    "mps2": (-1e6, 1e6),
+    "rad_per_nm": (-1e3, 1e3),
+    "": (-1e9, 1e9),
+}
+"""Numbers that are read, by the unit of their key. Beyond them no arm, instrument or clock is, and sums of
+squares lose all digits. (1 km, absolute zero, seconds since 1970.)"""
 Path = tuple[str | int, ...]
 M = TypeVar("M", bound=BaseModel)
+
+
+def _not_tiny(value: float) -> float:
+    if 0.0 < value < SMALLEST:
+        raise PydanticCustomError("too_tiny", "too small")
+    return value
 
 
 def stem_of(key: str) -> tuple[str, str]:
@@ -68,8 +103,25 @@ def unknown(noun: str, key: str, known: Iterable[str]) -> tuple[str, str]:
     if same:
         return f"{noun} `{key}` has a wrong unit", f"write `{same[0]}`, and its value in that unit"
     near = difflib.get_close_matches(key, known, 1, 0.6)
-    some = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
-    return f"unknown {noun} `{key}`", f"is it `{near[0]}`?" if near else f"known are: {some}"
+    return f"unknown {noun} `{key}`", f"is it `{near[0]}`?" if near else f"known are: {listed(known, 12)}"
+
+
+def range_of(key: str) -> tuple[float, float]:
+    """Least and greatest number of a key or column, in its unit."""
+    return RANGES.get(stem_of(key)[1], RANGES[""])
+
+
+def outside(key: str, values: Iterable[float]) -> str:
+    """What is wrong with numbers of a key or column, or ""; one that is not finite is wrong elsewhere."""
+    unit = stem_of(key)[1]
+    low, high = range_of(key)
+    bad = [v for v in values if math.isfinite(v) and not low <= v <= high]
+    return (
+        f"`{key}` holds {bad[0]:g}: {'below' if bad[0] < low else 'above'} "
+        + (f"{low if bad[0] < low else high:g} {unit}".rstrip())
+        if bad
+        else ""
+    )
 
 
 class Keys(BaseModel):
@@ -85,33 +137,25 @@ class Keys(BaseModel):
             if key not in known:
                 what, remedy = unknown("key", key, known)
                 told = {"at": key, "what": what, "remedy": remedy}
-                raise PydanticCustomError("unknown_key", "unknown key", told)
+                raise PydanticCustomError("of_key", "unknown key", told)
         return data
 
-
-def content_of(path: File) -> bytes:
-    """Bytes of a file, or a `BayescalError`."""
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise BayescalError("no such file", path.name, f"looked in {path.parent}") from None
-    except OSError as error:
-        raise BayescalError(f"cannot be read: {error.strerror}", path.name) from None
+    @model_validator(mode="after")
+    def _refuse_outside(self) -> Keys:
+        for name in type(self).model_fields:
+            if what := outside(name, _numbers_in(getattr(self, name))):
+                told = {"at": name, "what": what, "remedy": "check the number and its unit"}
+                raise PydanticCustomError("of_key", "out of range", told)
+        return self
 
 
-def decoded(path: File) -> tuple[str, bytes]:
-    """Text and bytes of a UTF-8 file (a byte order mark is dropped), or a `BayescalError`."""
-    content = content_of(path)
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise BayescalError("not UTF-8 text", f"{path.name}:{line}", "save the file as UTF-8") from None
-    if not text.strip():
-        raise BayescalError(
-            "the file is empty", path.name, "`bayescal init` writes an example of what it holds"
-        )
-    return text, content
+def _numbers_in(value: Any) -> Iterable[float]:
+    """The numbers of a value: one, or those of lists in lists."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, (tuple, list)):
+        for item in value:
+            yield from _numbers_in(item)
 
 
 @dataclass(frozen=True)
@@ -181,10 +225,11 @@ def read_document(path: File) -> Document:
     Scalars remain text: a name such as ``on`` or ``12`` is not converted to a boolean or a number. The
     pydantic model parses numbers from the text.
     """
-    text, content = decoded(path)
+    text, content = decoded(path, LARGEST_YAML)
     reader = _Reader(path.name)
     loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
     try:
+        _check_size(yaml.parse(text, Loader=loader), path.name)
         node = yaml.compose(text, Loader=loader)
         data = reader.plain(node, (), frozenset())
     except yaml.MarkedYAMLError as error:
@@ -196,6 +241,17 @@ def read_document(path: File) -> Document:
     if not isinstance(data, dict):
         raise BayescalError("expected keys and values", f"{path.name}:1", "start with `schema: ...`")
     return Document(path.name, data, reader.lines, content, reader.unfilled)
+
+
+def _check_size(events: Iterable[yaml.Event], name: str) -> None:
+    """Refuse a file of too many levels or values, before a recursion descends into it."""
+    depth = 0
+    for number, event in enumerate(events):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST or number > 2 * MOST_VALUES:
+            line = event.start_mark.line + 1 if event.start_mark else 1
+            what = f"more than {DEEPEST} levels" if depth > DEEPEST else f"more than {MOST_VALUES} values"
+            raise BayescalError(what, f"{name}:{line}", "check brackets and indents")
 
 
 def check_schema(document: Document, schema: str) -> None:
@@ -223,9 +279,13 @@ class _Reader:
         if node is None:
             return None
         line = node.start_mark.line + 1
+        if len(self.lines) > MOST_VALUES:
+            what = f"more than {MOST_VALUES} values, with those that aliases repeat"
+            raise BayescalError(what, f"{self.name}:{line}", "write the values out")
         if node.tag == FILL_IN:
             self.unfilled[path] = line
         if isinstance(node, yaml.ScalarNode):
+            self._check_text(node.value, "a value", LONGEST_TEXT, line)
             empty = ("",) if node.tag == FILL_IN else () if node.style else ("", "~", "null")
             return None if node.value in empty else node.value
         if id(node) in open_:
@@ -239,12 +299,22 @@ class _Reader:
             return items
         return self._mapping(node, path, inside)
 
+    def _check_text(self, text: str, noun: str, longest: int, line: int) -> None:
+        """Refuse a text too long to be meant, or with characters that an escape has written."""
+        if len(text) > longest:
+            what = f"{noun} of {len(text)} characters, at most {longest} are read"
+            raise BayescalError(what, f"{self.name}:{line}", "shorten it")
+        if found := CONTROL.search(text):
+            what = f"{noun} with the control character {found[0].encode('unicode_escape').decode()}"
+            raise BayescalError(what, f"{self.name}:{line}", "delete it")
+
     def _mapping(self, node: yaml.Node, path: Path, inside: frozenset[int]) -> dict[str, Any]:
         out: dict[str, Any] = {}
         for key, value in node.value:
             line = key.start_mark.line + 1
             if not isinstance(key, yaml.ScalarNode):
                 raise BayescalError("a key must be a plain name", f"{self.name}:{line}", "write `key: value`")
+            self._check_text(key.value, "a key", LONGEST_KEY, line)
             own = (*path, key.value)
             if key.value in out:
                 what, remedy = (
@@ -279,6 +349,12 @@ _TOLD: dict[str, Callable[[str, dict[str, Any], Any], tuple[str, str]]] = {
         f"{key} has {ctx['actual_length']} entries",
         f"must have at least {ctx['min_length']}",
     ),
+    "too_tiny": lambda key, ctx, value: (f"{key} is {value}", f"no uncertainty is less than {SMALLEST:g}"),
+    "string_too_long": lambda key, ctx, value: (
+        f"{key} has {len(value)} characters",
+        f"must have at most {ctx['max_length']}",
+    ),
+    "string_too_short": lambda key, ctx, value: (f"{key} is empty", "write a name"),
     "string_type": lambda key, ctx, value: (f"{key} is not a text", "write one line of text"),
     "tuple_type": lambda key, ctx, value: (f"{key} is not a list", "write it as [.., .., ..]"),
     "model_type": lambda key, ctx, value: (f"{key} must hold keys and values", "write {key: value, ...}"),
@@ -290,7 +366,7 @@ _TOLD["list_type"] = _TOLD["tuple_type"]
 def _tell(error: ErrorDetails) -> tuple[Path, str, str]:
     """Path in the file, what is wrong and its remedy, of one pydantic error."""
     path, ctx = tuple(error["loc"]), dict(error.get("ctx") or {})
-    if error["type"] == "unknown_key":
+    if error["type"] == "of_key":
         return (*path, ctx["at"]), ctx["what"], ctx["remedy"]
     last = path[-1] if path else "the file"
     key = f"`{path[-2]}`, entry {last + 1}" if isinstance(last, int) and len(path) > 1 else f"`{last}`"

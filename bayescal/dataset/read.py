@@ -16,6 +16,7 @@ from bayescal.dataset.table import Table, read_table
 from bayescal.dataset.types import Dataset, Measurements
 from bayescal.errors import BayescalError
 from bayescal.files import Document, check_schema, read_document
+from bayescal.reading import check_inside
 from bayescal.robots import load_robot
 
 SETTINGS, TABLE = "dataset.yaml", "measurements.csv"
@@ -67,6 +68,7 @@ def read_parts(folder: Path | str, allow_xacro: bool = False) -> tuple[Dataset, 
         raise BayescalError("no such folder", str(folder), remedy)
     bare, document, robot_content = read_settings(folder / SETTINGS, allow_xacro)
     n = bare.robot.n
+    check_inside(folder / TABLE, folder, "the table")
     table = read_table(folder / TABLE, n)
     dataset = replace(
         bare,
@@ -85,11 +87,12 @@ def read_settings(
     Its `sha256` is that of both files. `allow_xacro` as of `read_dataset`. `assume`: values that are marked
     as not filled in are taken as assumed, and named in `unfilled`; they are refused otherwise.
     """
+    check_inside(path, path.parent, "the file")
     document = read_document(path)
     check_schema(document, SCHEMA)
     file = document.parse(file_model(), MARKED if assume else ())
     try:
-        robot, robot_content = load_robot(file.robot, path.parent, allow_xacro)
+        robot, robot_content = load_robot(file.robot, path.parent, allow_xacro, inside=True)
     except BayescalError as error:
         raise BayescalError(error.what, error.where or document.where(("robot",)), error.remedy) from None
     gravity = session.gravity_of(document, file)

@@ -7,8 +7,8 @@ import numpy as np
 from bayescal.dataset.table import RPY, XYZ, Table, joint_columns
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import ROLES, Measurements, Noise, Target, Tool
-from bayescal.errors import BayescalError
-from bayescal.files import unknown
+from bayescal.errors import BayescalError, listed
+from bayescal.files import SMALLEST, si, unknown
 
 
 def measurements_of(
@@ -68,7 +68,7 @@ def _indices(table: Table, column: str, names: list[str]) -> np.ndarray:
     out = np.empty(len(table.line), int)
     for row, cell in enumerate(table.cells[column]):
         if not cell and not alone:
-            raise table.error(row, f"`{column}` is empty", f"write one of {', '.join(names)}")
+            raise table.error(row, f"`{column}` is empty", f"write one of {listed(names)}")
         if cell and cell not in index:
             remedy = unknown(column, cell, names)[1]
             remedy = remedy if remedy.startswith("is it") else f"add it to `{column}s` in dataset.yaml"
@@ -145,7 +145,8 @@ def _check_values(table: Table, rows: Measurements) -> None:
     if rows.payload is not None:
         table.first(rows.payload < 0, "`payload_kg` is {payload_kg}", "a mass is not negative")
     if rows.u is not None:
-        table.first(rows.u <= 0, "`u_mm` is {u_mm}", "must be more than 0, or empty for the stated noise")
+        remedy = f"must be more than 0, at least {SMALLEST:g}, or empty for the stated noise"
+        table.first(rows.u < si("u_mm") * SMALLEST, "`u_mm` is {u_mm}", remedy)
     if rows.length is not None:
         table.first(rows.length <= 0, "`length_mm` is {length_mm}", "must be more than 0")
     # A clock that goes back is let pass: a long real session has poses measured again and appended.

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Union
 from pydantic import Field, create_model
 
 from bayescal.dataset.target_kinds import KINDS, MEANING, TargetKind
-from bayescal.files import Keys, NotNegative, Number, Positive, Vector
+from bayescal.files import Keys, Name, NotNegative, Number, Positive, Uncertain, UncertainOrKnown, Vector
 
 SCHEMA = "bayescal-dataset/1"
 
@@ -32,11 +32,11 @@ class ToolEntry(Keys):
         default=None,
         description="Roll, pitch, yaw of the tool frame in the flange frame: R = Rz(yaw) Ry(pitch) Rx(roll).",
     )
-    u_mm: NotNegative | None = Field(
+    u_mm: UncertainOrKnown | None = Field(
         default=None,
         description="Standard uncertainty of each coordinate of `centre_mm`; 0: known; default 5 mm.",
     )
-    u_rad: NotNegative | None = Field(
+    u_rad: UncertainOrKnown | None = Field(
         default=None, description="Standard uncertainty of the orientation; 0: known; default 0.2 rad."
     )
 
@@ -44,15 +44,15 @@ class ToolEntry(Keys):
 class NoiseEntry(Keys):
     """Stated standard uncertainties (k = 1)."""
 
-    contact_mm: Positive | None = Field(
+    contact_mm: Uncertain | None = Field(
         default=None, description="Repeatability of a contact along the surface normal; needed of contacts."
     )
-    point_mm: Positive | None = Field(
+    point_mm: Uncertain | None = Field(
         default=None,
         description="Standard uncertainty of a coordinate that an instrument reads; needed of instruments.",
     )
-    joint_deg: NotNegative = Field(default=0.0, description="Noise of a joint reading.")
-    orientation_deg: Positive | None = Field(
+    joint_deg: UncertainOrKnown = Field(default=0.0, description="Noise of a joint reading.")
+    orientation_deg: Uncertain | None = Field(
         default=None,
         description="Standard uncertainty of an orientation that an instrument reads, about each axis.",
     )
@@ -61,10 +61,10 @@ class NoiseEntry(Keys):
 class Loose(Keys):
     """Keys of every target: how well its nominal place is known."""
 
-    u_mm: NotNegative | None = Field(
+    u_mm: UncertainOrKnown | None = Field(
         default=None, description="Standard uncertainty of the nominal position; 0: known; default 50 mm."
     )
-    u_rad: NotNegative | None = Field(
+    u_rad: UncertainOrKnown | None = Field(
         default=None, description="Standard uncertainty of the nominal direction; 0: known; default 0.2 rad."
     )
 
@@ -82,8 +82,8 @@ class Parallel(Keys):
     kind: Literal["parallel"]
     faces: Pair = FACES
     distance_mm: Positive = LENGTH
-    u_distance_mm: Positive = U_LENGTH
-    u_angle_rad: Positive = U_ANGLE
+    u_distance_mm: Uncertain = U_LENGTH
+    u_angle_rad: Uncertain = U_ANGLE
 
 
 class Perpendicular(Keys):
@@ -91,7 +91,7 @@ class Perpendicular(Keys):
 
     kind: Literal["perpendicular"]
     faces: Pair = FACES
-    u_angle_rad: Positive = U_ANGLE
+    u_angle_rad: Uncertain = U_ANGLE
 
 
 class Between(Keys):
@@ -100,7 +100,7 @@ class Between(Keys):
     kind: Literal["distance"]
     between: Pair = Field(description="Names of two targets.")
     distance_mm: Positive = LENGTH
-    u_distance_mm: Positive = U_LENGTH
+    u_distance_mm: Uncertain = U_LENGTH
 
 
 class Diameter(Keys):
@@ -108,7 +108,7 @@ class Diameter(Keys):
 
     kind: Literal["diameter"]
     target: str = Field(description="Name of a sphere or cylinder.")
-    u_diameter_mm: Positive = Field(description="Standard uncertainty of its `diameter_mm`.")
+    u_diameter_mm: Uncertain = Field(description="Standard uncertainty of its `diameter_mm`.")
 
 
 class Flat(Keys):
@@ -116,7 +116,7 @@ class Flat(Keys):
 
     kind: Literal["flat"]
     target: str = Field(description="Name of a plane.")
-    u_form_mm: Positive = Field(description="Standard deviation of the face from a plane.")
+    u_form_mm: Uncertain = Field(description="Standard deviation of the face from a plane.")
 
 
 class VolumeEntry(Keys):
@@ -168,8 +168,8 @@ class DatasetFile(Keys):
     """The set-up of a measuring session: robot, tools, noise, targets and certificates."""
 
     schema_: Literal["bayescal-dataset/1"] = Field(alias="schema", description="Version of the format.")
-    name: str = Field(description="Name of the session, in reports.")
-    robot: str = Field(description="Built-in robot, or a path beside this file: robot.yaml, arm.urdf.")
+    name: Name = Field(description="Name of the session, in reports.")
+    robot: Name = Field(description="Built-in robot, or a path beside this file: robot.yaml, arm.urdf.")
     readings: Literal["encoder", "command"] = Field(
         description="What the joint columns contain: readings of the encoders, or commanded angles."
     )

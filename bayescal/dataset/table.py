@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bayescal.errors import BayescalError
-from bayescal.files import decoded, si, unknown
+from bayescal.errors import BayescalError, shown
+from bayescal.files import outside, range_of, si, unknown
+from bayescal.reading import decoded
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")
@@ -28,6 +29,9 @@ PLAIN = (
 )
 JOINT = ("deg", "degps", "command_deg", "nm")
 """Columns there are one of a joint: ``j1_deg`` ... ``jn_deg``, and so on."""
+
+LONGEST_CELL = 200
+"""Characters of a cell."""
 
 COLUMNS = {
     "id": "name of the row, unique",
@@ -78,7 +82,7 @@ class Table:
         """Refuse the first row where `bad` (N,) holds; ``{column}`` in the texts stands for its cell."""
         if bad.any():
             row = int(np.argmax(bad))
-            cells = {k: v[row] for k, v in self.cells.items()}
+            cells = {k: shown(v[row]) for k, v in self.cells.items()}
             raise self.error(row, what.format_map(cells), remedy.format_map(cells))
 
     def numbers(self, column: str, needed: bool) -> np.ndarray:
@@ -99,6 +103,11 @@ class Table:
         self.first(
             bad, f"`{column}` is {{{column}}}, not a finite number", "correct the cell or remove the row"
         )
+        low, high = range_of(column)
+        wrong = (values < low) | (values > high)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise self.error(row, outside(column, (values[row],)), "check the number and its unit")
         return values * si(column)
 
     def optional(self, column: str, needed: bool = False) -> np.ndarray | None:
@@ -144,6 +153,10 @@ def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Ta
     except csv.Error as error:
         where = f"{path.name}:{reader.line_num}"
         raise BayescalError(f"not CSV: {error}", where, "check the quotes") from None
+    for cells, line in zip(rows, lines, strict=True):
+        if max(map(len, cells)) > LONGEST_CELL:
+            what = f"a cell has {max(map(len, cells))} characters, at most {LONGEST_CELL} are read"
+            raise BayescalError(what, f"{path.name}:{line}", "check the quotes, or shorten it")
     header = [c.strip() for c in rows[0]]
     check_header(header, f"{path.name}:{lines[0]}")
     for cells, line in zip(rows, lines, strict=True):

@@ -6,7 +6,6 @@ copy of the dataset (`dataset/`; `dataset/1`, `dataset/2` of several sessions).
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,6 +24,7 @@ from bayescal.exporting.rows import SETTLED
 from bayescal.files import json_text
 from bayescal.model import Model, equilibrium, with_parameters
 from bayescal.model.scene import Scene
+from bayescal.reading import read_record
 
 SCHEMA = "bayescal-arm/1"
 ARM_FILE, COPY = "arm.json", "dataset"
@@ -115,13 +115,7 @@ def read_arm(folder: Path) -> FittedArm:
         raise BayescalError(
             f"there is no {ARM_FILE}", str(folder), f"give a run folder of fit or gap, or {repeat}"
         )
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise BayescalError(f"cannot be read: {error}", str(path), repeat) from None
-    schema = record.get("schema") if isinstance(record, dict) else None
-    if schema != SCHEMA:
-        raise BayescalError(f"the schema is {schema}, not {SCHEMA}", str(path), repeat)
+    record = read_record(path, SCHEMA, repeat)
     try:
         return _arm(record, folder)
     except KeyError as error:

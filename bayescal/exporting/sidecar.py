@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from bayescal.errors import BayescalError
 from bayescal.files import Number, Vector
+from bayescal.reading import read_record
 
 SCHEMA: Literal["bayescal-export/1"] = "bayescal-export/1"
 SUFFIX = ".bayescal.json"
@@ -79,15 +80,9 @@ def read_sidecar(path: Path) -> Mapping[str, Any]:
         If there is none, it is of another version, or an entry is missing or wrong.
     """
     beside = sidecar_of(path)
+    record = read_record(beside, SCHEMA, AGAIN)
     try:
-        text = beside.read_text(encoding="utf-8")
-        record = json.loads(text)
-    except (OSError, ValueError) as error:
-        raise BayescalError(f"cannot be read: {error}", str(beside), AGAIN) from None
-    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
-        raise BayescalError(f"is no {SCHEMA}", str(beside), AGAIN)
-    try:
-        _entries(record).model_validate_json(text, strict=True)
+        _entries(record).model_validate_json(json.dumps(record), strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         what = f"`{'.'.join(map(str, first['loc']))}`: {first['msg']}"

@@ -22,7 +22,7 @@ from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.geometry import geometry_of, items, steps, zero_frames
 from bayescal.exporting.same_arm import FileArm, match
 from bayescal.exporting.written import Format, Options, Written, path_of
-from bayescal.files import decoded
+from bayescal.reading import decoded
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayescal.errors import BayescalError
-from bayescal.files import content_of
+from bayescal.reading import content_of
 
 COMMENTS = ("//", "#", "!", "%")
 """How a comment begins; SpatialAnalyzer writes ``//``."""

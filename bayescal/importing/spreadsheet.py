@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from bayescal.errors import BayescalError
-from bayescal.files import content_of
 from bayescal.importing.cells import Lines
+from bayescal.reading import content_of
 
 SUFFIXES = (".xlsx", ".xlsm")
 

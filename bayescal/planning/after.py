@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from bayescal.effects import UNITS
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.errors import BayescalError
 from bayescal.gap.result import Pair, Side, Suspect
+from bayescal.reading import read_record
 
 GAP, SCHEMA = "gap.json", "bayescal-gap/1"
 AGAIN = "repeat bayescal gap with this version"
@@ -60,16 +60,9 @@ def continuation(dataset: Dataset, gap: Path | str) -> Continuation:
     """
     path = Path(gap)
     path = path / GAP if path.is_dir() else path
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        remedy = "give the run folder of bayescal gap"
-        raise BayescalError(error.strerror or "cannot be read", str(path), remedy) from None
-    except ValueError as error:
-        raise BayescalError(f"invalid JSON: {error}", str(path), AGAIN) from None
-    schema = record.get("schema") if isinstance(record, dict) else None
-    if schema != SCHEMA:
-        raise BayescalError(f"the schema is {schema}, not {SCHEMA}", str(path), AGAIN)
+    if not path.exists():
+        raise BayescalError("no such file", str(path), "give the run folder of bayescal gap")
+    record = read_record(path, SCHEMA, AGAIN)
     of = record.get("dataset")
     if not isinstance(of, dict) or of.get("sha256") != dataset.sha256:
         what = f"it is no diagnosis of the present files of {dataset.name}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.public.results import FitResult, GapResult, as_text
+from bayescal.reading import read_json
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -179,9 +179,9 @@ def _as_written(basis: Basis, folder: Path) -> Basis:
     path = folder / "budget.json"
     if not path.is_file():
         return basis  # the run folder of a diagnosis
+    record = read_json(path, "repeat the command")
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
         dof = record["unexplained_dof"]
         return replace(basis, excess=1e-6 * record["unexplained_um"], excess_dof=inf if dof is None else dof)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise BayescalError(f"cannot be read: {error}", str(path), "repeat the command") from None

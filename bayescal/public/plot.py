@@ -229,13 +229,13 @@ def _draws(result: FitResult | SavedFit, names: Sequence[str]) -> dict[str, np.n
 
 
 def _budget(result: Any) -> Mapping[str, Any]:
-    import json
+    from bayescal.reading import read_json
 
     folder = getattr(result, "folder", None)
     if folder is None or not (path := Path(folder) / "budget.json").is_file():
         remedy = "save the result and load it, or give the content of a budget.json"
         raise BayescalError("there is no budget.json", str(folder or "bc.plot.budget"), remedy)
-    content: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    content: Mapping[str, Any] = read_json(path, "repeat the command")
     return content
 
 

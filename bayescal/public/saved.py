@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.public.tables import FitTables, GapTables, Json, PlanTables, fit_line, gap_line, plan_line
+from bayescal.reading import read_record
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -139,12 +139,5 @@ def load(run: str | PathLike[str]) -> Saved:
         remedy = "give a run folder of bayescal fit, gap or plan"
         raise BayescalError(f"there is no {' or '.join(SCHEMAS)}", str(folder), remedy)
     path = folder / there[0]
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise BayescalError(f"cannot be read: {error}", str(path), "repeat the command") from None
-    schema = content.get("schema") if isinstance(content, dict) else None
-    if schema != SCHEMAS[path.name]:
-        what = f"the schema is {schema}, not {SCHEMAS[path.name]}"
-        raise BayescalError(what, str(path), "repeat the command with this version")
+    content = read_record(path, SCHEMAS[path.name], "repeat the command with this version")
     return READ[path.name](folder, content)

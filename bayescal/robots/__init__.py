@@ -13,11 +13,13 @@ robot_to_yaml
 from __future__ import annotations
 
 import difflib
+import os
 from pathlib import Path
 
 from bayescal.arm.robot import Robot
 from bayescal.errors import BayescalError
 from bayescal.files import check_schema, read_document
+from bayescal.reading import check_inside
 from bayescal.robots.markup import refuse_network
 from bayescal.robots.schema import SCHEMA, robot_from
 from bayescal.robots.urdf import robot_from_urdf
@@ -51,7 +53,9 @@ def full_name(reference: str) -> str:
     return near[0] if len(near) == 1 else reference
 
 
-def load_robot(reference: str, folder: Path | None = None, allow_xacro: bool = False) -> tuple[Robot, bytes]:
+def load_robot(
+    reference: str, folder: Path | None = None, allow_xacro: bool = False, inside: bool = False
+) -> tuple[Robot, bytes]:
     """Read a robot.
 
     Parameters
@@ -63,6 +67,8 @@ def load_robot(reference: str, folder: Path | None = None, allow_xacro: bool = F
         What a path is relative to; the working directory where left out.
     allow_xacro : bool
         Whether a xacro file, which is a program, may be executed; refused otherwise.
+    inside : bool
+        Whether the file must be in `folder`: what a dataset names is part of the dataset.
 
     Returns
     -------
@@ -77,13 +83,16 @@ def load_robot(reference: str, folder: Path | None = None, allow_xacro: bool = F
     names = builtin_robots()
     refuse_network(reference, "")
     file, _, tip = reference.partition("#")
-    if Path(file).suffix.lower() in (".urdf", ".xacro"):
-        return robot_from_urdf((folder or Path()) / file, tip, allow_xacro)
-    suffix = Path(reference).suffix.lower()
-    if reference in names:
+    is_markup = Path(file).suffix.lower() in (".urdf", ".xacro")
+    path = (folder or Path()) / (file if is_markup else reference)
+    named = is_markup or path.suffix.lower() in (".yaml", ".yml") or "/" in reference
+    if reference not in names and (named or os.path.isfile(path)):
+        if inside:
+            check_inside(path, folder or Path(), f"robot `{reference}`")
+        if is_markup:
+            return robot_from_urdf(path, tip, allow_xacro)
+    elif reference in names:
         path = _HERE / f"{reference}.yaml"
-    elif suffix in (".yaml", ".yml") or "/" in reference or ((folder or Path()) / reference).is_file():
-        path = (folder or Path()) / reference
     else:
         near = [name for name in names if reference.lower() in name.split("-")]
         near += difflib.get_close_matches(reference, names, 1)

@@ -7,7 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from bayescal.errors import BayescalError
-from bayescal.files import decoded
+from bayescal.reading import decoded
 from bayescal.robots.xacro_file import expanded
 
 NETWORK = re.compile(r"\s*(?:(?!(?:package|model|file):)[a-z][a-z0-9+.-]*://|//|\\\\)", re.IGNORECASE)

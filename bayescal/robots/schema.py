@@ -17,7 +17,7 @@ from pydantic import Field
 from bayescal.arm.robot import Coupling, Robot
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError
-from bayescal.files import Document, Keys, NotNegative, Number, Positive, Vector, si
+from bayescal.files import Document, Keys, Name, NotNegative, Number, Positive, Vector, si
 
 SCHEMA = "bayescal-robot/1"
 REACH_MM = (20.0, 50_000.0)
@@ -27,7 +27,7 @@ REACH_MM = (20.0, 50_000.0)
 class Joint(Keys):
     """A row of the table of Denavit-Hartenberg parameters; angles and lengths are nominal."""
 
-    name: str = Field(description="Name of the joint, in reports.")
+    name: Name = Field(description="Name of the joint, in reports.")
     alpha_deg: Number = Field(description="Twist; with mdh it stands before the joint, with dh behind it.")
     a_mm: Number = Field(description="Length; with mdh it stands before the joint, with dh behind it.")
     d_mm: Number = Field(description="Offset along the axis of the joint.")
@@ -61,7 +61,7 @@ class RobotFile(Keys):
     """A robot arm: its nominal geometry, limits and masses."""
 
     schema_: Literal["bayescal-robot/1"] = Field(alias="schema", description="Version of the format.")
-    name: str = Field(description="Name of the robot, in reports.")
+    name: Name = Field(description="Name of the robot, in reports.")
     convention: Literal["mdh", "dh"] = Field(
         description="mdh: modified (Craig), or dh: standard Denavit-Hartenberg rows."
     )

@@ -39,7 +39,7 @@ def arrays(n: int, low: float, high: float):
 @st.composite
 def robots(draw) -> Robot:
     n = draw(st.integers(1, 7))
-    name = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=10)
+    name = st.text(st.characters(exclude_categories=["Cs", "Cc", "Cf", "Zl", "Zp"]), min_size=1, max_size=10)
     limits = np.sort(draw(arrays(2 * n, -6, 6)).reshape(n, 2), axis=1) + np.array([-0.1, 0.1])
     rpy = draw(arrays(3, -1.5, 1.5))
     masses = draw(st.none() | arrays(n, 0, 50))

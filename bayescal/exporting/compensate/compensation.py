@@ -27,6 +27,7 @@ from bayescal.exporting.compensate.table import (
 from bayescal.exporting.compensate.targets import Corrected, Target
 from bayescal.exporting.fitted import FittedArm
 from bayescal.files import write_together
+from bayescal.reading import content_of
 
 TABLE = "csv"
 FORMATS = (TABLE, *PROGRAMS)
@@ -129,10 +130,9 @@ def compensate_file(
 
 def _content(source: Path) -> bytes:
     try:
-        return source.read_bytes()
-    except OSError as error:
-        what = f"cannot be read: {error.strerror}"
-        raise BayescalError(what, str(source), "give a file of targets") from None
+        return content_of(source)
+    except BayescalError as error:
+        raise BayescalError(error.what, str(source), "give a file of targets") from None
 
 
 def _format_of(source: Path, content: bytes) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError
+from bayescal.reading import read_json
 
 KINDS = ("planes", "points", "distances")
 RECORDS = ("gap.json", "fit.json")
@@ -41,10 +41,8 @@ def read_reported(run: Path) -> Reported:
         return Reported()
     again = f"repeat bayescal {path.stem}"
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
+        record = read_json(path, again)
         return Reported(tuple(record.get("baseline", ())), {kind: _rms(record, kind) for kind in KINDS})
-    except (OSError, ValueError) as error:
-        raise BayescalError(f"cannot be read: {error}", str(path), again) from None
     except (KeyError, TypeError, AttributeError) as error:
         what = f"is incomplete or of another version ({type(error).__name__}: {error})"
         raise BayescalError(what, str(path), again) from None

@@ -19,6 +19,7 @@ from bayescal.exporting.verify.levels import File, Level, levels
 from bayescal.exporting.verify.replay import Place
 from bayescal.exporting.verify.reported import Reported, read_reported
 from bayescal.exporting.verify.urdf import held, simulators, tool_points, urdf_levels
+from bayescal.reading import decoded
 
 Notify = Callable[[str, float], None]
 
@@ -51,10 +52,9 @@ def verify(run: Path, path: Path, notify: Notify = lambda stage, share: None) ->
         If the run folder has no arm, the simulator is not installed, or the file is not of this arm.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        what = getattr(error, "strerror", None) or "is not a text file"
-        raise BayescalError(what, str(path), "give a file of bayescal export") from None
+        text = decoded(path)[0]
+    except BayescalError as error:
+        raise BayescalError(error.what, str(path), "give a file of bayescal export") from None
     sidecar = read_sidecar(path)
     if sidecar["format"] not in VERIFIED:
         what = f"is a file of the format {sidecar['format']}"

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from bayescal.errors import BayescalError
+from bayescal.reading import read_record
 
 Json = Mapping[str, Any]
 SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1"}
@@ -83,12 +83,4 @@ def _png(path: Path) -> bytes:
 
 
 def _record(path: Path, schema: str) -> Json:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise BayescalError(f"cannot be read: {error}", str(path), "repeat the command") from None
-    found = content.get("schema") if isinstance(content, dict) else None
-    if found != schema:
-        remedy = "repeat the command with this version"
-        raise BayescalError(f"the schema is {found}, not {schema}", str(path), remedy)
-    return dict(content)
+    return read_record(path, schema, "repeat the command with this version")

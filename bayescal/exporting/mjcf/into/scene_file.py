@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 from bayescal.errors import BayescalError
 from bayescal.exporting.engine import mujoco
-from bayescal.files import decoded
+from bayescal.reading import decoded
 
 REFUSED = {
     "include": "its parts are in another file",

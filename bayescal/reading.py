@@ -1,0 +1,126 @@
+"""Files of other people: regular ones of bounded size, whose text is printable."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import stat
+from pathlib import Path
+from typing import Any
+
+from bayescal.errors import BayescalError, shown
+
+LARGEST = 2**29
+"""Bytes of a table, a log or a record: some million rows."""
+CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+"""Characters that act on a terminal or reverse the direction of writing; no text of a session has them."""
+
+
+def content_of(path: Path, largest: int = LARGEST) -> bytes:
+    """Bytes of a regular file.
+
+    Raises
+    ------
+    BayescalError
+        If there is no such file, if it is larger than `largest`, and of a pipe, a socket, a device or a
+        folder, which may be endless.
+    """
+    try:
+        with open(path, "rb", opener=_without_waiting) as stream:
+            about = os.fstat(stream.fileno())
+            if not stat.S_ISREG(about.st_mode):
+                raise BayescalError("is not a regular file", path.name, "give a file on disk")
+            if about.st_size > largest:
+                what = f"the file has {about.st_size / 1e6:.0f} MB, at most {largest / 1e6:.0f} MB are read"
+                raise BayescalError(what, path.name, "divide it, or check that it is the right file")
+            return stream.read(largest)
+    except FileNotFoundError:
+        raise BayescalError("no such file", path.name, f"looked in {path.parent}") from None
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise BayescalError(f"cannot be read: {why}", path.name, "give a readable file") from None
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Open a file; a pipe without a writer does not block."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def check_inside(path: Path, folder: Path, what: str) -> None:
+    """Refuse a file outside a folder: a dataset is complete, and names no other file of its reader.
+
+    Raises
+    ------
+    BayescalError
+        For an absolute path, one that leaves the folder, and a link to a file elsewhere.
+    """
+    if not path.resolve().is_relative_to(folder.resolve()):
+        remedy = "copy the file into the folder, and name the copy"
+        raise BayescalError(f"{what} is outside the dataset folder", path.name, remedy)
+
+
+def decoded(path: Path, largest: int = LARGEST) -> tuple[str, bytes]:
+    """Text and bytes of a UTF-8 file (a byte order mark is dropped).
+
+    Raises
+    ------
+    BayescalError
+        As `content_of`, and for a file that is empty, is not UTF-8 or has control characters.
+    """
+    content = content_of(path, largest)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise BayescalError("not UTF-8 text", f"{path.name}:{line}", "save the file as UTF-8") from None
+    if not text.strip():
+        raise BayescalError(
+            "the file is empty", path.name, "`bayescal init` writes an example of what it holds"
+        )
+    if found := CONTROL.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        what = f"control character {shown(found[0].encode('unicode_escape').decode())}"
+        raise BayescalError(what, f"{path.name}:{line}", "delete it")
+    return text, content
+
+
+def read_json(path: Path, remedy: str) -> Any:
+    """Content of a JSON file that a command wrote; numbers are finite.
+
+    Raises
+    ------
+    BayescalError
+        If it cannot be read, is no JSON, or has a number that is not finite.
+    """
+    try:
+        return json.loads(content_of(path).decode("utf-8"), parse_constant=_refuse, parse_float=_finite)
+    except BayescalError as error:
+        raise BayescalError(error.what, str(path), remedy) from None
+    except (ValueError, RecursionError) as error:
+        why = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise BayescalError(f"invalid JSON: {why}", str(path), remedy) from None
+
+
+def read_record(path: Path, schema: str, remedy: str) -> dict[str, Any]:
+    """A record with its `schema`, as `read_json`.
+
+    Raises
+    ------
+    BayescalError
+        As `read_json`, and of another schema.
+    """
+    record = read_json(path, remedy)
+    found = record.get("schema") if isinstance(record, dict) else None
+    if not isinstance(record, dict) or found != schema:
+        raise BayescalError(f"the schema is {found}, not {schema}", str(path), remedy)
+    return record
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is not a finite number")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    return value if abs(value) < float("inf") else _refuse(text)
