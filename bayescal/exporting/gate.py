@@ -82,7 +82,8 @@ def _left_of_prior(found: Estimate, covariance: np.ndarray) -> float:
         ]
     by = by * model.sd[:, None]
     left = np.einsum("pk,pq,qk->k", by, covariance[arm, arm], by, optimize=True)
-    return float(np.sqrt(np.sum(left) / np.sum(by**2)))
+    # rows of a single position have no distance: nothing is known of any
+    return float(np.sqrt(np.sum(left) / np.sum(by**2))) if np.any(by) else 1.0
 
 
 def negative(parameters: Sequence[Parameter], values: np.ndarray, covariance: np.ndarray) -> Iterator[str]:

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayescal.assess.identifiability import identifiability
+from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
 from bayescal.estimate import Estimate, check_enough
 from bayescal.estimate.discrepancy import stated
@@ -95,6 +97,7 @@ def diagnose(
     arm = _confirmed(found, robust, prior_width, parts)
     covariance = stated(arm).limited
     of_final = covariance if arm is final else stated(final).limited
+    lacking = undetermined(final, identifiability(final))
     reduction = shrinkage(before, after, noise.sd, of_shrinkage, noise.dof) if changed else ()
     if not all(n.confirmed for n in verdict.named):
         reduction = tuple(replace(s, claimed=False) for s in reduction)
@@ -113,7 +116,7 @@ def diagnose(
         residuals=_residuals(first.fitted, final),
         warnings=(
             *(f"{cause.words}: they are no outliers, and all models use them" for cause in first.causes),
-            *warnings(first.fitted, final, before, after),
+            *warnings(first.fitted, final, before, after, lacking),
         ),
         without=tuple(map(str, parts)),
         amplitudes=amplitudes(final, of_final, verdict.named) if verdict.named else (),
@@ -124,6 +127,7 @@ def diagnose(
         undecided=undecided(last),
         arm=arm,
         covariance=covariance,
+        undetermined=lacking,
     )
 
 

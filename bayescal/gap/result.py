@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import Selection
@@ -104,7 +105,7 @@ class Place:
 class Margin:
     """A bin of a margin: residuals of calibration and validation contacts, m."""
 
-    label: str  # key in gap.json: "cube.+x", "joint 4: -90 to -30 deg", "joint 3 turning +", ...
+    label: str  # key in gap.json: "cube.+x", "joint 4: -90 to -30 deg", ...
     text: str  # the same for reports: "J4 from -90 to -30 deg", "direction of motion of J3, positive"
     count: int
     rms: float
@@ -284,3 +285,4 @@ class Gap:
     undecided: tuple[Pair, ...] = ()
     arm: Estimate | None = None  # with the named effects that are confirmed: what an export is made of
     covariance: np.ndarray | None = None  # (D, D) of its z, with the model discrepancy
+    undetermined: tuple[Undetermined, ...] = ()  # of the fullest model

@@ -1,9 +1,11 @@
 """Degenerate sessions: what is not determined is named, with its cause and what to measure."""
 
+import re
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from bayescal.arm.nominal import NominalArm
 from bayescal.assess.identifiability import identifiability
@@ -11,10 +13,15 @@ from bayescal.assess.undetermined import undetermined
 from bayescal.calibration import fit
 from bayescal.dataset import Target
 from bayescal.estimate import calibrated
+from bayescal.exporting.gate import _left_of_prior
+from bayescal.gap.diagnose import diagnose
 from bayescal.model.scene import Scene
 from bayescal.predict.elsewhere import elsewhere, joint_range, point_slopes
 from bayescal.predict.forecast import SMALLEST
 from bayescal.reporting.fit.record import fit_record
+from bayescal.reporting.gap.files import write_gap
+from bayescal.reporting.gap.phrases import headline
+from bayescal.reporting.gap.summary import gap_summary
 
 FULL = ("geometry", "compliance")
 FULL_RANGE = "in poses over most of the range of"
@@ -54,7 +61,8 @@ def tracked(tracker, readings, centre=(0.06, 0.0, 0.12)):
 def one_pose(cube):
     session = on_faces(cube(seed=3, count=150).dataset, "cube.+z")
     m = session.measurements
-    return replace(session, measurements=replace(m, readings=np.repeat(m.readings[:1], len(m.ids), axis=0)))
+    same = np.repeat(m.readings[:1], len(m.ids), axis=0)
+    return replace(session, measurements=replace(m, readings=same, payload=None))
 
 
 def random_readings(lrmate, count=80):
@@ -167,3 +175,31 @@ def test_an_estimate_within_its_uncertainty_of_zero_is_called_so(tracker, lrmate
     said = [f.text for f in found.findings if f.code == "negative"]
     assert said
     assert all("not distinguishable from 0" in text for text in said)
+
+
+@pytest.fixture(scope="module")
+def diagnosed(cube):
+    return diagnose(with_rows(one_pose(cube), np.arange(14)), ("geometry",))
+
+
+def test_no_effect_in_rows_of_one_pose_is_no_success(diagnosed):
+    """The headline was 'No effect above noise: the model explains these data'."""
+    assert re.search(r"2\d of 2\d combinations of parameters are not identifiable", headline(diagnosed)[0])
+    assert any("all rows have one pose" in text for text in diagnosed.warnings)
+
+
+def test_a_diagnosis_of_one_pose_has_a_page_and_no_nan(diagnosed, tmp_path):
+    """A page of one block of rows ended with a traceback, and the terminal printed nan."""
+    write_gap(diagnosed, tmp_path / "run", pictures=False)
+    console = Console(width=150)
+    with console.capture() as said:
+        console.print(gap_summary(diagnosed))
+    assert "nan" not in said.get()
+    assert "no interval: the validation rows have one pose" in said.get()
+
+
+def test_an_arm_of_one_pose_is_not_exported(cube):
+    """Its distances kept 'nan %' of the uncertainty of the priors."""
+    found = calibrated(Scene(one_pose(cube)), FULL)
+    left = _left_of_prior(found, found.covariance)
+    assert left == 1.0

@@ -122,7 +122,7 @@ def test_margins_find_a_moment_and_a_rare_direction(cube):
     d = replace(d, measurements=replace(d.measurements, velocity=velocity))
     bins = _bins(shifted(d, rare, 4e-4))  # rejected as outliers, one and all
     worst = min(bins["direction"], key=lambda m: m.p_value)
-    assert worst.label == "joint 3 turning -"
+    assert worst.label == "direction of motion of J3, negative"
     assert worst.p_value < 1e-6
     assert worst.count == len(rare)
 

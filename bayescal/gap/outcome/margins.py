@@ -242,5 +242,5 @@ def _approaches(scene: Scene, rows: np.ndarray) -> Iterator[tuple[str, Bin]]:
     for j, v in enumerate(velocity[rows].T, start=1):
         if np.any(v > 0) and np.any(v < 0):
             text = f"direction of motion of J{j}"
-            yield str(j), (f"joint {j} turning +", f"{text}, positive", v > 0)
-            yield str(j), (f"joint {j} turning -", f"{text}, negative", v < 0)
+            yield str(j), (f"{text}, positive", f"{text}, positive", v > 0)
+            yield str(j), (f"{text}, negative", f"{text}, negative", v < 0)

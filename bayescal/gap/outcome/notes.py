@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from bayescal.assess.findings import negative
+from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import Driver
 from bayescal.effects.location import BASE
@@ -108,11 +110,15 @@ def increased(first: ValidationErrors, last: ValidationErrors) -> Iterator[str]:
 
 
 def warnings(
-    before: Estimate, after: Estimate, first: ValidationErrors, last: ValidationErrors
+    before: Estimate,
+    after: Estimate,
+    first: ValidationErrors,
+    last: ValidationErrors,
+    lacking: Sequence[Undetermined] = (),
 ) -> tuple[str, ...]:
-    """Limitations of the results."""
+    """Limitations of the results; `lacking` is what `after` leaves undetermined."""
     out = []
-    model, fair = after.model, kept(first, last)
+    fair = kept(first, last)
     expected, noise = _rms(first.sd[fair]), _rms(_noise(before, first)[fair])
     if expected > OUTCOME.loose * noise:
         out.append(
@@ -126,14 +132,10 @@ def warnings(
     gross = int(np.sum(~fair))
     if gross:
         out.append(f"{gross} validation residuals were excluded as gross outliers under both models")
-    if len(after.rejected):
-        out.append(f"{len(after.rejected)} calibration contacts were excluded as outliers")
-    values = model.physical(after.z)
-    negative = [p.name for p, v in zip(model.parameters, values, strict=False) if p.positive and v < 0]
-    if negative:
-        out.append(
-            f"{', '.join(negative)}: negative, which is not physical; not identifiable from these contacts"
-        )
+    if count := len(after.rejected):
+        out.append(f"{count} calibration {'rows were' if count > 1 else 'row was'} excluded as outliers")
+    out += negative(after)
+    out += [u.words for u in lacking if u.matters]
     if not before.model.knows_length:
         out.append(
             "no certified length among the fitted targets: the scale of the arm is determined by its prior"

@@ -16,6 +16,8 @@ OUTSIDE = "an unmodelled effect outside the vocabulary"
 NO_PLACE = "at no single location"
 LOOSE = 4.0
 """Expected validation error over noise from which on a null verdict means only: too few contacts."""
+MOST = 0.5
+"""Share of the parameters that is not identifiable from which on a null verdict means only: too few poses."""
 POSSIBLE = 0.05
 """Least probability of the noise-only model to list it."""
 
@@ -57,6 +59,10 @@ def headline(gap: Gap) -> list[str]:
         size = gap.magnitude.measured[:1]
         if size and size[0].predicted_rms > LOOSE * gap.magnitude.noise:
             return ["No effect found: with these contacts the model is too uncertain to show any"]
+        left = sum(u.combinations for u in gap.undetermined if u.matters)
+        if gap.arm is not None and left > MOST * len(gap.arm.model.parameters):
+            of = f"{left} of {len(gap.arm.model.parameters)} combinations of parameters"
+            return [f"No effect found, but {of} are not identifiable: these contacts show little of the arm"]
         odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
         if odd:
             return [f"No effect found, but errors of {listed(odd)} are larger than the model predicts"]

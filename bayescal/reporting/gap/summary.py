@@ -87,7 +87,9 @@ def _size(gap: Gap) -> Facts:
     yield "validation", f"{size(m.validation_rms)} µm RMS per {each} ({m.validation})", ""
     yield "noise", f"{size(m.noise)} µm per {each}, {low} to {high} (95 %, from {_noise_from(gap)})", ""
     low, high = map(size, m.excess_interval95)
-    if m.excess_interval95[0] == 0 and gap.verdict.kind == "null":
+    if not np.all(np.isfinite(m.excess_interval95)):
+        yield "excess", f"{size(m.excess)} µm; no interval: the validation rows have one pose", "bold"
+    elif m.excess_interval95[0] == 0 and gap.verdict.kind == "null":
         yield "excess", f"none above noise; at most {high} µm (95 %)", ""
     else:
         yield "excess", f"{size(m.excess)} µm, {low} to {high} (95 %)", "bold"
@@ -232,11 +234,8 @@ def _levels(gap: Gap) -> Table:
         cells = [um(length(main(gap), step.validation_rms))]
         cells += [um(step.distance_rms)] if distances else []
         cells += [um(length("points", step.point_rms))] if points else []
-        gain = (
-            f"{step.delta_elpd:+.0f} +- {step.delta_elpd_se:.0f}"
-            if k and np.isfinite(step.delta_elpd)
-            else ""
-        )
+        gain = f"{step.delta_elpd:+.0f}" if k and np.isfinite(step.delta_elpd) else ""
+        gain += f" +- {step.delta_elpd_se:.0f}" if gain and np.isfinite(step.delta_elpd_se) else ""
         table.add_row(level_label(step.model, before), *cells, gain)
         before = step.model
     return table
@@ -244,7 +243,8 @@ def _levels(gap: Gap) -> Table:
 
 def _next(gap: Gap) -> Facts:
     for k, a in enumerate(gap.advice[:ADVICE]):
-        more = f", {len(a.contacts)} contacts in next.csv" if a.contacts else ""
+        plural = "s" if len(a.contacts) > 1 else ""
+        more = f", {len(a.contacts)} contact{plural} in next.csv" if a.contacts else ""
         yield (
             "" if k else "measure next",
             f"to distinguish {listed(map(rival, a.separates), 'from')}: {a.what}{more} "

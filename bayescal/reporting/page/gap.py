@@ -175,7 +175,8 @@ def levels(run: Run) -> Section | None:
     steps = [dict(step) for step in record["ladder"]]
     for step in steps:
         gain, se = step["delta_elpd"], step["delta_elpd_se"]
-        step["gain"] = MISSING if gain is None or not gain else f"{gain:+.0f} ± {se:.0f}"
+        spread = "" if se is None else f" ± {se:.0f}"
+        step["gain"] = f"{gain:+.0f}{spread}" if gain else MISSING
     names = tuple(
         level_label(tuple(step["model"]), tuple(steps[k - 1]["model"]) if k else ())
         for k, step in enumerate(steps)

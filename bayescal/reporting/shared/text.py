@@ -41,9 +41,11 @@ def short(name: str) -> str:
 
 
 def um(value: float) -> str:
-    """A length in µm with three significant digits; "-" where there is none."""
+    """A length in µm with three significant digits, one below 0.05 µm; "-" where there is none."""
     if not np.isfinite(value):
         return "-"
+    if 5e-4 < abs(UM * value) < 0.05:
+        return f"{UM * value:.1g}"
     return f"{UM * value:.1f}" if abs(UM * value) < 100 else f"{UM * value:.0f}"
 
 
@@ -68,14 +70,14 @@ def size(value: float, unit: str) -> str:
     figures = f"{number:.2g}"
     if 99.5 <= abs(number) < 1e6:
         figures = f"{float(figures):.0f}"
-    return figures + ("" if name == "1" else f" {name.replace('um', 'µm').replace('urad', 'µrad')}")
+    return figures + ("" if name == "1" else f" {unit_label(name)}")
 
 
 def unit_label(unit: str) -> str:
     """A unit of the files in print: µ for u, nothing for a pure number."""
     if unit == "1":
         return ""
-    return "µ" + unit[1:] if unit.startswith(("um", "urad")) else unit
+    return ("µ" + unit[1:] if unit.startswith(("um", "urad")) else unit).replace("^2", "²")
 
 
 def percent(probability: float) -> str:
