@@ -8,6 +8,10 @@ from bayescal.estimate.discrepancy.size import of_equal_size
 
 SMALLEST = 1e-6
 """Share of a pose's residual below which the fit leaves none."""
+DEVIATIONS = 2.0
+"""Standard deviations by which a scatter must be less even than chance makes it (convention)."""
+LEAST = 1e-9
+"""Smallest variance of a direction, in unknowns of unit variance, of which the residuals say anything."""
 
 
 def scatter_factor(
@@ -18,7 +22,7 @@ def scatter_factor(
     The estimator CR2 (Bell and McCaffrey 2002), sum of Delta Delta' with
     Delta_p = C J_p' (1 - J_p C J_p')^(-1/2) e_p: without bias where all rows are independent. With few poses
     for the parameters it is too uncertain: in proportion to the parameters per pose it is shrunk towards
-    C J' J C times a factor.
+    C J' J C times a factor; entirely where it deviates from that no more than by chance (`by_chance`).
 
     Parameters
     ----------
@@ -53,7 +57,60 @@ def scatter_factor(
         which = pose[at[:, 0]]
         delta[which] = np.sum(own * (vectors @ (inverse[..., None] * rotated)), axis=1)
         first[which] = at[:, 0]
-    share = min(float(np.sum(by * j)) / count, 1.0)
+    share = 1.0 if by_chance(delta, by) else min(float(np.sum(by * j)) / count, 1.0)
     factor = max(float(np.sum(delta**2)) / float(np.sum(by**2)), 1.0)
     columns = np.concatenate([np.sqrt(1.0 - share) * delta, np.sqrt(share * factor) * by])
     return columns.T, np.concatenate([first, np.arange(len(by))])
+
+
+def by_chance(delta: np.ndarray, by: np.ndarray) -> bool:
+    """Whether a scatter deviates from a multiple of by' by no more than by chance.
+
+    With x_p the changes by each pose, whitened by by' by, and S the sum of x_p x_p', the square deviation of
+    S from a multiple of the identity is compared with its expectation where that is true, the sum of the
+    square errors of the terms (Ledoit and Wolf 2004, J. Multivariate Analysis 88, 365). The ratio varies as
+    a mean of as many squares as S has free elements.
+
+    Parameters
+    ----------
+    delta : np.ndarray, shape (P, D)
+        Change of the estimate by each pose.
+    by : np.ndarray, shape (R, D)
+        Changes by independent errors of all residuals, without correlation within poses.
+    """
+    x = delta @ whitening(by.T @ by)[0].T
+    s, size = x.T @ x, x.shape[1]
+    error = float(np.sum(np.sum(x**2, axis=1) ** 2) - np.sum(s**2) / len(x))
+    deviation = float(np.sum(s**2) - np.trace(s) ** 2 / max(size, 1))
+    spread = np.sqrt(2.0 / max(size * (size + 1) / 2 - 1, 1))
+    return deviation <= error * (1.0 + DEVIATIONS * spread)
+
+
+def whitening(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Map W (K, D) with W C W' = 1 of the K directions in which C (D, D) is not zero, and its inverse.
+
+    The inverse is (D, K). Unknowns have very different variances: C is scaled to a unit diagonal first.
+    """
+    sd = np.sqrt(np.diag(covariance))
+    scale = np.where(sd > 0, sd, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    kept = values > LEAST
+    root = np.sqrt(values[kept])
+    return (vectors[:, kept] / root).T / scale, scale[:, None] * vectors[:, kept] * root
+
+
+def complement(by: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Columns X (D, R) for which `covariance` + X X' is nowhere less than by' by, one for each residual.
+
+    No combination of unknowns then has a smaller variance than independent residuals give it. The columns are
+    zero where it has none.
+
+    Parameters
+    ----------
+    by : np.ndarray, shape (R, D)
+    covariance : np.ndarray, shape (D, D)
+    """
+    white, inverse = whitening(by.T @ by)
+    values, vectors = np.linalg.eigh(white @ covariance @ white.T)
+    missing = np.sqrt(np.maximum(1.0 - values, 0.0))
+    return (inverse @ (vectors * missing)) @ (by @ white.T @ vectors).T

@@ -8,8 +8,9 @@ whitened columns of the parameters and of the functions of `families`, and Lambd
     (G - J A) Lambda (G - J A)'           of a prediction: the function and the parameters that it biased
 
 S is the scatter over the poses in place of C J' J C, so that rows of one pose do not count as independent,
-and w the share of the residual variance that the discrepancy leaves. An estimate with the functions as
-further unknowns predicts worse elsewhere; this one is unchanged.
+and w the share of the residual variance that the discrepancy leaves. Where w S + A Lambda A' is less than
+C J' J C, it is raised to it: no uncertainty is stated smaller than the solver's. An estimate with the
+functions as further unknowns predicts worse elsewhere; this one is unchanged.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 from bayescal.effects import Parameter
 from bayescal.estimate.clusters import poses
 from bayescal.estimate.discrepancy.families import Family, families
-from bayescal.estimate.discrepancy.poses import scatter_factor
+from bayescal.estimate.discrepancy.poses import complement, scatter_factor
 from bayescal.estimate.discrepancy.size import CHANCE, LIKELY, UNSEEN, degrees_of_freedom, variances
 from bayescal.estimate.estimate import Estimate
 from bayescal.estimate.linear import linearise, root
@@ -152,6 +153,8 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     bias = a[:, kept] * sd
     noise, of = scatter_factor(c, j, e, pose)
     noise = np.sqrt(white) * noise
+    least = complement(by, noise @ noise.T + bias @ bias.T)
+    noise, of = np.concatenate([noise, least], axis=1), np.concatenate([of, np.arange(len(j))])
     covariance[np.ix_(own, own)] = c - by.T @ by + noise @ noise.T + bias @ bias.T
     covariance[np.ix_(own, extra)] = -bias
     covariance[np.ix_(extra, own)] = -bias.T
