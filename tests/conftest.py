@@ -4,6 +4,7 @@ Truth is made without the effects under test: a robot whose DH table is wrong, a
 two axes should be parallel, joints that turn by torque times compliance, a cube slightly turned.
 """
 
+import gc
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -24,6 +25,14 @@ from bayescal.robots import load_robot
 
 settings.register_profile("busy machine", deadline=None)
 settings.load_profile("busy machine")
+
+gc.disable()  # until all tests are collected: nothing of them is garbage
+
+
+def pytest_collection_finish():
+    """The half million objects of the collected tests are not searched for garbage in every test's time."""
+    gc.freeze()
+    gc.enable()
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 CENTRE, SIDE, RADIUS = np.array([0.45, 0.0, 0.15]), 0.2286, 3e-3
