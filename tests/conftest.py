@@ -34,6 +34,7 @@ def pytest_collection_finish():
     gc.freeze()
     gc.enable()
 
+
 GRAVITY = np.array([0.0, 0.0, -9.81])
 CENTRE, SIDE, RADIUS = np.array([0.45, 0.0, 0.15]), 0.2286, 3e-3
 FACES = {"cube.+y": (0, 1, 0), "cube.-y": (0, -1, 0), "cube.-x": (-1, 0, 0), "cube.+z": (0, 0, 1)}
