@@ -34,25 +34,32 @@ class World:
     deviations: Callable[[Model], np.ndarray]
     targets: tuple[Target, ...]
 
-    def model(self, dataset: Dataset) -> Model:
+    def model(self, dataset: Dataset, near: Scene | None = None) -> Model:
         """The true arm at the readings of a session, with its drivers, and the true targets.
 
-        Gravity acts at the true, deflected pose, as on a real arm.
+        Gravity acts at the true, deflected pose, as on a real arm. That pose is searched from the one in
+        the scene `near`, of almost the same readings.
         """
 
         def arm(scene: Scene) -> Model:
             parameters = parameters_of(self.effects, scene.circumstances(scene.rows("calibrate")))
             return Model(scene, self.effects, parameters, (), ())
 
-        model = equilibrium(Scene(dataset), arm, self.deviations, STILL)
+        scene = Scene(dataset)
+        if near is not None and near.stance is not None:
+            scene = scene.posed_at(near.stance, near.compliances)
+        model = equilibrium(scene, arm, self.deviations, STILL)
         true = replace(dataset, targets=self.targets)
         return replace(model, scene=replace(model.scene, dataset=true))
 
     def residuals(self, dataset: Dataset) -> np.ndarray:
         """Distance of the ball of each row from the true surface, along its normal, (N,), m."""
-        model = self.model(dataset)
+        return self.distances(self.model(dataset))
+
+    def distances(self, model: Model) -> np.ndarray:
+        """The same (N,), m, of the true arm `model`."""
         values = self.deviations(model)
-        rows = dataset.measurements.target
+        rows = model.scene.dataset.measurements.target
         out = np.empty(len(rows))
         for target in np.unique(rows):
             at = np.flatnonzero(rows == target)
@@ -129,10 +136,15 @@ def touch(world: World, dataset: Dataset, shift: np.ndarray) -> Dataset:
     start, velocity = dataset.measurements.readings, dataset.measurements.velocity
     assert velocity is not None
 
+    near: Scene | None = None
+
     def after(seconds: np.ndarray) -> tuple[Dataset, np.ndarray]:
+        nonlocal near
         readings = start + seconds[:, None] * velocity
         moved = replace(dataset, measurements=replace(dataset.measurements, readings=readings))
-        return moved, world.residuals(moved) - shift
+        model = world.model(moved, near)
+        near = model.scene
+        return moved, world.distances(model) - shift
 
     seconds = np.zeros(len(start))
     moved, off = after(seconds)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -20,6 +21,12 @@ OF_SESSION = ("thermal-drift", "step")  # effects that differ between sessions o
 OUTLIER = 30e-6, 1e-3  # m: smallest and largest error of a gross contact
 
 
+@lru_cache(4096)
+def _standard(seed: int, effect: str, name: str) -> float:
+    """The standard normal draw of a parameter; a simulation asks for it at every pass."""
+    return float(stream(seed, "truth", effect, name).normal())
+
+
 def draws(options: Options, model: Model) -> np.ndarray:
     """Deviations (P,) of the true arm from nominal, SI, times the error scale.
 
@@ -30,7 +37,7 @@ def draws(options: Options, model: Model) -> np.ndarray:
     out = np.empty(len(model.parameters))
     for k, p in enumerate(model.parameters):
         seed = options.seed if p.effect in OF_SESSION else options.seed_of_arm
-        z = stream(seed, "truth", p.effect, p.name).normal()
+        z = _standard(seed, p.effect, p.name)
         if p.positive:
             value = p.centre * np.exp(np.log1p(p.sd / p.centre) * z) if p.centre > 0 else abs(p.sd * z)
         else:
