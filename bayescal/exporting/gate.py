@@ -27,7 +27,11 @@ PAIRS = 400
 def of_fit(fit: Fit) -> tuple[str, ...]:
     """Reasons against a calibration."""
     sampler = () if fit.draws.converged else (f"the sampler did not converge: {fit.draws.complaint}",)
-    return (*sampler, *of_estimate(fit.final.estimate, fit.stated.limited))
+    reasons = of_estimate(fit.final.estimate, fit.stated.limited)
+    if not reasons and not fit.acceptance.determined:
+        share = 100 * fit.forecast.prior_share
+        reasons = (f"{share:.0f} % of the variance of a predicted distance is that of priors, not of rows",)
+    return (*sampler, *reasons)
 
 
 def of_gap(gap: Gap) -> tuple[str, ...]:

@@ -8,16 +8,18 @@ import pytest
 from rich.console import Console
 
 from bayescal.arm.nominal import NominalArm
+from bayescal.assess.budget import budget, parameter
 from bayescal.assess.identifiability import identifiability
 from bayescal.assess.undetermined import undetermined
 from bayescal.calibration import fit
 from bayescal.dataset import Target
 from bayescal.estimate import calibrated
-from bayescal.exporting.gate import _left_of_prior
+from bayescal.exporting.gate import _left_of_prior, of_fit
 from bayescal.gap.diagnose import diagnose
 from bayescal.model.scene import Scene
 from bayescal.predict.elsewhere import elsewhere, joint_range, point_slopes
 from bayescal.predict.forecast import SMALLEST
+from bayescal.reporting.fit.budget import budget_table, measurand_record
 from bayescal.reporting.fit.record import fit_record
 from bayescal.reporting.gap.files import write_gap
 from bayescal.reporting.gap.phrases import headline
@@ -203,3 +205,28 @@ def test_an_arm_of_one_pose_is_not_exported(cube):
     found = calibrated(Scene(one_pose(cube)), FULL)
     left = _left_of_prior(found, found.covariance)
     assert left == 1.0
+
+
+@pytest.fixture(scope="module")
+def twelve(cube):
+    return fit(with_rows(cube(seed=3, count=150).dataset, np.arange(20)), FULL, samples=0)
+
+
+def test_an_arm_that_priors_decide_is_not_exported(twelve):
+    """20 contacts left half of the prior's uncertainty, and robot.yaml was written without a word."""
+    assert not twelve.acceptance.determined
+    (reason,) = of_fit(twelve)
+    assert re.search(r"\d+ % of the variance of a predicted distance is that of priors", reason)
+
+
+def test_a_budget_that_priors_decide_says_so(twelve, cube):
+    told = {}
+    for name, found in {"few": twelve, "many": fit(cube(seed=3, count=150).dataset, FULL, samples=0)}.items():
+        of = budget(found.basis, parameter(found.basis, "a2"))
+        console = Console(width=150)
+        with console.capture() as said:
+            console.print(budget_table(of))
+        told[name] = of.prior_share, "not determined" in said.get()
+        assert measurand_record(of)["prior_share"] == of.prior_share
+    assert told["few"][0] > 0.5 > told["many"][0]
+    assert (told["few"][1], told["many"][1]) == (True, False)

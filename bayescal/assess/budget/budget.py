@@ -62,6 +62,12 @@ class Budget:
         return float(np.sqrt(sum(c.contribution**2 for c in self.components)))
 
     @property
+    def prior_share(self) -> float:
+        """Share of the variance that is of priors: of what no row reduced."""
+        prior = sum(c.contribution**2 for c in self.components if c.input.group == PRIOR)
+        return float(prior / self.u**2) if self.u > 0 else 0.0
+
+    @property
     def dof(self) -> float:
         """Effective degrees of freedom, by Welch and Satterthwaite; a variance estimated once counts once."""
         square: dict[tuple[str, float], float] = {}

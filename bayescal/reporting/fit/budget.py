@@ -16,7 +16,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
 from bayescal.reporting.shared.origin import origin
 from bayescal.reporting.shared.plain import plain
-from bayescal.reporting.shared.text import facts, percent, plain_table, size, unit_label
+from bayescal.reporting.shared.text import facts, percent, plain_table, size, two_digits, unit_label
 
 SCHEMA = "bayescal-budget/1"
 LIBRARIES = ("numpy", "scipy")
@@ -24,6 +24,8 @@ COLUMNS = (
     "group", "name", "type", "distribution", "value", "u", "unit", "dof", "sensitivity", "sensitivity_unit",
     "contribution", "contribution_um", "share",
 )  # fmt: skip
+PRIORS = 0.5
+"""Share of the variance from which on priors, not rows, determine a result."""
 SHOWN = 1e-3
 """Share of the variance below which the terminal does not list a component."""
 
@@ -65,6 +67,7 @@ def measurand_record(budget: Budget) -> dict[str, Any]:
         "effective_dof": budget.dof,
         "k": budget.k,
         "coverage": COVERAGE,
+        "prior_share": budget.prior_share,
         "text": in_words(budget),
     }
 
@@ -143,11 +146,6 @@ def rounded(value: float | None, u: float) -> tuple[str | None, str]:
     return first, f"{round(u, decimals):.{digits}f}"
 
 
-def two_digits(value: float) -> str:
-    """A number with two significant digits, without an exponent where it is above 1e-4."""
-    return f"{float(f'{value:.2g}'):.6g}"
-
-
 def budget_table(budget: Budget) -> RenderableType:
     """The components of a budget, its sum and its expanded uncertainty."""
     m = budget.measurand
@@ -195,4 +193,12 @@ def _sums(budget: Budget) -> list[tuple[str, str, str]]:
         *position,
         ("u", f"{u} {unit_label(unit)} ({dof})", ""),
         ("result", f"{in_words(budget)}, coverage {100 * COVERAGE:.2f} %", "bold"),
+        *_priors(budget),
     ]
+
+
+def _priors(budget: Budget) -> list[tuple[str, str, str]]:
+    if budget.prior_share < PRIORS:
+        return []
+    words = f"by the rows: {percent(budget.prior_share)} of the variance is that of priors"
+    return [("not determined", words, "yellow")]

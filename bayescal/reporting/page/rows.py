@@ -14,7 +14,7 @@ from bayescal.reporting.page.arm import draw_arm, marked_sites, numbers, typical
 from bayescal.reporting.page.numbers import MISSING, length, share
 from bayescal.reporting.page.run import FIGURES, Run
 from bayescal.reporting.page.section import Bar, Block, Facts, Figures, Section, Sheet, Text, blocks
-from bayescal.reporting.shared.text import unit_label
+from bayescal.reporting.shared.text import two_digits, unit_label
 
 LARGEST, MOST = 12, 200
 """Rows that the table of residuals shows unfolded, and at most."""
@@ -149,14 +149,15 @@ def budget(run: Run) -> Section | None:
     each = run.budget.get("budgets") or [run.budget]
     every = Sheet(
         "measurand",
-        ("result, U = k u", "u", "k", "coverage"),
+        ("result, U = k u", "u", "k", "coverage", "share of priors"),
         tuple(
             (
                 str(one["measurand"]),
-                one.get("text") or f"U = {_cell(one.get('U_um'))} µm",
-                _cell(one.get("u", one.get("u_um"))) + f" {unit_label(one.get('unit', 'um'))}",
-                _cell(one.get("k")),
-                _cell(one.get("coverage")),
+                one.get("text") or f"U = {_two(one.get('U_um'))} µm",
+                _two(one.get("u", one.get("u_um"))) + f" {unit_label(one.get('unit', 'um'))}",
+                MISSING if one.get("k") is None else f"{one['k']:.2f}",
+                MISSING if one.get("coverage") is None else f"{100 * one['coverage']:.2f} %",
+                share(one.get("prior_share")),
             )
             for one in each
         ),
@@ -189,11 +190,11 @@ def _components(one: Mapping[str, Any]) -> Sheet:
             (
                 str(c["name"]),
                 Bar(contributions[k] ** 2 / total, share(contributions[k] ** 2 / total)),
-                _cell(c.get("contribution_um") if lengths else c.get("contribution")),
-                _cell(c.get("type")),
-                _cell(c.get("distribution")),
-                f"{_cell(c.get('u'))} {unit_label(c.get('unit') or '1')}".rstrip(),
-                _cell(c.get("sensitivity")),
+                _two(c.get("contribution_um") if lengths else c.get("contribution")),
+                c.get("type") or MISSING,
+                c.get("distribution") or MISSING,
+                f"{_two(c.get('u'))} {unit_label(c.get('unit') or '1')}".rstrip(),
+                _two(c.get("sensitivity")),
             )
             for k in order
             for c in (one["components"][k],)
@@ -204,10 +205,8 @@ def _components(one: Mapping[str, Any]) -> Sheet:
     )
 
 
-def _cell(value: Any) -> str:
-    if value is None:
-        return MISSING
-    return f"{value:.3g}" if isinstance(value, float | int) else str(value)
+def _two(value: float | None) -> str:
+    return MISSING if value is None else two_digits(value)
 
 
 def figures(run: Run) -> Section | None:

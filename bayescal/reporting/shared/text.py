@@ -73,6 +73,11 @@ def size(value: float, unit: str) -> str:
     return figures + ("" if name == "1" else f" {unit_label(name)}")
 
 
+def two_digits(value: float) -> str:
+    """A number with two significant digits, without an exponent where it is above 1e-4."""
+    return f"{float(f'{value:.2g}'):.6g}"
+
+
 def unit_label(unit: str) -> str:
     """A unit of the files in print: µ for u, nothing for a pure number."""
     if unit == "1":
