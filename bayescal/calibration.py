@@ -29,7 +29,7 @@ from bayescal.estimate.unexplained import Unexplained, unexplained
 from bayescal.model import check_asked, with_parameters
 from bayescal.model.parts import parts_of
 from bayescal.model.scene import Scene
-from bayescal.posterior import Draws, gaussian
+from bayescal.posterior import Draws, approximate, gaussian
 from bayescal.predict import Forecast, Validation, forecast, validate
 from bayescal.streams import spawned
 
@@ -156,14 +156,17 @@ def fit(
             if latent_joints:
                 found = with_latent_readings(found)
         left = unexplained(found)
-        draws = gaussian(found, of_draws, VALIDATION_DRAWS)
-        if last:
+        if not last:
+            z, kappa = approximate(found, of_draws, VALIDATION_DRAWS)
+        else:
             progress("sample", 0.0)
             if samples:
                 from bayescal.posterior.sample import sample
 
                 draws = sample(found, samples, of_sampler, lambda fraction: progress("sample", fraction))
-        z, kappa = _spread(draws)
+            else:
+                draws = gaussian(found, of_draws, VALIDATION_DRAWS)
+            z, kappa = _spread(draws)
         checked = validate(found, z, kappa, left.excess, of_noise, strict=last)
         if last:
             tests = acceptance(left, checked, causes, rejected_share(found))
@@ -215,11 +218,11 @@ def basis_of(found: Estimate, seed: int = 0) -> Basis:
         Of the draws by which validation rows are tested.
     """
     of_draws, of_noise, of_discrepancy = spawned(seed, 3)
-    draws, left, wide = gaussian(found, of_draws, VALIDATION_DRAWS), unexplained(found), stated(found)
-    z, kappa = _spread(draws)
+    z, kappa = approximate(found, of_draws, VALIDATION_DRAWS)
+    left, wide = unexplained(found), stated(found)
     tests = acceptance(left, validate(found, z, kappa, left.excess, of_noise), (), rejected_share(found))
-    every = wide.draws(draws.flat, np.random.default_rng(of_discrepancy))
-    _, checked, rest = _restated(wide, left, every[_places(draws)], kappa, tests, of_noise)
+    every = wide.draws(z, np.random.default_rng(of_discrepancy))
+    _, checked, rest = _restated(wide, left, every, kappa, tests, of_noise)
     return _basis(wide, rest.excess, checked)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import json
 import math
 import os
 import re
@@ -11,6 +10,7 @@ import secrets
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path as File
 from typing import Annotated, Any, TypeVar
 
@@ -20,6 +20,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from bayescal.beside import OTHER_OUT, PART, beside, remove_leftovers
 from bayescal.errors import BayescalError, listed
+from bayescal.indented import indented
 from bayescal.reading import CONTROL, decoded
 from bayescal.stopping import completed
 
@@ -79,6 +80,7 @@ def _not_tiny(value: float) -> float:
     return value
 
 
+@lru_cache(maxsize=1024)
 def stem_of(key: str) -> tuple[str, str]:
     """Split ``offset_mm`` into ``offset`` and ``mm``; the unit is empty where there is none."""
     for unit in sorted((*UNITS, *FOREIGN), key=len, reverse=True):
@@ -405,5 +407,5 @@ def write_together(files: Mapping[File, str | bytes]) -> None:
 
 def json_text(record: Any) -> str:
     """A record as JSON text with all digits, lists of numbers on one line."""
-    text = json.dumps(record, indent=1, allow_nan=False)
+    text = indented(record)
     return re.sub(r"\[[-\d.eE+,\s]+\]", lambda found: " ".join(found[0].split()), text) + "\n"

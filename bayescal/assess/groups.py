@@ -18,6 +18,9 @@ SLIPS = 400
 """Rows of a tool or target at which a slip is tried: all of most sessions (cost)."""
 CENTRES = 200
 """At most so many poses whose neighbourhoods are looked at."""
+MOST_ENTRIES = 4_000_000
+"""Rows of all slips of a tool, and twice those of all neighbourhoods: sessions of more than 10 000 rows have
+fewer of them."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ def _neighbourhoods(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
     # each joint by its own spread: a wrist turns further than a shoulder
     at = readings / np.maximum(np.std(readings, axis=0), 1e-6)
     tree, size = cKDTree(at), SHORTEST
-    centres = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), CENTRES)).astype(int))
+    centres = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _affordable(CENTRES, rows))).astype(int))
     while size <= len(rows) // 4:
         near = np.asarray(tree.query(at[centres], k=size)[1])
         for centre, mine in zip(centres, near, strict=True):
@@ -103,11 +106,17 @@ def _slips(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
         for k in np.unique(of[rows]):
             own = np.flatnonzero(of[rows] == k)
             own = own[np.argsort(time[own], kind="stable")]
-            at = np.linspace(SHORTEST, len(own) - SHORTEST, min(max(len(own) - 2 * SHORTEST + 1, 0), SLIPS))
+            possible = max(len(own) - 2 * SHORTEST + 1, 0)
+            at = np.linspace(SHORTEST, len(own) - SHORTEST, min(possible, _affordable(SLIPS, rows)))
             for first in np.unique(at.astype(int)):
                 row, name = m.ids[rows[own[first]]], names[k].name
                 yield Group("slip", f"{kind} {name} from row {row} on", np.sort(own[first:]))
                 yield Group("slip", f"{kind} {name} before row {row}", np.sort(own[:first]))
+
+
+def _affordable(most: int, rows: np.ndarray) -> int:
+    """At most `most` groups, of which each may have a good part of all rows."""
+    return max(min(most, MOST_ENTRIES // len(rows)), 1)
 
 
 def _windows(count: int, shortest: int) -> Iterator[tuple[int, int]]:

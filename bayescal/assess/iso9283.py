@@ -51,11 +51,16 @@ class Iso9283:
 
 @dataclass(frozen=True)
 class _Poses:
-    """Errors at one target: `error` (P, k) of the barycentres, and `by` (P, k, R) from the residuals."""
+    """Errors at one target: `error` (P, k) of the barycentres, and the pose (C,) of each row."""
 
     error: np.ndarray
-    by: np.ndarray
+    pose: np.ndarray
     scatter: tuple[np.ndarray, ...]  # distances from the barycentre, of each pose
+
+    def along(self, way: np.ndarray) -> np.ndarray:
+        """Sum over poses of the errors' components along `way` (P, k), as slopes (k C,) by the residuals."""
+        size = np.bincount(self.pose, minlength=len(self.error))
+        return (way / size[:, None])[self.pose].T.ravel()
 
 
 def iso9283(basis: Basis) -> Iso9283:
@@ -79,11 +84,11 @@ def _accuracy(basis: Basis, parts: list[RowPrediction], symbol: str, words: str)
     for r, p in each:
         length = np.linalg.norm(p.error, axis=1)
         way = p.error / np.where(length > 0, length, 1.0)[:, None]
-        by = np.einsum("pk,pkr->pr", way, p.by)
-        mean_square += _variance(basis, r, by.sum(axis=0) / len(size))
+        mean_square += _variance(basis, r, p.along(way) / len(size))
         k = int(np.argmax(length))
         if best is None or length[k] > largest:
-            largest, best = float(length[k]), _variance(basis, r, by[k])
+            only = np.where(np.arange(len(way))[:, None] == k, way, 0.0)
+            largest, best = float(length[k]), _variance(basis, r, p.along(only))
     yield Figure(
         symbol, words, len(size), float(np.mean(size)), largest, float(np.sqrt(mean_square)),
         None if best is None else float(np.sqrt(best)),
@@ -102,15 +107,11 @@ def _by_pose(basis: Basis, r: RowPrediction) -> _Poses:
     """Barycentres of the residuals of each pose."""
     pose = poses(basis.stated.wide.model.scene.dataset.measurements, r.block.rows)
     error = r.in_rows  # (k, C)
-    k, rows = error.shape
-    count = int(pose.max()) + 1
-    share = np.zeros((count, rows))
-    share[pose, np.arange(rows)] = 1.0
-    share /= share.sum(axis=1, keepdims=True)
-    mean = share @ error.T
-    by = np.einsum("pc,kl->pklc", share, np.eye(k)).reshape(count, k, k * rows)
-    scatter = tuple(np.linalg.norm(error[:, pose == p] - mean[p][:, None], axis=0) for p in range(count))
-    return _Poses(mean, by, scatter)
+    size = np.bincount(pose)
+    mean = np.stack([np.bincount(pose, own) for own in error], axis=1) / size[:, None]
+    away = np.linalg.norm(error - mean[pose].T, axis=0)
+    scatter = tuple(np.split(away[np.argsort(pose, kind="stable")], np.cumsum(size)[:-1]))
+    return _Poses(mean, pose, scatter)
 
 
 def _variance(basis: Basis, r: RowPrediction, by: np.ndarray) -> float:

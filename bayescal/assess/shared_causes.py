@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from bayescal.assess.groups import Group, groups_of
 from bayescal.distributions import chi2_sf, hypergeometric_log_sf
@@ -25,6 +26,8 @@ FIRST = 200
 """Permutations at a time, after each of which a session that is far from `LEVEL` is let go."""
 FEWEST = 3
 """Rejected rows from which on they can be said to share anything."""
+MOST_VALUES = 4_000_000
+"""Counts, of groups by permutations, that are held at a time."""
 MOST = 3
 """Causes that are told, one of a kind: face and direction of motion may be the same rows."""
 FALSE_REJECTIONS = 0.01
@@ -82,26 +85,24 @@ def shared(
     total, count = int(np.sum(rejected)), len(rows)
     if total < FEWEST or total == count or not groups:
         return ()
-    members = np.zeros((len(groups), count), np.float32)
-    for k, group in enumerate(groups):
-        members[k, group.rows] = 1.0
+    members = _incidence([g.rows for g in groups], count)
     sizes, of_size = np.unique([len(g.rows) for g in groups], return_inverse=True)
     table = hypergeometric_log_sf(sizes, total, count)
 
-    def log_p(flags: np.ndarray) -> np.ndarray:
-        """Log probabilities (G, M) of so many of the flagged rows (N, M) in each group."""
-        return table[of_size[:, None], np.rint(members @ flags).astype(int)]
+    def log_p(flagged: Sequence[np.ndarray]) -> np.ndarray:
+        """Log probabilities (G, M) of so many of each of M lists of flagged rows in each group."""
+        return table[of_size[:, None], (members @ _incidence(flagged, count).T).toarray()]
 
     kinds, of_kind = np.unique([g.kind for g in groups], return_inverse=True)
-    own = log_p(rejected[:, None].astype(np.float32))[:, 0]
+    own = log_p([np.flatnonzero(rejected)])[:, 0]
+    at_once = max(min(FIRST, MOST_VALUES // len(groups)), 1)
     rng, least = np.random.default_rng(seed), np.empty((len(kinds), 0))
     while least.shape[1] < PERMUTATIONS:
-        flags = np.zeros((count, FIRST), np.float32)
-        chosen = np.argpartition(rng.random((FIRST, count)), total - 1, axis=1)[:, :total]
-        flags[chosen.T, np.arange(FIRST)] = 1.0
-        dealt = log_p(flags)
-        dealt = np.stack([dealt[of_kind == k].min(axis=0) for k in range(len(kinds))])
-        least = np.append(least, dealt, axis=1)
+        for start in range(0, FIRST, at_once):
+            many = range(start, min(start + at_once, FIRST))
+            dealt = log_p([np.argpartition(rng.random(count), total - 1)[:total] for _ in many])
+            dealt = np.stack([dealt[of_kind == k].min(axis=0) for k in range(len(kinds))])
+            least = np.append(least, dealt, axis=1)
         # groups of one kind overlap (minimum over them); kinds share the level (Bonferroni)
         p = len(kinds) * (1 + np.sum(least[of_kind] <= own[:, None] + 1e-9, axis=1)) / (1 + least.shape[1])
         if np.min(p) > 20 * LEVEL:
@@ -115,6 +116,13 @@ def shared(
                 group.kind, group.label, mine, len(group.rows), total, count, float(p[k])
             )
     return tuple(out.values())[:MOST]
+
+
+def _incidence(groups: Sequence[np.ndarray], count: int) -> csr_array:
+    """Matrix (G, N) of ones where a group, a list of row numbers below N, holds a row."""
+    ends = np.cumsum([0, *map(len, groups)])
+    rows = np.concatenate(groups)
+    return csr_array((np.ones(len(rows), np.int32), rows, ends), shape=(len(groups), count))
 
 
 def with_sharing_rows(found: Estimate, causes: Sequence[SharedCause]) -> Estimate:

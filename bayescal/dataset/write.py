@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -214,10 +215,11 @@ def _settings(dataset: Dataset, robot: str) -> str:
 
 def _cells(column: str, values: np.ndarray) -> list[str]:
     """Cells of one column of numbers in SI; nan is an empty cell."""
+    in_file = (np.asarray(values, float) / si(column)).tolist()
     if column == "u_mm":
-        return ["" if np.isnan(v) else number(v / si(column), UNCERTAINTY) for v in values]
+        return ["" if math.isnan(v) else number(v, UNCERTAINTY) for v in in_file]
     decimals = DECIMALS[stem_of(column)[1]]
-    return ["" if np.isnan(v) else _rounded(v / si(column), decimals) for v in values]
+    return ["" if math.isnan(v) else _rounded(v, decimals) for v in in_file]
 
 
 def table_text(dataset: Dataset, name_tool: bool = False) -> str:

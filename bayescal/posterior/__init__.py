@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from bayescal.posterior.density import Density
-from bayescal.posterior.draws import Draws, gaussian
+from bayescal.posterior.draws import Draws, approximate, gaussian
 from bayescal.posterior.pointwise import Pointwise, pointwise, prior_draws
 
-__all__ = ["Density", "Draws", "Pointwise", "gaussian", "pointwise", "prior_draws"]
+__all__ = ["Density", "Draws", "Pointwise", "approximate", "gaussian", "pointwise", "prior_draws"]

@@ -58,11 +58,20 @@ def scale_names(groups: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"noise scale of {g}" if k else "noise scale" for k, g in enumerate(groups))
 
 
+def approximate(estimate: Estimate, seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Draws z (count, D) of `gaussian` and their noise scales (count,), without their density."""
+    x = _linearised(Density(estimate), seed, count)
+    return x[:, :-1], np.exp(x[:, -1])
+
+
+def _linearised(density: Density, seed: int, count: int) -> np.ndarray:
+    return Linearised.of(density).draw(count, np.random.default_rng(seed))
+
+
 def gaussian(estimate: Estimate, seed: int, count: int = 4000) -> Draws:
     """Draws of the linearised posterior: the Gaussian approximation, with the noise scales unknown."""
     density = Density(estimate)
-    x = Linearised.of(density).draw(count, np.random.default_rng(seed))
-    x = x.reshape(CHAINS, -1, density.size)
+    x = _linearised(density, seed, count).reshape(CHAINS, -1, density.size)
     lp = np.stack([density(part) for part in x])
     every, size = np.full(density.size, float(count)), density.model.size
     return Draws(

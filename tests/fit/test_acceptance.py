@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import bayescal.assess.groups as groups_module
+import bayescal.assess.shared_causes as shared_causes_module
 from bayescal.assess.acceptance import CONTRADICTED, EXPLAINED, LEVEL, UNVERIFIED, acceptance, widened
 from bayescal.assess.conformance import FAIL, OPEN, PASS, conformance, decide
 from bayescal.assess.groups import Group, groups_of
@@ -124,6 +126,28 @@ def test_rejections_in_a_group_name_it(groups, kind):
     assert causes
     assert kind in {c.kind for c in causes}
     assert all(np.all(rejected[c.rows]) for c in causes)
+
+
+def test_permutations_in_parts_give_the_same_probabilities(groups, monkeypatch):
+    rejected = np.isin(np.arange(300), np.arange(40, 300, 13))
+    whole = shared(*groups, rejected)
+    monkeypatch.setattr(shared_causes_module, "LEVEL", 1.0)
+    every = shared(*groups, rejected)
+    monkeypatch.setattr(shared_causes_module, "MOST_VALUES", 7 * len(groups[0]))
+    assert every
+    assert [c.p_value for c in shared(*groups, rejected)] == [c.p_value for c in every]
+    monkeypatch.undo()
+    assert shared(*groups, rejected) == whole
+
+
+def test_groups_of_a_large_session_stay_affordable(session, monkeypatch):
+    """Rows of all groups grow in proportion to the session, beyond `MOST_ENTRIES` too."""
+    rows = np.arange(300)
+    before = sum(len(g.rows) for g in groups_of(Scene(session), rows))
+    monkeypatch.setattr(groups_module, "MOST_ENTRIES", 10 * len(rows))
+    few = groups_of(Scene(session), rows)
+    assert sum(len(g.rows) for g in few) < before / 2
+    assert {g.kind for g in few} == {g.kind for g in groups_of(Scene(session), rows)}
 
 
 def test_a_slip_is_a_stretch_of_time():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from arviz_line import az
 
+import bayescal.reporting.fit.posterior as fit_posterior
 from bayescal.calibration import fit
 from bayescal.posterior.inference import Record, inference_data, load, save
 from bayescal.reporting.fit.posterior import fit_draws
@@ -97,3 +98,14 @@ def test_a_picture_of_what_was_predicted(records):
     else:
         az.plot_ppc_dist(records["compliance"], num_samples=20, backend="matplotlib")
     matplotlib.pyplot.close("all")
+
+
+def test_a_large_session_keeps_fewer_predictions(cube, monkeypatch, tmp_path):
+    """All predictions have the same draws, however few of single rows are kept."""
+    monkeypatch.setattr(fit_posterior, "MOST_OF_LARGE", 4 * 60 * 100)
+    found = fit(cube(seed=4, count=100).dataset, ("geometry",), samples=0, robust=False)
+    record = fit_draws(found)
+    shapes = {values.shape[:2] for _, values in record.arrays("posterior_predictive").values()}
+    assert shapes == {(4, 60)}
+    save(record, tmp_path / "p.nc")
+    assert np.asarray(load(tmp_path / "p.nc")["log_likelihood"]["residual_um"]).shape == (4, 60, 100)

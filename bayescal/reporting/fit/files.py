@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from bayescal.exporting.arm_file import ARM_FILE, COPY
 from bayescal.exporting.robot import robot_text
 from bayescal.files import json_text
 from bayescal.folders import whole
+from bayescal.indented import indented
 from bayescal.posterior.inference import save
 from bayescal.reporting.fit.agreement import agreement_record, disagreement
 from bayescal.reporting.fit.budget import budget_csv, budget_record
@@ -58,7 +58,7 @@ def write_fit(
     """
     robot = robot_text(fit.final.estimate.model, fit.final.estimate.arm, FIT)
     contents = fit_contents(fit, compared)
-    record = json.dumps(contents, indent=1, allow_nan=False) + "\n"
+    record = indented(contents) + "\n"
     budgets = usual(fit.basis)
     names = list(WRITTEN)
     with whole(folder, FIT) as stage:

@@ -19,7 +19,9 @@ from bayescal.reporting.shared.text import UM
 MOST_VALUES = 1_000_000
 """Log likelihoods of single rows that are kept at most: with more rows, of fewer draws."""
 FEWEST_DRAWS = 500
-"""Of each chain, however large the session."""
+"""Of each chain, up to `MOST_OF_LARGE` values."""
+MOST_OF_LARGE, FEWEST_OF_LARGE = 4_000_000, 25
+"""The same of sessions that have more with `FEWEST_DRAWS`: of more than 2000 rows."""
 PRIOR_CHAINS, PRIOR_DRAWS = 4, 500
 REPLICATED = 0x5EED
 """Word of the seed of replicated data."""
@@ -38,9 +40,10 @@ def fit_draws(fit: Fit) -> Record:
     model, scene = level.estimate.model, level.estimate.model.scene
     m, ids = scene.dataset.measurements, np.array(scene.dataset.measurements.ids)
     names = [variable(name) for name in model.names]
-    predictive, observed, coords = _predictions(fit)
     judged = _pointwise(fit)
-    predictive["residual_um"] = (("contact",), _some(_chains(fit, UM * judged.replicated)))
+    each = min(len(judged.replicated), VALIDATION_DRAWS) // len(draws.z)
+    predictive, observed, coords = _predictions(fit, each)
+    predictive["residual_um"] = (("contact",), _some(fit, UM * judged.replicated, each))
     observed["residual_um"] = (("contact",), UM * judged.observed)
     rows = scene.rows("calibrate")
     prior = prior_draws(model.size, len(noise_groups(model)), PRIOR_CHAINS, PRIOR_DRAWS, fit.seed)
@@ -113,16 +116,16 @@ def _pointwise(fit: Fit) -> Pointwise:
     chains, count, size = draws.z.shape
     rows = sum(len(b.rows) for b in estimate.model.states)
     most = max(MOST_VALUES // max(rows * chains, 1), FEWEST_DRAWS)
+    most = min(most, max(MOST_OF_LARGE // max(rows * chains, 1), FEWEST_OF_LARGE))
     pick = np.linspace(0, count - 1, min(count, most)).astype(int)
     z, kappa = draws.z[:, pick].reshape(-1, size), np.exp(draws.log_kappa[:, pick])
     return pointwise(estimate, z, kappa.reshape(len(z), -1), np.random.default_rng([fit.seed, REPLICATED]))
 
 
-def _some(drawn: np.ndarray) -> np.ndarray:
-    """As many draws (chain, draw, ...) as predictions have, evenly out of each chain; single precision."""
-    chains, count = drawn.shape[:2]
-    each = min(VALIDATION_DRAWS, chains * count) // chains
-    return _single(drawn[:, np.linspace(0, count - 1, each).astype(int)])
+def _some(fit: Fit, drawn: np.ndarray, each: int) -> np.ndarray:
+    """Draws (chain, each, ...) of all draws (S, ...), evenly out of each chain; single precision."""
+    chains = _chains(fit, drawn)
+    return _single(chains[:, np.linspace(0, chains.shape[1] - 1, each).astype(int)])
 
 
 def _single(values: np.ndarray) -> np.ndarray:
@@ -130,8 +133,8 @@ def _single(values: np.ndarray) -> np.ndarray:
     return values.astype(np.float32)
 
 
-def _predictions(fit: Fit) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
-    """Sphere distances and validation residuals: draws (chain, draw, ...), measured values, labels."""
+def _predictions(fit: Fit, each: int) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """Sphere distances and validation residuals: draws (chain, each, ...), measured values, labels."""
     v = fit.final.validation
     scene = fit.final.estimate.model.scene
     ids, m = np.array(fit.dataset.measurements.ids), fit.dataset.measurements
@@ -143,18 +146,18 @@ def _predictions(fit: Fit) -> tuple[dict[str, Any], dict[str, Any], dict[str, An
     if v.distances:
         coords["pair"] = ["|".join(d.between) for d in v.distances]
         drawn = np.stack([d.error - d.predicted + d.certified for d in v.distances], axis=-1)
-        predictive["distance_mm"] = (("pair",), _single(_chains(fit, 1e3 * drawn)))
+        predictive["distance_mm"] = (("pair",), _some(fit, 1e3 * drawn, each))
         observed["distance_mm"] = (("pair",), 1e3 * np.array([d.certified for d in v.distances]))
     if v.planes:
         coords["heldout"] = np.concatenate([ids[held[m.target[held] == index[p.target]]] for p in v.planes])
         drawn = np.concatenate([p.predicted for p in v.planes], axis=1)
-        predictive["heldout_um"] = (("heldout",), _single(_chains(fit, 1e6 * drawn)))
+        predictive["heldout_um"] = (("heldout",), _some(fit, 1e6 * drawn, each))
         observed["heldout_um"] = (("heldout",), 1e6 * np.concatenate([p.residuals for p in v.planes]))
     if v.points:
         coords["point"] = np.concatenate([ids[held[m.target[held] == index[p.target]]] for p in v.points])
         coords["axis"] = ["x", "y", "z"]
         drawn = np.concatenate([np.swapaxes(p.predicted, 1, 2) for p in v.points], axis=1)
-        predictive["point_um"] = (("point", "axis"), _single(_chains(fit, 1e6 * drawn)))
+        predictive["point_um"] = (("point", "axis"), _some(fit, 1e6 * drawn, each))
         observed["point_um"] = (("point", "axis"), 1e6 * np.concatenate([p.residuals.T for p in v.points]))
     return predictive, observed, coords
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from bayescal.exporting import of_gap, write_arm
 from bayescal.folders import whole
 from bayescal.gap.result import Gap
+from bayescal.indented import indented
 from bayescal.reporting.gap.contacts import table_of_contacts
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page.build import write_page
@@ -34,7 +34,7 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
         File names.
     """
     contents = gap_record(gap)
-    record = json.dumps(contents, allow_nan=False, indent=1) + "\n"
+    record = indented(contents) + "\n"
     names = [GAP]
     arm = None if gap.arm is None else of_gap(gap)
     with whole(folder, GAP) as stage:

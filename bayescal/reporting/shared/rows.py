@@ -49,16 +49,17 @@ def rows_record(found: Estimate) -> dict[str, Any]:
         "time_s": None if m.time is None else np.round(m.time, DIGITS),
         "point_mm": np.round(MM * scene.points, 3),
         "angle_deg": np.round(np.degrees(scene.q), DIGITS),
-        "direction": None if m.velocity is None else [_signs(v) for v in m.velocity],
+        "direction": None if m.velocity is None else _signs(m.velocity),
         "residual_um": np.round(UM * residual, DIGITS),
         "rejected": rejected,
     }
     return {key: plain(value) for key, value in record.items()}
 
 
-def _signs(velocity: np.ndarray) -> str:
-    """A direction of motion, a sign for each joint: ``+-0++-``."""
-    return "".join("0" if abs(v) < STANDSTILL else "+" if v > 0 else "-" for v in velocity)
+def _signs(velocity: np.ndarray) -> list[str]:
+    """Directions of motion at joint velocities (N, n), a sign for each joint: ``+-0++-``."""
+    moving = np.where(velocity > 0, "+", "-")
+    return ["".join(row) for row in np.where(np.abs(velocity) < STANDSTILL, "0", moving).tolist()]
 
 
 def arm_drawing(scene: Scene) -> dict[str, Any]:
