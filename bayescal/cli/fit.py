@@ -58,8 +58,13 @@ def fit(
 ) -> None:
     """Calibrate an arm: its parameters with uncertainty, and the expected distance error in its workspace."""
     from bayescal.public.functions import fit as run
+    from bayescal.public.results import drawing_beside
 
-    with run_folder(out, datasets, "fit") as folder, progress() as notify:
+    with (
+        run_folder(out, datasets, "fit") as folder,
+        drawing_beside(pictures),
+        progress() as notify,
+    ):
         result = run(
             datasets,
             model,

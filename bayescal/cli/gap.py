@@ -40,8 +40,13 @@ def gap(
 ) -> None:
     """Diagnose the difference between model and machine: size, location, effect, improvement."""
     from bayescal.public.functions import diagnose
+    from bayescal.public.results import drawing_beside
 
-    with run_folder(out, datasets, "gap") as folder, progress() as notify:
+    with (
+        run_folder(out, datasets, "gap") as folder,
+        drawing_beside(pictures),
+        progress() as notify,
+    ):
         result = diagnose(
             datasets,
             model,

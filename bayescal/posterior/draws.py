@@ -59,9 +59,9 @@ def scale_names(groups: Sequence[str]) -> tuple[str, ...]:
 
 
 def approximate(estimate: Estimate, seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Draws z (count, D) of `gaussian` and their noise scales (count,), without their density."""
-    x = _linearised(Density(estimate), seed, count)
-    return x[:, :-1], np.exp(x[:, -1])
+    """Draws z (count, D) of `gaussian` and their noise scales (count, G), without their density."""
+    x, size = _linearised(Density(estimate), seed, count), estimate.model.size
+    return x[:, :size], np.exp(x[:, size:])
 
 
 def _linearised(density: Density, seed: int, count: int) -> np.ndarray:

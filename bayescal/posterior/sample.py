@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import emcee
 import numpy as np
 
 from bayescal.errors import BayescalError
@@ -18,7 +17,11 @@ from bayescal.estimate import Estimate
 from bayescal.posterior.convergence import Convergence, convergence, split_rhat
 from bayescal.posterior.density import Density
 from bayescal.posterior.draws import CHAINS, Draws, scale_names
+from bayescal.posterior.imports import without_scipy_stats
 from bayescal.posterior.linearised import Linearised
+
+with without_scipy_stats():
+    import emcee
 
 LEAST_SHARE, LARGEST_SHARE = 0.5, 0.9
 """Limits of the share of independent proposals; within them it is their acceptance rate in the burn-in."""

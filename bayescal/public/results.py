@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
 from io import StringIO
@@ -32,6 +33,13 @@ def as_text(renderable: RenderableType) -> str:
     out = StringIO()
     Console(file=out, width=WIDTH, highlight=False, color_system=None).print(renderable)
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
+
+
+def drawing_beside(wanted: bool) -> AbstractContextManager[None]:
+    """Within, a second process draws the figures of the first result that is saved."""
+    from bayescal.reporting.figures.process import drawing_beside
+
+    return drawing_beside(wanted)
 
 
 @dataclass(frozen=True, repr=False)

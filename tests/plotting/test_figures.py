@@ -1,6 +1,7 @@
 """Figures show the numbers of their record; no text overlaps or is cut off, at any width."""
 
 import re
+import sys
 from dataclasses import replace
 
 import matplotlib as mpl
@@ -16,11 +17,12 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.gap.result import VERDICTS
 from bayescal.model.scene import Scene
-from bayescal.reporting.figures import distances, levels, parameters, residuals, where, which
+from bayescal.reporting.figures import distances, levels, parameters, process, residuals, where, which
 from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, has
-from bayescal.reporting.figures.output import png, svg
+from bayescal.reporting.figures.output import figures_of, png, svg
 from bayescal.reporting.figures.palette import FAINT, INK, MARKED, SERIES
 from bayescal.reporting.figures.posterior import weakest
+from bayescal.reporting.fit.posterior import parameter_draws
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.shared.rows import rows_record
 
@@ -467,3 +469,16 @@ def test_every_file_of_a_run_is_a_figure():
     assert set(FILES[GAP]) == {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}
     assert set(bc.plot.__all__) == {*CONTENT, "posterior"}
     assert levels.label([{"model": ["nominal"]}], 0) == "nominal"
+
+
+def test_a_second_process_draws_the_same(result, monkeypatch):
+    monkeypatch.setattr(process, "cores", lambda: 2)
+    draws = parameter_draws(result.data)
+    with monkeypatch.context() as patch:
+        patch.delitem(sys.modules, "matplotlib")
+        with process.drawing_beside():
+            there = process.begun(result.record, draws)
+            patch.setattr(process, "figures_of", lambda *given: pytest.fail("drawn here"))
+            drawn = there()
+    assert drawn == figures_of(result.record, draws)
+    assert len(drawn) == 5

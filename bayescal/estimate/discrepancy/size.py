@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.optimize import nnls
 
 from bayescal.distributions import chi2_sf
 
@@ -61,6 +60,8 @@ def variances(
     p = chi2_sf(total * noise / square, noise**2 / square)
     q, kept = total - noise, np.flatnonzero(p < level)
     if len(kept):
+        from scipy.optimize import nnls  # slow to import, and many sessions have no discrepancy
+
         # argmin over lambda >= 0 of lambda' T lambda - 2 q' lambda
         values, vectors = np.linalg.eigh((member @ expected @ member.T)[np.ix_(kept, kept)])
         root = np.sqrt(np.maximum(values, 1e-12 * values[-1]))

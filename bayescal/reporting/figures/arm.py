@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayescal.effects.location import Site
 from bayescal.reporting.figures.palette import ACCENT, GREY, INK, MARKED, SERIES
 from bayescal.reporting.figures.sheet import Entry, Panel
 
 if TYPE_CHECKING:
-    pass
+    from bayescal.effects.location import Site
 
 Json = dict[str, Any]
 AZIMUTH, ELEVATION = np.radians(-62.0), np.radians(18.0)
@@ -107,7 +106,12 @@ def arm_panel(record: Json, share: float = 1.0) -> Panel:
         key.append(Entry(marked, {"color": MARKED, "lw": 3.5}))
 
     def draw(axes: Any, inner: float) -> None:
-        _draw(axes, record, at, error, signed, edge, Site.read(marked) if marked else None)
+        site = None
+        if marked:
+            from bayescal.effects.location import Site  # slow to import, and seldom needed
+
+            site = Site.read(marked)
+        _draw(axes, record, at, error, signed, edge, site)
 
     name = "residuals before the refit" if "residuals" in record and "marked" in record else "residuals"
     return Panel(

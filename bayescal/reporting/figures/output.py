@@ -39,8 +39,8 @@ def svg(figure: Figure) -> str:
     return text[text.index("<svg") :]
 
 
-def write_figures(record: Json, folder: Path, draws: Draws | None = None) -> list[str]:
-    """Write the figures of a fit or a diagnosis as PNG; return their names.
+def figures_of(record: Json, draws: Draws | None = None) -> dict[str, bytes]:
+    """File names of the figures of a fit or a diagnosis, and their content as PNG.
 
     With the draws of its parameters, by name, the posterior of a fit too.
     """
@@ -50,9 +50,7 @@ def write_figures(record: Json, folder: Path, draws: Draws | None = None) -> lis
     if draws:
         drawable["fit-posterior.png"] = posterior_content(record, draws)
     with drawing():
-        for file, (title, rows) in drawable.items():
-            (folder / file).write_bytes(png(sheet(title, rows)))
-    return list(drawable)
+        return {file: png(sheet(title, rows)) for file, (title, rows) in drawable.items()}
 
 
 def write(figure: Figure, path: Path) -> None:

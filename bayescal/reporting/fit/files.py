@@ -15,6 +15,7 @@ from bayescal.files import json_text
 from bayescal.folders import whole
 from bayescal.indented import indented
 from bayescal.posterior.inference import save
+from bayescal.reporting.figures.process import begun
 from bayescal.reporting.fit.agreement import agreement_record, disagreement
 from bayescal.reporting.fit.budget import budget_csv, budget_record
 from bayescal.reporting.fit.posterior import fit_draws, parameter_draws
@@ -62,15 +63,15 @@ def write_fit(
     budgets = usual(fit.basis)
     names = list(WRITTEN)
     with whole(folder, FIT) as stage:
+        drawn = begun(contents, parameter_draws(fit)) if pictures else dict
         (stage / FIT).write_text(record, encoding="utf-8")
         save(fit_draws(fit), stage / "posterior.nc")
         (stage / "robot.yaml").write_text(robot, encoding="utf-8")
         (stage / BUDGET).write_text(json_text(budget_record(budgets, fit.basis, fit.seed)), encoding="utf-8")
         (stage / BUDGET_CSV).write_text(budget_csv(budgets), encoding="utf-8")
         write_arm(of_fit(fit), stage)
-        if pictures:
-            from bayescal.reporting.figures.output import write_figures
-
-            names += write_figures(contents, stage, parameter_draws(fit))
         write_page(stage, folder)
+        for name, content in drawn().items():
+            (stage / name).write_bytes(content)
+            names.append(name)
     return tuple(names)

@@ -8,6 +8,7 @@ from bayescal.exporting import of_gap, write_arm
 from bayescal.folders import whole
 from bayescal.gap.result import Gap
 from bayescal.indented import indented
+from bayescal.reporting.figures.process import begun
 from bayescal.reporting.gap.contacts import table_of_contacts
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page.build import write_page
@@ -38,15 +39,15 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
     names = [GAP]
     arm = None if gap.arm is None else of_gap(gap)
     with whole(folder, GAP) as stage:
+        drawn = begun(contents) if pictures else dict
         (stage / GAP).write_text(record, encoding="utf-8")
         if arm is not None:
             names += write_arm(arm, stage)
         if any(a.contacts for a in gap.advice):
             (stage / NEXT).write_text(table_of_contacts(gap), encoding="utf-8")
             names.append(NEXT)
-        if pictures:
-            from bayescal.reporting.figures.output import write_figures
-
-            names += write_figures(contents, stage)
         names.insert(1, write_page(stage, folder))
+        for name, content in drawn().items():
+            (stage / name).write_bytes(content)
+            names.append(name)
     return tuple(names)

@@ -1,0 +1,95 @@
+"""Figures drawn by a second process, while the first one computes and writes the other files.
+
+The process is started ahead, because it imports Matplotlib first. It writes nothing: it answers a record with
+the bytes of the figures. If it fails for any reason, the first process draws them itself.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Thread
+
+from bayescal.reporting.figures.figures import Json
+from bayescal.reporting.figures.output import figures_of
+from bayescal.reporting.figures.posterior import Draws
+
+Figures = dict[str, bytes]
+"""Names of PNG files and their content."""
+PATIENCE = 120.0
+"""Time, s, after which a process that does not answer is ended (assumed: it draws in three)."""
+_waiting: list[subprocess.Popen[bytes]] = []
+
+
+@contextmanager
+def drawing_beside(wanted: bool = True) -> Iterator[None]:
+    """Have a process ready within, for the first record whose figures are `begun`.
+
+    Without a second core, or where Matplotlib is imported already, there is none: it would take longer.
+    """
+    if not wanted or cores() < 2 or "matplotlib" in sys.modules:
+        yield
+        return
+    started = _start()
+    _waiting.append(started)
+    try:
+        yield
+    finally:
+        started.kill()
+        if started in _waiting:  # else the thread that asks it closes it
+            _waiting.remove(started)
+            started.communicate()
+        started.wait()
+
+
+def begun(record: Json, draws: Draws | None = None) -> Callable[[], Figures]:
+    """Begin to draw the figures of a record, with the draws of its parameters; call the result for them."""
+    if not _waiting:
+        return lambda: figures_of(record, draws)
+    process, answer = _waiting.pop(), list[bytes]()
+    question = pickle.dumps((dict(record), draws))
+
+    def ask() -> None:
+        answer.append(process.communicate(question)[0])
+
+    asking = Thread(target=ask, daemon=True)
+    asking.start()
+
+    def wait() -> Figures:
+        asking.join(PATIENCE)
+        if process.poll() == 0 and answer and answer[0]:
+            drawn: Figures = pickle.loads(answer[0])
+            return drawn
+        return figures_of(record, draws)
+
+    return wait
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _start() -> subprocess.Popen[bytes]:
+    """The process: it imports from the same folders as this one, and says nothing on a terminal."""
+    code = f"from {__name__} import answer; answer()"
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+    )
+
+
+def answer() -> None:
+    """Read a record, and write its figures: what the second process does."""
+    import matplotlib.backends.backend_agg  # noqa: F401  (the longest import, ahead of the record)
+
+    asked = sys.stdin.buffer.read()
+    if asked:  # else the first process has ended
+        sys.stdout.buffer.write(pickle.dumps(figures_of(*pickle.loads(asked))))
