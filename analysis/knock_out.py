@@ -23,8 +23,9 @@ from analysis.knock_out_page import right, table, update
 from analysis.records import Record, completed, stored
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.estimate import Estimate, calibrated, estimate
-from bayescal.gap.diagnose import diagnose
 from bayescal.gap.explain import Explained, explain
+from bayescal.gap.locations import where
+from bayescal.gap.outcome.magnitude import noise_floor
 from bayescal.gap.outcome.shrinkage import expects
 from bayescal.gap.search.refit import model_name, refit
 from bayescal.model import with_parameters
@@ -69,14 +70,16 @@ def made(task: Task) -> Record:
 def whole(dataset: Dataset, folder: Path) -> Record:
     """Model levels of a session from nominal to all named effects, and the remaining error."""
     scene, effects = Scene(dataset), usual(dataset)
-    gap, found = diagnose(dataset, effects), explain(scene, effects)
+    found = explain(scene, effects)
     members, after, known = found.last.decision.members, found.after, found.last.candidates
+    noise = noise_floor(found.final, after.main).sd
     levels = [("nominal", estimate(with_parameters(scene, (), ())))]
     levels += [(effects[k - 1], calibrated(scene, effects[:k])) for k in range(1, len(effects))]
     levels += [(effects[-1], found.first.fitted)]
     for k, member in enumerate(members, start=1):
         levels.append((model_name(member, known), refit(found.last.fitted, known, members[:k])))
-    left = next((w for w in gap.where if not w.explained_by), None)
+    places = where(found.first, found.last, found.promoted, noise)
+    left = next((w for w in places if not w.explained_by), None)
     geometry = [p for p in found.first.fitted.model.parameters if p.effect == "geometry"]
     joints = [j for j in range(1, dataset.robot.n + 1) if any(_row(j).holds(p) for p in geometry)]
     return {
@@ -84,10 +87,10 @@ def whole(dataset: Dataset, folder: Path) -> Record:
         "model": list(effects),
         "joints": joints,
         "named": [model_name(m, known) for m in members],
-        "verdict": gap.verdict.kind,
-        "footnotes": list(gap.verdict.footnotes),
+        "verdict": found.verdict.kind,
+        "footnotes": list(found.verdict.footnotes),
         "levels": [{"adds": name} | sizes(validation_errors(fitted)) for name, fitted in levels],
-        "noise_um": UM * gap.magnitude.noise,
+        "noise_um": UM * noise,
         "validation_um": UM * _rms(after.residual[kept(after) & (after.group == after.main)]),
         "left": None if left is None else {
             "place": f"{left.site}, {left.driver}",

@@ -31,7 +31,8 @@ import numpy as np
 import bayescal as bc
 
 HIDDEN = "backlash"
-session = bc.simulate(effects=("geometry", "compliance", HIDDEN), seed=4, contacts=300, placements=3)
+CONTACTS = int(os.environ.get("BAYESCAL_NOTEBOOK_CONTACTS", "300"))
+session = bc.simulate(effects=("geometry", "compliance", HIDDEN), seed=4, contacts=CONTACTS, placements=3)
 result = bc.diagnose(session, ("geometry", "compliance"), seed=1)
 gap = result.data
 

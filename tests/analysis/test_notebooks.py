@@ -34,7 +34,8 @@ def pyplot(monkeypatch):
 @pytest.mark.parametrize("path", sorted((ROOT / "analysis" / "notebooks").glob("*.py")), ids=lambda p: p.stem)
 def test_notebook(path, pyplot, monkeypatch, capsys):
     monkeypatch.chdir(path.parent)  # where a notebook's kernel starts
-    monkeypatch.setenv("BAYESCAL_NOTEBOOK_SAMPLES", "500")
+    monkeypatch.setenv("BAYESCAL_NOTEBOOK_SAMPLES", "250")
+    monkeypatch.setenv("BAYESCAL_NOTEBOOK_CONTACTS", "120")
     monkeypatch.setenv("BAYESCAL_NOTEBOOK_CANDIDATES", "250")
     monkeypatch.setenv("BAYESCAL_NOTEBOOK_ARMS", "1")
     try:
