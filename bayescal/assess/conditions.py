@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects.tool import TOOL
 from bayescal.estimate import Estimate
 from bayescal.model import ORIENTATION
@@ -19,6 +20,8 @@ SECOND_TOOL = np.array([0.08, 0.05, 0.06])
 """m, from the tool point: the point of a second tool (assumed)."""
 PAYLOAD = 2.0
 """kg: an attached mass (assumed)."""
+ANGLE = 1e-3
+"""rad: of the last joint, to measure the distance of the tool point from its axis."""
 SEED = 20
 """Of the poses."""
 
@@ -52,6 +55,9 @@ class Conditions:
             noise.append(fitted.weights.sigma[block.name] * fitted.weights.scale[block.group])
         self.noise = float(np.median(np.concatenate(noise)))
         self.values_per_row = float(np.mean(np.sum(np.any(self._look[self.rows], axis=2), axis=1)))
+        # an instrument reads lengths; what certificates state is information of the session alone
+        fitted_targets = {b.target for b in self.model.blocks}
+        self._metric = any(KINDS[t.kind].metric for t in scene.dataset.targets if t.name in fitted_targets)
         self._slopes: dict[tuple[bool, str], tuple[np.ndarray, np.ndarray]] = {}
         self._information: dict[tuple[str, ...], np.ndarray] = {}
 
@@ -59,7 +65,7 @@ class Conditions:
         """Sets of changes that the session may have, the smallest first, from none to all."""
         robot, looks = self.model.scene.dataset.robot, np.any(self._look[self.rows], axis=2)
         excluded = {"directions"} if np.all(looks) else set()
-        excluded |= {"length"} if self.model.knows_length else set()
+        excluded |= {"length"} if self._metric else set()
         excluded |= {"payload"} if robot.masses is None else set()
         left = [c for c in changes if c not in excluded]
         return [own for size in range(len(left) + 1) for own in combinations(left, size)]
@@ -76,6 +82,14 @@ class Conditions:
         points, slopes = self._points(True, "")
         a = _free_of(slopes[..., self.index].reshape(-1, len(self.index)), _body(points, False))
         return float(np.sqrt(max(np.sum((a @ covariance) * a), 0.0) / len(points)))
+
+    @property
+    def lever(self) -> float:
+        """Largest distance of a tool point from the last axis, m."""
+        turned = self.readings[self.rows].copy()
+        turned[:, -1] += ANGLE
+        moved = elsewhere(self.model, self.rows, turned).points(self._values).T - self._points(False, "")[0]
+        return float(np.max(np.linalg.norm(moved, axis=1)) / ANGLE)
 
     @cached_property
     def _everywhere(self) -> np.ndarray:
@@ -108,7 +122,7 @@ class Conditions:
             second.append(slopes[..., ours] * (other == "tool"))
             rows.append(np.where(ours, 0.0, slopes) if other == "tool" else slopes)
         look = np.eye(3) if "directions" in changes else np.tile(self._look[self.rows], (len(points), 1, 1))
-        place = _body(np.concatenate(points), not (self.model.knows_length or "length" in changes))
+        place = _body(np.concatenate(points), not (self._metric or "length" in changes))
         unknown = np.concatenate([place.reshape(-1, 3, place.shape[1]), np.concatenate(second)], axis=2)
         a = look @ np.concatenate(rows)[..., self.index]
         unknown = look @ unknown

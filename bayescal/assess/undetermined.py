@@ -21,6 +21,8 @@ from bayescal.estimate import Estimate
 
 STILL = np.radians(15.0)
 """rad: range of a joint below which it counts as not moved (assumed)."""
+ON_AXIS = 2e-3
+"""m: distance of the tool point from the last axis below which it counts as on it (assumed)."""
 REDUNDANT = 0.01
 """Displacement of any measurement by a prior standard deviation, in units of its noise, that is none."""
 HIDDEN = 0.3
@@ -58,6 +60,12 @@ def _look(session: Conditions) -> str:
     return in_words(directions(session.model)) or "each target is seen along few directions"
 
 
+def _tool(session: Conditions) -> str:
+    if session.lever < ON_AXIS:
+        return f"the tool point is on the axis of {session.model.scene.dataset.robot.joint_names[-1]}"
+    return "one tool point does not show all rotations of the flange"
+
+
 CHANGES: dict[str, tuple[Callable[[Conditions], str], Callable[[Conditions], str]]] = {
     "poses": (
         _poses,
@@ -65,7 +73,7 @@ CHANGES: dict[str, tuple[Callable[[Conditions], str], Callable[[Conditions], str
     ),
     "directions": (_look, lambda s: "probe planes in three directions, or spheres"),
     "length": (
-        lambda s: "no length is certified",
+        lambda s: "certified lengths are too uncertain" if s.model.knows_length else "no length is certified",
         lambda s: "state a certified distance between fitted targets",
     ),
     "payload": (
@@ -73,7 +81,7 @@ CHANGES: dict[str, tuple[Callable[[Conditions], str], Callable[[Conditions], str
         lambda s: f"measure also with {PAYLOAD:g} kg more payload",
     ),
     "tool": (
-        lambda s: "one tool point does not show all rotations of the flange",
+        _tool,
         lambda s: "measure also with a second tool, its point 100 mm away",
     ),
 }
@@ -136,10 +144,15 @@ class Undetermined:
     @property
     def words(self) -> str:
         """In one sentence."""
+        return f"{self.cause}: {self.remedy}"
+
+    @property
+    def cause(self) -> str:
+        """What is not determined, what it leaves, and why."""
         effect = "no effect with this tool"
         if self.left > HIDDEN * self.noise:
             effect = f"{float(f'{1e6 * self.left:.2g}'):.9g} µm RMS over the range of all joints"
-        return f"{self.what} ({effect}), because {self.reason}: {self.remedy}"
+        return f"{self.what} ({effect}), because {self.reason}"
 
 
 def undetermined(fitted: Estimate, known: Identifiability) -> tuple[Undetermined, ...]:

@@ -7,26 +7,21 @@ from math import ceil
 
 import numpy as np
 
-from bayescal.arm.chain import chain_of, frames, link_angles
+from bayescal.assess.identifiability import identifiability
+from bayescal.assess.undetermined import undetermined
 from bayescal.checking.finding import Finding
 from bayescal.dataset import Dataset
-from bayescal.dataset.checks.misfit import nominal
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.target_kinds import kinds_of
 from bayescal.effects import parameters_of
 from bayescal.errors import BayescalError
-from bayescal.estimate import check_enough
+from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
 from bayescal.gap.search.candidates import Candidates
+from bayescal.model import ARM
 from bayescal.model.model import Model, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.planning.information import RESERVE
 
-MOVES = np.radians(10.0)
-"""rad: range of a joint below which its parameters are hardly identifiable (assumed)."""
-TURNS = np.radians(10.0)
-"""rad, RMS: directions of the flange that differ by less are one wrist configuration (assumed)."""
-ON_AXIS = 2e-3
-"""m: distance of the tool point from the last axis below which the last joint is hardly seen (assumed)."""
 PARALLEL = 0.995  # cosine, 6 deg, of normals of faces that count as parallel
 LOCATES = 4
 """Contacts that locate a sphere of unknown centre and known diameter, with one to spare."""
@@ -42,8 +37,8 @@ def missing(
     yield from _enough(scene, model)
     yield from _scale(model)
     yield from _faces(dataset)
-    if posed:
-        yield from _poses(dataset)
+    if posed and model is not None:
+        yield from _undetermined(model)
     if known is not None and "backlash" in known.missing and dataset.measurements.velocity is None:
         what = "no joint velocities: backlash and other errors by direction of motion cannot be assessed"
         remedy = "add the columns `j1_degps` ...; their signs are the direction of approach"
@@ -147,41 +142,19 @@ def _faces(dataset: Dataset) -> Iterator[Finding]:
         yield Finding("parallel_planes", "missing", what, SETTINGS, remedy)
 
 
-def _poses(dataset: Dataset) -> Iterator[Finding]:
-    """Joints that hardly move, one configuration of the wrist, a tool point on the last axis."""
-    m, robot = dataset.measurements, dataset.robot
-    fit = m.role == "calibrate"
-    if not fit.any():
+def _undetermined(model: Model) -> Iterator[Finding]:
+    """What the fitted rows do not determine at the stated noise, with the arm at its nominal pose."""
+    z = np.zeros(model.size)
+    z[model.slices[ARM]] = -model.shift / model.sd
+    weights = unit_weights(model, z)
+    if not all(np.all(sigma > 0) for sigma in weights.sigma.values()):  # nan where none is stated
         return
-    still = [name for k, name in enumerate(robot.joint_names) if np.ptp(m.readings[fit, k]) < MOVES]
-    if still:
-        moved = f"moved by less than {np.degrees(MOVES):.0f} deg"
-        what = f"{_some(still)} {moved}: its parameters are hardly identifiable"
-        yield Finding(
-            "still_joint", "missing", what, TABLE, "measure in poses over most of the range of every joint"
-        )
-    axes = frames(chain_of(robot), link_angles(robot, m.readings[fit]))[:, -1, :3, 2]
-    middle = axes.mean(axis=0)
-    spread = np.arccos(np.clip(axes @ (middle / max(float(np.linalg.norm(middle)), 1e-9)), -1, 1))
-    if robot.n > 4 and float(np.sqrt(np.mean(spread**2))) < TURNS:
-        what = (
-            "the flange has nearly one direction in all fitted rows: geometry and tool are hardly separable"
-        )
-        yield Finding("one_wrist", "missing", what, TABLE, "measure with different directions of the tool")
-    if robot.n > 4 and float(_off_axis(dataset, fit).max()) < ON_AXIS and m.rpy is None:
-        name = robot.joint_names[-1]
-        what = f"the tool points are on the axis of {name}: errors of {name} are not seen"
-        remedy = "use a tool whose point is 50 mm or more off that axis"
-        yield Finding("on_last_axis", "missing", what, SETTINGS, remedy)
-
-
-def _off_axis(dataset: Dataset, fit: np.ndarray) -> np.ndarray:
-    """Distance of the tool point from the last axis in the fitted rows, m."""
-    m = dataset.measurements
-    angle = 1e-3
-    turned = m.readings.copy()
-    turned[:, -1] += angle
-    return np.linalg.norm(nominal(dataset, turned) - nominal(dataset, m.readings), axis=1)[fit] / angle
+    linear = linearise(model, z, weights)
+    covariance = np.linalg.inv(linear.jacobian.T @ linear.jacobian + np.eye(model.size))
+    nominal = Estimate(model, z, covariance, weights, linear, 0, np.zeros(0, int), {})
+    for u in undetermined(nominal, identifiability(nominal)):
+        if (u.matters or u.hidden) and u.changes != ("length",):  # see `_scale`
+            yield Finding("not_identifiable", "missing", u.cause, TABLE, u.remedy)
 
 
 def _some(names: list[str], most: int = 4) -> str:
