@@ -14,7 +14,7 @@ import bayescal as bc
 from bayescal.cli import app
 from bayescal.cli import report as _command  # noqa: F401  (registers the command)
 from bayescal.errors import BayescalError
-from bayescal.reporting.page import pdf
+from bayescal.reporting.page import build, pdf
 
 sys.path.insert(0, str(Path(__file__).parent))
 from test_pages import words
@@ -60,12 +60,23 @@ def test_a_folder_with_files_of_the_user_is_not_touched(own):
     assert bc.report(own, page) == (page,)  # a page of bayescal may be replaced
 
 
-@pytest.mark.parametrize("name", ["mine.html", "mine.pdf"])
-def test_files_of_the_user_are_kept(own, name):
+@pytest.mark.parametrize(("name", "beside"), [("mine.html", False), ("mine.pdf", False), ("mine.pdf", True)])
+def test_files_of_the_user_are_kept(own, name, beside, monkeypatch):
+    """A PDF of the user was replaced where our page of the same name lay beside it."""
+    monkeypatch.setattr(build, "browser", lambda: "")
     path = own.parent / name
+    if beside:
+        bc.report(own, own.parent / "mine.html")
     path.write_text("mine")
     with pytest.raises(BayescalError, match=f"{name}: a file that is no page"):
-        bc.report(own, own.parent / "mine.html")
+        bc.report(own, own.parent / "mine.html", pdf=True)
+    assert path.read_text() == "mine"
+
+
+def test_a_pdf_of_the_user_is_no_matter_of_a_page_without_one(own):
+    path = own.parent / "mine.pdf"
+    path.write_text("mine")
+    bc.report(own, own.parent / "mine.html")
     assert path.read_text() == "mine"
 
 
@@ -119,6 +130,7 @@ def test_pdf(own):
     page, printed = bc.report(own, own.parent / "x.html", pdf=True)
     assert printed.read_bytes().startswith(b"%PDF")
     assert page.is_file()
+    assert bc.report(own, page, pdf=True) == (page, printed)  # a PDF of bayescal may be replaced
 
 
 def test_a_link_in_a_run_folder_brings_no_file_into_the_page(tmp_path):

@@ -11,7 +11,7 @@ from bayescal.errors import BayescalError
 from bayescal.files import write_together
 from bayescal.folders import LIST, whole
 from bayescal.reporting.page import compare, fit, gap
-from bayescal.reporting.page.pdf import browser, print_pdf
+from bayescal.reporting.page.pdf import browser, is_ours, pdf_of
 from bayescal.reporting.page.render import GENERATOR, page
 from bayescal.reporting.page.rows import interactive
 from bayescal.reporting.page.run import Run, read_run
@@ -74,16 +74,15 @@ def write_report(folders: Sequence[Path], out: Path | None, pdf: bool) -> tuple[
         out = Path("runs") / f"{names}-report.html"
     if out is None:
         return _in_place(folders[0], runs[0], pdf)
-    _check_replaceable(out)
+    _check_replaceable(out, pdf)
     text = run_page(runs[0]) if len(runs) == 1 else runs_page(runs)
     plain = run_page(runs[0], scripts=False) if len(runs) == 1 else text
     out.parent.mkdir(parents=True, exist_ok=True)
-    written = [out]
+    files: dict[Path, str | bytes] = {out: text}
     if pdf:
-        written.append(out.with_suffix(".pdf"))
-        print_pdf(plain, written[-1])
-    write_together({out: text})
-    return tuple(written)
+        files[out.with_suffix(".pdf")] = pdf_of(plain)
+    write_together(files)
+    return tuple(files)
 
 
 def _in_place(folder: Path, run: Run, pdf: bool) -> tuple[Path, ...]:
@@ -95,18 +94,23 @@ def _in_place(folder: Path, run: Run, pdf: bool) -> tuple[Path, ...]:
         (stage / name).write_text(run_page(run), encoding="utf-8")
         if pdf:
             names.append(Path(name).with_suffix(".pdf").name)
-            print_pdf(run_page(run, scripts=False), stage / names[-1])
+            (stage / names[-1]).write_bytes(pdf_of(run_page(run, scripts=False)))
     return tuple(folder / n for n in names)
 
 
-def _check_replaceable(path: Path) -> None:
-    """Refuse a folder, a file that is not a page of bayescal, and a PDF beside no such page."""
+def _check_replaceable(path: Path, pdf: bool) -> None:
+    """Refuse a folder, a file that is not a page of bayescal, and of a printed page a PDF of other origin."""
     if path.is_dir():
         raise BayescalError("a folder has this name", str(path), "give the name of a file as --out")
     if path.suffix.lower() not in (".html", ".htm"):
         raise BayescalError("the page is HTML", str(path), "give --out a name that ends in .html")
-    own = path.is_file() and GENERATOR in path.read_text(encoding="utf-8", errors="replace")[:4000]
-    for file in (path, path.with_suffix(".pdf")):
-        if file.exists() and not own:
-            what = "a file that is no page of bayescal has this name"
-            raise BayescalError(what, str(file), "give another --out")
+    printed = path.with_suffix(".pdf")
+    foreign = [path] if path.exists() and not _is_page(path) else []
+    foreign += [printed] if pdf and printed.exists() and not (printed.is_file() and is_ours(printed)) else []
+    if foreign:
+        what = "a file that is no page of bayescal has this name"
+        raise BayescalError(what, str(foreign[0]), "give another --out, or move the file")
+
+
+def _is_page(path: Path) -> bool:
+    return path.is_file() and GENERATOR in path.read_text(encoding="utf-8", errors="replace")[:4000]

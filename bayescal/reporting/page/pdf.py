@@ -21,6 +21,8 @@ BROWSERS = (
 )
 """Names and places of browsers that print without a window, in the order of preference."""
 SECONDS = 120
+MARK = b"\n%bayescal page\n"
+"""Comment at the end of a PDF file that marks it as ours; readers ignore what follows the last line."""
 
 
 def browser() -> str:
@@ -40,8 +42,13 @@ def browser() -> str:
     return found
 
 
-def print_pdf(page: str, path: Path) -> None:
-    """Print a page (HTML text) to a PDF file; the browser has a temporary profile and no network.
+def is_ours(path: Path) -> bool:
+    """Whether a PDF file was printed by `pdf_of`."""
+    return path.read_bytes()[-len(MARK) :] == MARK
+
+
+def pdf_of(page: str) -> bytes:
+    """A page (HTML text) as a PDF file, marked; the browser has a temporary profile and no network.
 
     Raises
     ------
@@ -77,4 +84,4 @@ def print_pdf(page: str, path: Path) -> None:
             last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
             what = f"{program} does not print: {last[0]}"
             raise BayescalError(what, "--pdf", "print the HTML page in a browser")
-        shutil.copyfile(made, path)
+        return made.read_bytes() + MARK
