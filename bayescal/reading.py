@@ -55,7 +55,11 @@ def check_inside(path: Path, folder: Path, what: str) -> None:
     BayescalError
         For an absolute path, one that leaves the folder, and a link to a file elsewhere.
     """
-    if not path.resolve().is_relative_to(folder.resolve()):
+    try:
+        inside = path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # links that lead to one another
+        raise BayescalError(f"{what} is a link to itself", path.name, "give a file on disk") from None
+    if not inside:
         remedy = "copy the file into the folder, and name the copy"
         raise BayescalError(f"{what} is outside the dataset folder", path.name, remedy)
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from factors.feature import Feature, slopes
-from factors.kind import dot, tangents, tilted
+from factors.kind import direction, dot, tangents, tilted
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class Cylinder:
         out = p - (self.point + x[..., 2:4] @ basis)[..., None]
         along = dot(axis, out)
         across = out - axis[..., None] * along[..., None, :]
-        length = np.linalg.norm(across, axis=-2)
-        return basis, slopes, along, across / length[..., None, :], length
+        u, length = direction(across, axis=-2)
+        return basis, slopes, along, u, length[..., 0, :]
 
     def residual(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
         *_, length = self._apart(x, p)

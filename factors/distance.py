@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from factors.feature import Feature, point
+from factors.kind import direction
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,8 @@ class Distance:
 
     def linearise(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         out = p - (self.centre + x)[..., None]
-        length = np.linalg.norm(out, axis=-2)
-        u = out / length[..., None, :]
-        r = length - self.length
+        u, length = direction(out, axis=-2)
+        r = length[..., 0, :] - self.length
         return r[..., None, :], u[..., None, :, :], -np.swapaxes(u, -1, -2)[..., None, :, :]
 
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:

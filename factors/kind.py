@@ -58,6 +58,12 @@ def _compiled(function: Callable[..., None]) -> Any:
         return numba.guvectorize(types, layout, nopython=True)(function)
 
 
+def direction(v: np.ndarray, axis: int = -1) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors along an axis of v and their lengths; a vector of no length has no direction: zero."""
+    length = np.linalg.norm(v, axis=axis, keepdims=True)
+    return v / np.where(length > 0.0, length, 1.0), length
+
+
 @_compiled
 def tilted(normal, basis, tilt, unit, slopes):
     """Unit vector n = (normal + tilt . basis) / norm, (..., 3), and dn/dtilt, (..., 2, 3).

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from factors.feature import Feature
-from factors.kind import tangents
+from factors.kind import direction, tangents
 
 Values = tuple[np.ndarray, tuple[np.ndarray | None, ...]]
 Relation = Callable[[Feature, Feature], Callable[[Feature, Feature], Values]]
@@ -48,8 +48,7 @@ def apart(a0: Feature, b0: Feature) -> Callable[[Feature, Feature], Values]:
     def values(a: Feature, b: Feature) -> Values:
         at = b.place if b.direction is None else middle
         out = _nearest(a, at) - _nearest(b, at)
-        length = np.linalg.norm(out, axis=-1, keepdims=True)
-        u = out / length
+        u, length = direction(out)
         return length, (*_along(a, at, u), *_along(b, at, -u))
 
     return values

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from factors.feature import Feature, point
+from factors.kind import direction
 
 
 @dataclass(frozen=True)
@@ -28,18 +29,16 @@ class Sphere:
     rows = 1
     parts = (("x", "m"), ("y", "m"), ("z", "m"), ("diameter", "m"))
 
-    def _apart(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        out = p - (self.centre + x[..., :3])[..., None]
-        return out, np.linalg.norm(out, axis=-2)
+    def _apart(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return p - (self.centre + x[..., :3])[..., None]
 
     def residual(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        _, length = self._apart(x, p)
+        length = np.linalg.norm(self._apart(x, p), axis=-2)
         return (length - (0.5 * (self.diameter + x[..., 3, None]) + self.radius))[..., None, :]
 
     def linearise(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        out, length = self._apart(x, p)
-        u = out / length[..., None, :]
-        r = length - (0.5 * (self.diameter + x[..., 3, None]) + self.radius)
+        u, length = direction(self._apart(x, p), axis=-2)
+        r = length[..., 0, :] - (0.5 * (self.diameter + x[..., 3, None]) + self.radius)
         dx = np.empty((*r.shape, 4))
         dx[..., :3] = -np.swapaxes(u, -1, -2)
         dx[..., 3] = -0.5

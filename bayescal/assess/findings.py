@@ -11,6 +11,7 @@ import numpy as np
 from bayescal.assess.acceptance import SHARED, Acceptance
 from bayescal.assess.directions import Directions, in_words
 from bayescal.assess.undetermined import Undetermined
+from bayescal.dataset.checks.certified import contradictions
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate
 from bayescal.estimate.flatness import FORM, FaceCheck
@@ -93,6 +94,8 @@ def _residuals(of: Assessed) -> Iterator[Finding]:
             f"residuals of {1e3 * left.fitted:.1f} mm, far more than any small error of an arm: "
             "check offset_deg, the signs of link_from_reading, units, and the tools",
         )  # fmt: skip
+    for wrong in contradictions(found.model.scene.dataset):
+        yield Finding("certified_length", "error", f"{wrong.what}; {wrong.remedy}")
     count = sum(len(b.rows) for b in found.model.states)
     if len(found.rejected) > MANY_REJECTED * count:
         yield Finding(

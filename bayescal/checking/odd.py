@@ -10,18 +10,13 @@ from bayescal.checking.conventions import other_convention
 from bayescal.checking.finding import Finding
 from bayescal.dataset import Dataset
 from bayescal.dataset.checks import orientation_check, plausibility, torque_check
+from bayescal.dataset.checks.certified import contradictions
 from bayescal.dataset.checks.misfit import nominal
-from bayescal.dataset.joins import nominal_length
 from bayescal.dataset.read import TABLE
 from bayescal.dataset.table import Table
-from bayescal.dataset.target_kinds import LOOSE
 from bayescal.errors import BayescalError
 from bayescal.files import Document
 
-RATIOS = {25.4: "inches", 1e3: "m", 10.0: "cm", 1e-3: "µm", 39.37: "m taken for inches"}
-"""Factor by which a length in mm must be multiplied, and the probable unit."""
-NEAR = 0.05
-"""Relative tolerance of such a factor: nominal places are rounded."""
 COARSE = 0.1e-3
 """m: greatest standard uncertainty of a certified length; certificates state micrometres (assumed)."""
 ROUND = 0.3
@@ -99,32 +94,16 @@ def _names(dataset: Dataset, document: Document) -> Iterator[Finding]:
 
 def _lengths(dataset: Dataset, document: Document) -> Iterator[Finding]:
     """Certified lengths that contradict the nominal places, or whose uncertainty is no micrometres."""
-    by_name = {t.name: t for t in dataset.targets}
     for k, c in enumerate(dataset.certificates):
-        where = document.where(("certificates", k))
-        names = " and ".join(f"`{name}`" for name in c.targets)
         if c.u_distance is not None and c.u_distance > COARSE:
+            names = " and ".join(f"`{name}`" for name in c.targets)
             key = "u_diameter_mm" if c.kind == "diameter" else "u_distance_mm"
             what = f"`{key}` of {names} is {1e3 * c.u_distance:g}: certificates state micrometres"
+            where = document.where(("certificates", k))
             yield Finding("coarse_certificate", "odd", what, where, "is it in µm? write it in mm, at k = 1")
-        if c.distance is None or len(c.targets) < 2:
-            continue
-        there = nominal_length([by_name[name] for name in c.targets], c.kind)
-        known = [by_name[name].u for name in c.targets]
-        loose = max(LOOSE if u is None else 5 * u for u in known)
-        if there is None or abs(c.distance - there) <= max(loose, NEAR * c.distance):
-            continue
-        like = next((unit for f, unit in RATIOS.items() if abs(c.distance * f / there - 1) < NEAR), "")
-        back = next((unit for f, unit in RATIOS.items() if abs(there * f / c.distance - 1) < NEAR), "")
-        what = f"{names}: certified {1e3 * c.distance:.6g} mm, nominally {1e3 * there:.6g} mm apart"
-        remedy = (
-            f"the certified value looks like {like}: write it in mm"
-            if like
-            else f"the value was converted once too often, or the nominal places are in {back}"
-            if back
-            else "check the certificate, the names and the nominal places"
-        )
-        yield Finding("certified_length", "odd", what, where, remedy)
+    for found in contradictions(dataset):
+        where = document.where(("certificates", found.certificate))
+        yield Finding("certified_length", "odd", found.what, where, found.remedy)
 
 
 def _doubled(dataset: Dataset, table: Table) -> Iterator[Finding]:

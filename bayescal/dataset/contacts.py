@@ -35,9 +35,8 @@ def residual(contacts: Contacts, p: np.ndarray | None = None) -> Residual:
     """Residuals (M, k), m, and their gradients by p (M, k, 3), at `p` or at the contacts' own."""
     p = contacts.p if p is None else p
     kind = KINDS[contacts.target.kind].build(contacts.target, contacts.seen)
-    with np.errstate(invalid="ignore", divide="ignore"):  # a ball at the very centre has no direction
-        r, slopes, _ = kind.linearise(np.zeros(len(kind.sd)), p.T)
-    return r.T, np.nan_to_num(np.moveaxis(slopes, -1, 0))
+    r, slopes, _ = kind.linearise(np.zeros(len(kind.sd)), p.T)
+    return r.T, np.moveaxis(slopes, -1, 0)
 
 
 def settled(contacts: Contacts, passes: int = 12) -> np.ndarray:

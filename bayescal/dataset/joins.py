@@ -87,5 +87,4 @@ def _nominal(target: Target) -> Feature:
 
 
 def _apart(relation: Relation, a: Feature, b: Feature) -> float:
-    with np.errstate(invalid="ignore"):  # slopes of no length
-        return float(relation(a, b)(a, b)[0][0])
+    return float(relation(a, b)(a, b)[0][0])

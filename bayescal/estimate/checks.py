@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from bayescal.arm.kernel import MAX_ANGLE
@@ -34,15 +36,24 @@ def check_length(model: Model) -> None:
         )
 
 
-def check_converged(linear: Linear, covariance: np.ndarray, z: np.ndarray) -> None:
-    """Refuse a solution that a Newton step would still move by a tenth of a standard deviation."""
+def check_converged(
+    linear: Linear, covariance: np.ndarray, z: np.ndarray, suspects: Sequence[str] = ()
+) -> None:
+    """Refuse a solution that a Newton step would still move by a tenth of a standard deviation.
+
+    `suspects` are contradictions in the session, which the message then names as the probable reason.
+    """
     step = covariance @ (linear.jacobian.T @ linear.residual + z)
     left = float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)), initial=0.0))
     if not left < LARGEST_STEP:
+        how = (
+            f"{left:.2g} standard deviations short of its optimum"
+            if np.isfinite(left)
+            else "without a solution"
+        )
+        reasons = "the robot file, the units of the readings and the nominal positions of the targets"
         raise BayescalError(
-            f"the fit stopped {left:.2g} standard deviations short of its optimum",
-            "Levenberg-Marquardt",
-            "check the robot file, the units of the readings and the nominal positions of the targets",
+            f"the fit stopped {how}", "dataset.yaml", f"check {'; '.join(suspects[:1]) or reasons}"
         )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayescal.dataset.checks.certified import contradictions
 from bayescal.errors import BayescalError
 from bayescal.estimate.added_mass import Secants, acts
 from bayescal.estimate.checks import check_converged, check_length, check_within_reach
@@ -192,7 +193,7 @@ def estimate(
         if max(abs(np.log(rescaled.scale[g] / weights.scale[g])) for g in weights.scale) < 1e-4:
             break
         weights = rescaled
-    check_converged(linear, cov, z)
+    check_converged(linear, cov, z, [f"{c.what} ({c.remedy})" for c in contradictions(model.scene.dataset)])
     check_within_reach(model, z)
     rejected = np.concatenate([b.rows[weights.row[b.name] == 0.0] for b in model.blocks])
     return Estimate(model, z, cov, weights, linear, iterations, np.unique(rejected), dof)

@@ -215,8 +215,8 @@ def _check(name: str, found: States, chosen: States, kind: Kind, strict: bool) -
     """Raise an error where the search did not converge, or another position is nearly as probable."""
     if not chosen.left[0] < LARGEST_STEP:
         raise BayescalError(
-            f"target {name} cannot be located from its rows: the search from {len(found.x)} starts stopped "
-            f"{chosen.left[0]:.2g} standard deviations short of an optimum",
+            f"target {name} cannot be located from its rows: the search from {len(found.x)} starts did not "
+            "reach an optimum",
             "dataset.yaml",
             "state its position and u_mm more accurately, or measure it from more directions",
         )

@@ -216,7 +216,7 @@ def _forecast(forecast: Forecast) -> dict[str, Any]:
 def _sampler(fit: Fit) -> dict[str, Any]:
     draws = fit.draws
     sd = np.std(draws.flat, axis=0)
-    error = sd / np.sqrt(draws.ess_bulk[:-1])
+    error = sd / np.sqrt(draws.ess_bulk[: len(sd)])
     return {
         "moves": draws.moves,
         "acceptance": draws.acceptance,

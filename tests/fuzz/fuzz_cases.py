@@ -1,0 +1,249 @@
+"""A case of the fuzzer: damage a seed, run a command in this process, judge what it did."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+import math
+import os
+import re
+import shutil
+import signal
+import sys
+import traceback
+import warnings
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+from fuzz_mutations import PLAUSIBLE, STRUCTURE, Files, damaged, pick
+from fuzz_seeds import datasets, logs, runs
+
+SECONDS = 10
+"""After which a command hangs; a factor for slow machines is `BAYESCAL_FUZZ_SLOW`."""
+LONGEST = 400
+"""Characters of a message."""
+ABSURD = 100.0
+"""Times the residuals of the seed from which on a fit must say something."""
+FIT = ("fit", "--samples", "0", "--no-pictures")
+CHECKED = ("tiny",)
+"""Seeds with too few rows for a fit."""
+PER_SEED = (("check", 0.75), ("fit", 0.22), ("gap", 0.03))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What happened. `kind` is ``accepted``, ``refused`` or ``FAIL``; `why` the class of a failure."""
+
+    seed: int
+    case: str
+    changes: tuple[str, ...]
+    kind: str
+    why: str = ""
+    message: str = ""
+
+
+class Hang(BaseException):
+    """The time is over; no handler of the program catches it."""
+
+
+def _alarm(*_: object) -> None:
+    raise Hang
+
+
+@dataclass(frozen=True)
+class Ran:
+    """Exit code, error and output text of a command, and what it should not have done."""
+
+    code: int
+    error: str
+    output: str
+    trouble: str
+
+
+def run(arguments: list[str], seconds: float = SECONDS) -> Ran:
+    """The command line in this process, with a limit of time."""
+    from bayescal.cli import main
+
+    out, err, trouble, code = io.StringIO(), io.StringIO(), "", 0
+    slow = float(os.environ.get("BAYESCAL_FUZZ_SLOW", "1"))
+    before = signal.signal(signal.SIGALRM, _alarm)
+    with (
+        warnings.catch_warnings(record=True) as warned,
+        mock.patch.object(sys, "argv", ["bayescal", *arguments]),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        warnings.simplefilter("always")
+        try:
+            signal.setitimer(signal.ITIMER_REAL, slow * seconds)
+            main()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else int(end.code is not None)
+        except Hang:
+            trouble = f"hang over {seconds} s"
+        except BaseException as error:
+            trouble = f"traceback: {_place(error)}"
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.signal(signal.SIGALRM, before)
+    ours = [w for w in warned if issubclass(w.category, (RuntimeWarning, UserWarning))]
+    if ours and not trouble:
+        first = ours[0]
+        trouble = f"warning: {Path(first.filename).name}:{first.lineno} {str(first.message)[:80]}"
+    return Ran(code, err.getvalue(), out.getvalue(), trouble)
+
+
+def _place(error: BaseException) -> str:
+    """Kind of an exception, and the innermost place in this repository."""
+    frames = [
+        f
+        for f in traceback.extract_tb(error.__traceback__)
+        if "/bayescal/" in f.filename or "/factors/" in f.filename
+    ]
+    at = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "?"
+    return f"{type(error).__name__} in {at}: {' '.join(str(error).split())[:80]}"
+
+
+def case(number: int, seed: int, folder: Path) -> Verdict:
+    """Case `number` of a seed of the whole run; the same numbers give the same case."""
+    rng = np.random.default_rng([seed, number])
+    shutil.rmtree(folder, ignore_errors=True)
+    where, out, here = folder / "in", folder / "out", folder / "here"
+    for path in (where, out, here):
+        path.mkdir(parents=True)
+    group = rng.choice(["damage", "plausible", "structure", "log", "run"], p=[0.66, 0.12, 0.04, 0.08, 0.10])
+    baseline = None
+    if group in ("log", "run"):
+        table = logs() if group == "log" else runs()
+        name = pick(rng, sorted(table))
+        files, arguments = table[name]
+        files, changes = damaged(files, rng)
+    else:
+        name = pick(rng, sorted(datasets()))
+        files, changes = datasets()[name], []
+        command = str(rng.choice([k for k, _ in PER_SEED], p=[p for _, p in PER_SEED]))
+        command = "check" if name in CHECKED else command
+        if group == "plausible" and name not in CHECKED:
+            change = pick(rng, sorted(PLAUSIBLE))
+            files, changes, command = PLAUSIBLE[change](files), [change], "fit"
+            baseline = name if files != datasets()[name] else None
+        elif group == "damage":
+            files, changes = damaged(files, rng)
+        more = {"check": (), "fit": (*FIT[1:], "--model", "joint"), "gap": ("--model", "joint")}[command]
+        save = () if command == "check" else ("--out", "{out}/run")
+        arguments = (command, "{in}", *more, *save)
+    _write(files, where)
+    if group == "structure":
+        change = pick(rng, sorted(STRUCTURE))
+        STRUCTURE[change](where, rng)
+        changes = [change]
+    before = _state(folder)
+    arguments = [a.replace("{in}", str(where)).replace("{out}", str(out)) for a in arguments]
+    with contextlib.chdir(here):
+        ran = run(arguments, SECONDS * (6 if arguments[0] == "gap" else 1))
+    kind, why = judged(ran, out, folder)
+    after = _state(folder)
+    if after != before and kind != "FAIL":
+        touched = sorted(k for k in before.keys() | after.keys() if before.get(k) != after.get(k))
+        kind, why = "FAIL", f"touched {touched[0].partition('/')[0]}"
+    if kind == "accepted" and baseline is not None and (silent := _silent(baseline, out / "run", folder)):
+        kind, why = "FAIL", f"silent: {changes[0]} of {name}, {silent}"
+    title = f"{name} {arguments[0]}"
+    return Verdict(seed, title, tuple(changes), kind, why, ran.error[-LONGEST:])
+
+
+def _write(files: Files, folder: Path) -> None:
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+
+
+def _state(folder: Path) -> dict[str, str]:
+    """What is in a folder, but for the output: names, kinds and hashes."""
+    found = {}
+    for path in folder.rglob("*"):
+        name = path.relative_to(folder).as_posix()
+        if not name.startswith("out"):
+            regular = path.is_file() and not path.is_symlink() and os.access(path, os.R_OK)
+            found[name] = hashlib.sha256(path.read_bytes()).hexdigest() if regular else str(path.is_symlink())
+    return found
+
+
+def judged(ran: Ran, out: Path, folder: Path) -> tuple[str, str]:
+    """``accepted``, ``refused`` or ``FAIL`` with the class of the failure."""
+    if ran.trouble:
+        return "FAIL", ran.trouble
+    if ran.code == 0:
+        return _accepted(ran, out)
+    lines = ran.error.strip().splitlines()
+    if ran.code != 1:
+        return "FAIL", f"exit code {ran.code}: {lines[-1][:60] if lines else ''}"
+    if len(lines) != 1 or not lines[0].startswith("bayescal: "):
+        return "FAIL", f"{len(lines)} lines: {lines[0][:60] if lines else ''}"
+    text = lines[0].replace(str(folder), "")
+    if not text.isprintable() and not text.replace("\xa0", " ").isprintable():
+        return "FAIL", f"control characters: {text[:80]!r}"
+    if len(text) > LONGEST:
+        return "FAIL", f"message of {len(text)} characters: {text[:60]}"
+    if not re.search(r"\.\w+|[`'(]|--", text):
+        return "FAIL", f"names no place: {text[:80]}"
+    if re.search(r"\bnan\b|\binf\b", text) and "finite" not in text and "not a number" not in text:
+        return "FAIL", f"a number that is not finite: {text[:80]}"
+    if any(p.name not in ("here",) for p in out.iterdir()):
+        return "FAIL", f"a refused command wrote {sorted(p.name for p in out.iterdir())[0]}"
+    return "refused", ""
+
+
+def _accepted(ran: Ran, out: Path) -> tuple[str, str]:
+    if re.search(r"[\x00-\x08\x0b-\x1f\x7f]", ran.output + ran.error):
+        return "FAIL", "control characters in the output"
+    if found := re.search(r"(?<![\w`'])(nan|-?inf)(?![\w`'])", ran.output):
+        return (
+            "FAIL",
+            f"{found[0]} in the output: {ran.output[max(0, found.start() - 40) : found.end()][-60:]!r}",
+        )
+    for path in sorted(out.rglob("*.json")):
+        if "/dataset" in path.relative_to(out).as_posix():
+            continue
+        try:
+            json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+        except ValueError as error:
+            return "FAIL", f"{path.name}: {error}"
+    return "accepted", ""
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is written")
+
+
+_BASE: dict[str, tuple[float, set[str]]] = {}
+
+
+def _silent(name: str, run_folder: Path, folder: Path) -> str:
+    """What is wrong with a fit of plausible wrong values that says no more than that of the true ones."""
+    if name not in _BASE:
+        where, out = folder / "base", folder / "out" / "base"
+        where.mkdir()
+        _write(datasets()[name], where)
+        ran = run([FIT[0], str(where), *FIT[1:], "--model", "joint", "--out", str(out)], 6 * SECONDS)
+        _BASE[name] = _said(out) if ran.code == 0 else (math.inf, set())
+    base, codes = _BASE[name]
+    size, more = _said(run_folder)
+    return f"residuals {size / base:.0f} times larger" if size > ABSURD * base and not more - codes else ""
+
+
+def _said(folder: Path) -> tuple[float, set[str]]:
+    """RMS of residuals, µm, and the limitations that a fit states."""
+    record = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
+    rows = [r for r in record["residuals"] if r["rms_um"] is not None]
+    total = sum(r["count"] * r["rms_um"] ** 2 for r in rows) / max(1, sum(r["count"] for r in rows))
+    return math.sqrt(total), {f["code"] for f in record["findings"] if f["severity"] != "note"}
+
+
+def as_json(verdict: Verdict, number: int) -> str:
+    return json.dumps({"number": number, **asdict(verdict)})

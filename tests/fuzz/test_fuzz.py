@@ -1,0 +1,47 @@
+"""A small run of the fuzzer (`make fuzz` makes 10,000 cases), and classes that once failed."""
+
+import json
+
+import pytest
+from fuzz_cases import FIT, case, run
+from fuzz_mutations import PLAUSIBLE
+from fuzz_seeds import datasets
+
+SEED = 0
+CASES = 60
+
+
+@pytest.mark.parametrize("number", range(CASES))
+def test_damaged_input(tmp_path, monkeypatch, number):
+    monkeypatch.setenv("BAYESCAL_FUZZ_SLOW", "5")  # other tests run at the same time
+    verdict = case(number, SEED, tmp_path / "case")
+    assert verdict.kind != "FAIL", verdict
+
+
+def test_a_case_is_the_same_each_time(tmp_path):
+    assert case(3, 1, tmp_path / "a") == case(3, 1, tmp_path / "a")
+
+
+@pytest.mark.parametrize("name", sorted(datasets()))
+def test_seeds_are_valid(tmp_path, name):
+    for file, content in datasets()[name].items():
+        (tmp_path / file).write_bytes(content)
+    ran = run(["check", str(tmp_path)], 60)
+    assert (ran.code, ran.error, ran.trouble) == (0, "", "")
+    assert "refused" not in ran.output
+
+
+def test_two_noise_groups_are_recorded(tmp_path):
+    """Points and orientations of a tracker have a noise scale each."""
+    for file, content in datasets()["rich"].items():
+        (tmp_path / file).write_bytes(content)
+    ran = run(["fit", str(tmp_path), *FIT[1:], "--model", "joint", "--out", str(tmp_path / "run")], 60)
+    assert (ran.code, ran.trouble) == (0, ""), ran.error
+    record = json.loads((tmp_path / "run" / "fit.json").read_text())
+    assert len(record["noise"]) == 2
+    assert record["sampler"]["monte_carlo_error"]["largest_over_sd"] > 0
+
+
+def test_every_plausible_change_changes_a_seed():
+    for name, change in PLAUSIBLE.items():
+        assert any(change(files) != files for files in datasets().values()), name
