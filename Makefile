@@ -7,10 +7,12 @@ OUT ?= runs
 WORLDS ?= 400
 SEED ?= 2026
 WORKERS ?= 2
+# cases of `make fuzz`
+N ?= 10000
 # small matrices: more than one BLAS thread only waits for the others
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: fit test lint bench study own-sessions knock-out blind docs package-check clean
+.PHONY: fit test fuzz lint bench study own-sessions knock-out blind docs package-check clean
 
 fit: $(VENV)/.run
 	$(BIN)/bayescal fit data/lrmate200ic-cube --samples 5000 --out $(OUT)/lrmate200ic-cube-fit
@@ -35,6 +37,10 @@ study: $(VENV)/.test
 REAL ?= ../shared/data/real
 knock-out: $(VENV)/.test
 	$(BIN)/python -m analysis.knock_out --real $(REAL) --out docs/knock_out.md --workers $(WORKERS)
+
+# damaged input: no traceback, no hang, no wrong number in silence; goes on where it stopped
+fuzz: $(VENV)/.test
+	$(BIN)/python tests/fuzz/run.py --cases $(N) --seed $(SEED) --workers $(WORKERS) --out $(OUT)/fuzz
 
 own-sessions: $(VENV)/.test
 	$(BIN)/python -m analysis.own_sessions

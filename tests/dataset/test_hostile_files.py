@@ -121,6 +121,13 @@ def test_only_regular_files_of_the_folder(tmp_path, monkeypatch, name, kind):
     assert any(word in str(error) for word in words.split("|"))
 
 
+def test_links_that_lead_to_themselves(tmp_path):
+    folder = write(tmp_path)
+    (folder / "measurements.csv").unlink()
+    (folder / "measurements.csv").symlink_to("measurements.csv")
+    assert "link to itself" in str(refused(folder))
+
+
 def test_a_device_is_never_read(tmp_path):
     (tmp_path / "robot.yaml").symlink_to("/dev/zero")
     with pytest.raises(BayescalError, match="not a regular file"):

@@ -283,3 +283,17 @@ def test_dot():
     rng = np.random.default_rng(0)
     v, p = rng.standard_normal((4, 3)), rng.standard_normal((4, 3, 5))
     np.testing.assert_allclose(dot(v, p), np.einsum("sk,skc->sc", v, p), atol=1e-15)
+
+
+@pytest.mark.parametrize("made", [
+    Sphere(np.zeros(3), 0.05, np.full(2, 0.003), np.ones(4)),
+    Distance(np.zeros(3), np.full(2, 0.3), np.ones(3)),
+    Cylinder(np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.02, np.full(2, 0.003), np.ones(5)),
+], ids=lambda kind: type(kind).__name__)  # fmt: skip
+def test_a_ball_at_the_centre_has_no_direction(made):
+    p = np.array([[0.0, 0.1], [0.0, 0.0], [0.0, 0.2]])
+    with np.errstate(all="raise"):
+        r, slopes, dx = made.linearise(np.zeros(len(made.sd)), p)
+    assert np.isfinite(r).all()
+    assert np.isfinite(dx).all()
+    np.testing.assert_array_equal(slopes[..., 0], 0.0)

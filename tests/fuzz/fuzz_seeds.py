@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 sys.path[:0] = [str(ROOT), str(HERE.parent / "dataset"), str(HERE.parent / "compensate"), str(HERE.parent)]
-KEPT = 45
-"""Rows of the example session."""
+EVERY = 14
+"""Of the example session, the rows on planes that are kept, and all contacts of the first placement."""
 
 Files = dict[str, bytes]
 
@@ -27,13 +27,14 @@ def datasets() -> dict[str, Files]:
 
     data = ROOT / "data" / "lrmate200ic-cube"
     lines = (data / "measurements.csv").read_bytes().splitlines(keepends=True)
-    step = len(lines) // KEPT
+    of_planes = [line for line in lines[1:] if b",cube." in line]
+    first = [line for line in lines[1:] if b"@1," in line]
     settings, table = _rich()
     return {
         "tiny": {"dataset.yaml": SETTINGS.encode(), "measurements.csv": TABLE.encode()},
         "cube": {
             "dataset.yaml": (data / "dataset.yaml").read_bytes(),
-            "measurements.csv": b"".join([lines[0], *lines[1::step]]),
+            "measurements.csv": b"".join([lines[0], *of_planes[::EVERY], *first]),
         },
         "rich": {
             "dataset.yaml": settings.replace(b"robot: fanuc-lrmate200ic", b"robot: robot.yaml"),

@@ -38,8 +38,23 @@ def test_two_noise_groups_are_recorded(tmp_path):
     ran = run(["fit", str(tmp_path), *FIT[1:], "--model", "joint", "--out", str(tmp_path / "run")], 60)
     assert (ran.code, ran.trouble) == (0, ""), ran.error
     record = json.loads((tmp_path / "run" / "fit.json").read_text())
-    assert len(record["noise"]) == 2
+    assert set(record["noise"]["scale"]) == {"point", "orientation"}
     assert record["sampler"]["monte_carlo_error"]["largest_over_sd"] > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [("certificate x 25.4", "converted once too often"), ("certificate x 1000", "looks like µm")],
+)
+def test_a_fit_names_a_certified_length_that_contradicts_the_places(tmp_path, change, words):
+    for file, content in PLAUSIBLE[change](datasets()["cube"]).items():
+        (tmp_path / file).write_bytes(content)
+    ran = run(["fit", str(tmp_path), *FIT[1:], "--model", "joint", "--out", str(tmp_path / "run")], 60)
+    said = " ".join((ran.output + ran.error).split())
+    assert ran.trouble == ""
+    assert "certified" in said
+    assert words in said
+    assert "nan" not in said
 
 
 def test_every_plausible_change_changes_a_seed():
