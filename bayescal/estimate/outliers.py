@@ -6,8 +6,8 @@ noise, by the leverage H of its rows: sigma^2 (I - H). One that was left out var
 
 The scale of the noise comes first from the median of all chi-squares, which outliers hardly move, then from
 the measurements that are kept. Either is itself uncertain by its degrees of freedom, so a chi-square is
-compared with the F distribution. A session of clean normal noise loses `FALSE_REJECTIONS` measurements on
-average, however few contacts it has.
+compared with the F distribution. The stated noise counts as `STATED_WORTH` of these, as in the estimate. A
+session of clean normal noise loses `FALSE_REJECTIONS` measurements on average, however few contacts it has.
 """
 
 from __future__ import annotations
@@ -28,8 +28,10 @@ TAIL = 4.0
 """Degrees of freedom of the Student t that weighs measurements while outliers are sought."""
 ROUNDS = 25
 """At most so many reweightings."""
-HARD_ROUNDS = 5
+HARD_ROUNDS = 10
 """At most so many fits with measurements left out."""
+SAME_SCALE = 0.1
+"""Relative difference of two noise scales at which a fit with the one serves for the other (convention)."""
 FALSE_REJECTIONS = 0.01
 """Measurements of clean normal noise that a session loses as outliers on average."""
 MEDIAN_WORTH = 0.37
@@ -101,6 +103,7 @@ def rejected(
     scale: np.ndarray | float = 1.0,
     dof: float = np.inf,
     own: np.ndarray | bool = False,
+    worth: float = 0.0,
 ) -> np.ndarray:
     """Which measurements (C,) are outliers: those that noise exceeds `FALSE_REJECTIONS` times a session.
 
@@ -116,13 +119,16 @@ def rejected(
         Degrees of freedom that the scale stands on; infinite where it is known.
     own : np.ndarray of bool, shape (C,), or bool
         Whether the scale was estimated with the measurement itself, which is then taken out of it.
+    worth : float
+        Degrees of freedom that the stated noise (scale 1) has in addition.
     """
     rows = np.broadcast_to(np.asarray(rows, float), chi2.shape)
     size, level = chi2 / scale**2, FALSE_REJECTIONS / max(len(chi2), 1)
     if np.isinf(dof):
         return size > limit(rows)
-    rest = np.maximum(dof - rows * own, 1e-3)
-    left = np.maximum(dof - size * own, 1e-12)
+    rest = np.maximum(dof - rows * own, 1e-3) + worth
+    # what a row takes up is shared by prior and other groups: without it less than nothing may seem left
+    left = np.maximum(dof - size * own, 1e-12) + worth / scale**2
     return fdtrc(rows, rest, size / rows * rest / left) < level
 
 
@@ -168,6 +174,23 @@ class Judged:
         least = np.sqrt(STATED_WORTH / (STATED_WORTH + self.dof))
         return max(scale(self.chi2, self.rows), float(least))
 
+    @property
+    def hard(self) -> bool:
+        """Whether the fit kept some measurements and left out the others."""
+        return bool(np.all((self.weight == 1.0) | (self.weight == 0.0)))
+
+    @property
+    def scale(self) -> float:
+        """Scale of the noise: of those that were kept, with the stated noise; robust after other fits."""
+        if not self.hard:
+            return self.robust
+        kept = float(np.sum(self.square[self.weight == 1.0]))
+        return float(np.sqrt((STATED_WORTH + kept) / (STATED_WORTH + self.dof)))
+
+    def rescales(self, scale: float) -> bool:
+        """Whether the measurements that were kept have another noise than the scale of their fit."""
+        return self.hard and abs(float(np.log(self.scale / scale))) > SAME_SCALE
+
     def student_weights(self) -> np.ndarray:
         """Weights (C,) for another fit, were noise Student t."""
         return student_weights(self.chi2, self.rows, self.robust)
@@ -179,10 +202,11 @@ class Judged:
         left out others, by the scale of those that were kept.
         """
         kept = self.weight == 1.0
-        if not np.all(kept | (self.weight == 0.0)):
-            return rejected(self.chi2, self.rows, self.robust, MEDIAN_WORTH * self.dof)
+        if not self.hard:
+            dof = MEDIAN_WORTH * self.dof
+            return rejected(self.chi2, self.rows, self.robust, dof, worth=STATED_WORTH)
         size = np.sqrt(float(np.sum(self.square[kept])) / self.dof)
-        return rejected(self.chi2, self.rows, max(size, 1e-3), self.dof, kept)
+        return rejected(self.chi2, self.rows, max(size, 1e-3), self.dof, kept, STATED_WORTH)
 
 
 def judged(model: Model, z: np.ndarray, weights: Weights, covariance: np.ndarray) -> dict[str, Judged]:
@@ -216,9 +240,11 @@ def without_outliers(model: Model, z: np.ndarray, weights: Weights) -> tuple[np.
             break
     for _ in range(HARD_ROUNDS):
         found = judged(model, z, weights, covariance())
-        row = {g: 1.0 - own.outliers() for g, own in found.items()}
+        # leverage at another scale misjudges where priors determine as much as contacts: fit at it first
+        changed = any(own.rescales(weights.scale[g]) for g, own in found.items())
+        row = {g: own.weight if changed else 1.0 - own.outliers() for g, own in found.items()}
         old, weights = weights, _reweighted(model, weights, row, found)
-        if all(np.array_equal(w, old.row[name]) for name, w in weights.row.items()):
+        if not changed and all(np.array_equal(w, old.row[name]) for name, w in weights.row.items()):
             break
         z, covariance, more = solve(model, weights, z)
         iterations += more
@@ -228,9 +254,9 @@ def without_outliers(model: Model, z: np.ndarray, weights: Weights) -> tuple[np.
 def _reweighted(
     model: Model, weights: Weights, row: Mapping[str, np.ndarray], found: Mapping[str, Judged]
 ) -> Weights:
-    """Weights with those of measurements by noise group, and the groups' robust scales."""
+    """Weights with those of measurements by noise group, and the groups' scales."""
     of_block: dict[str, np.ndarray] = {}
     for group, blocks in by_group(model).items():
         ends = np.cumsum([len(b.rows) for b in blocks])[:-1]
         of_block |= {b.name: w for b, w in zip(blocks, np.split(row[group], ends), strict=True)}
-    return replace(weights, row=of_block, scale={g: own.robust for g, own in found.items()})
+    return replace(weights, row=of_block, scale={g: own.scale for g, own in found.items()})

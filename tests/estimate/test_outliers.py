@@ -54,9 +54,12 @@ def test_false_rejections_of_known_noise_are_as_promised(rows):
     assert np.mean(lost) == pytest.approx(FALSE_REJECTIONS, rel=0.35)
 
 
-@pytest.mark.parametrize(("weight", "least", "most"), [(1.0, 0.5, 1.6), (0.999, 0.0, 1.0)])
+@pytest.mark.parametrize(("weight", "least", "most"), [(1.0, 0.25, 1.6), (0.999, 0.0, 1.0)])
 def test_false_rejections_by_an_estimated_scale_are_as_promised(weight, least, most):
-    """By the scale of those kept, each without its own part in it; by the median at most so many."""
+    """By the scale of those kept, each without its own part in it; by the median at most so many.
+
+    Here the stated noise is exact, so that it loses fewer than where it is as uncertain as its weight.
+    """
     rng = np.random.default_rng(5)
     count, sessions = 14, 6000
     none, own = np.zeros((count, 1, 1)), np.full(count, weight)

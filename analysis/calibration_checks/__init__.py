@@ -1,0 +1,1 @@
+"""Checks of the probabilities that a fit states: ranks of true values, joint and interval coverage."""
