@@ -9,16 +9,22 @@ SEED ?= 2026
 WORKERS ?= 2
 # cases of `make fuzz`
 N ?= 10000
+# arguments of pytest: `make test TESTS="tests/robots -k urdf"`
+TESTS ?=
 # small matrices: more than one BLAS thread only waits for the others
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: fit test fuzz lint bench study own-sessions knock-out blind docs package-check clean
+.PHONY: fit test test-all fuzz lint bench study own-sessions knock-out blind docs package-check clean
 
 fit: $(VENV)/.run
 	$(BIN)/bayescal fit data/lrmate200ic-cube --samples 5000 --out $(OUT)/lrmate200ic-cube-fit
 
 test: $(VENV)/.test
-	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal $(TESTS)
+
+# `make test` on every supported Python that the machine has, each with an environment of its own
+test-all:
+	$(PYTHON) -m analysis.every_python --tests "$(TESTS)"
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
@@ -84,4 +90,4 @@ $(VENV)-pybotics/.bench: analysis/benchmarks/requirements-pybotics.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(VENV)-pybotics runs build dist site bench.json
+	rm -rf $(VENV) $(VENV)-* runs build dist site bench.json
