@@ -20,7 +20,7 @@ from bayescal.model.scene import Scene
 
 @pytest.fixture(scope="module")
 def dataset(cube):
-    return cube(seed=7, count=240).dataset
+    return cube(seed=7, count=180).dataset
 
 
 @pytest.fixture(scope="module")

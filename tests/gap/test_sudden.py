@@ -19,7 +19,7 @@ ROW = 101  # of the session, from 0: between two rows that the cells try
 
 @pytest.fixture(scope="module")
 def bench(cube):
-    return Bench.of(cube(seed=7, count=240).dataset)
+    return Bench.of(cube(seed=7, count=160).dataset)
 
 
 def measured(bench, site, driver, parameters, amplitudes):
