@@ -77,6 +77,27 @@ def test_a_coupling_that_levels_off_on_coupled_axes(bench):
     )
 
 
+def test_an_eccentricity_with_a_part_of_the_third_order(bench):
+    """A quarter of the amplitude in the third order made it an unmodelled error of the joint."""
+    turn = bench.circumstances.q[:, 2]
+    wave = np.sin(turn + 0.7) + 0.25 * np.sin(3.0 * turn + 2.0)
+    decision, member = named(bench, Parameter("truth", "rad", (Term(3, "rz", wave),), 1e-4), 300.0)
+    assert (decision.kind, member.effect, member.variant.site, member.variant.setting) == (
+        "named",
+        "eccentricity",
+        "joint 3",
+        "third-order",
+    )
+    names = {bench.known.pool[k].name.removeprefix("eccentricity ") for k in member.variant.columns}
+    assert names == {"J3 sin", "J3 cos", "third order J3 sin", "third order J3 cos"}
+
+
+def test_an_eccentricity_of_one_order_keeps_its_form(bench):
+    turn = bench.circumstances.q[:, 2]
+    _, member = named(bench, Parameter("truth", "rad", (Term(3, "rz", np.sin(turn + 0.7)),), 1e-4), 300.0)
+    assert (member.effect, member.variant.setting) == ("eccentricity", None)
+
+
 def test_a_state_that_lags(bench):
     """Along a straight path in equal steps d the lag is d times the sum of the powers of exp(-d/length)."""
     c = bench.circumstances

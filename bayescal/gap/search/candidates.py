@@ -5,7 +5,7 @@ If the baseline has an effect without some of its parts, these parts are the can
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from math import comb
@@ -209,37 +209,54 @@ def _same_motion(a: Parameter, b: Parameter) -> bool:
     )
 
 
+@dataclass(frozen=True)
+class _Own:
+    """Columns of one site and coordinate, and what they are: orders of one coordinate act together."""
+
+    site: Site
+    columns: np.ndarray
+    places: tuple[tuple[Site, Driver], ...]
+
+    @classmethod
+    def of(cls, parameters: Sequence[Parameter], first: int) -> list[_Own]:
+        """Of parameters whose columns begin at `first`."""
+        found: dict[tuple[Site, Driver], list[int]] = {}
+        for k, p in enumerate(parameters):
+            found.setdefault((p.site, p.driver.course), []).append(k)
+        return [
+            cls(
+                site,
+                first + np.array(index),
+                tuple(dict.fromkeys((site, parameters[k].driver) for k in index)),
+            )
+            for (site, _), index in found.items()
+        ]
+
+
 def _subsets(
     effect: Effect, value: Setting, parameters: list[Parameter], first: int, log_prior: float,
     own: Collection[Site] = (),
 ) -> list[Variant]:  # fmt: skip
     """An effect at all sites and at each single site, or only at each of `own` where given."""
-    sites: dict[tuple[Site, Driver], list[int]] = {}
-    for k, p in enumerate(parameters):
-        sites.setdefault((p.site, p.driver), []).append(first + k)
+    found = _Own.of(parameters, first)
     every = np.arange(first, first + len(parameters))
-    if len(sites) == 1 or effect.whole:
-        return [Variant(effect.name, value, (), every, log_prior, tuple(sites))]
-    single = {place: columns for place, columns in sites.items() if not own or place[0] in own}
+    places = tuple(place for one in found for place in one.places)
+    if len(found) == 1 or effect.whole:
+        return [Variant(effect.name, value, (), every, log_prior, places)]
     if effect.alternatives:
-        return _alternatives(effect, value, sites, log_prior)
+        return _alternatives(effect, value, found, log_prior)
+    single = [one for one in found if not own or one.site in own]
     half = log_prior - np.log(2.0)
     alone = half - np.log(len(single))
-    return [Variant(effect.name, value, (), every, half, tuple(sites))] + [
-        Variant(effect.name, value, place[:1], np.array(columns), alone, (place,))
-        for place, columns in single.items()
+    return [Variant(effect.name, value, (), every, half, places)] + [
+        Variant(effect.name, value, (one.site,), one.columns, alone, one.places) for one in single
     ]
 
 
-def _alternatives(
-    effect: Effect, value: Setting, sites: Mapping[tuple[Site, Driver], list[int]], log_prior: float
-) -> list[Variant]:
+def _alternatives(effect: Effect, value: Setting, found: Sequence[_Own], log_prior: float) -> list[Variant]:
     """An effect at its first site, or at one of the others, which share `SEARCH.other_forms` of its prior."""
-    other = log_prior + float(np.log(SEARCH.other_forms / (len(sites) - 1)))
-    out = [
-        Variant(effect.name, value, place[:1], np.array(columns), other, (place,))
-        for place, columns in sites.items()
-    ]
+    other = log_prior + float(np.log(SEARCH.other_forms / (len(found) - 1)))
+    out = [Variant(effect.name, value, (one.site,), one.columns, other, one.places) for one in found]
     return [
         replace(out[0], sites=(), log_prior=log_prior + float(np.log(1.0 - SEARCH.other_forms))),
         *out[1:],

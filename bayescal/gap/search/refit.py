@@ -26,7 +26,8 @@ def model_name(member: Member, known: Candidates) -> str:
     elif v.sites and v.effect not in known.partly:
         alike = (o for o in known.variants[v.effect] if (o.setting, o.sites) == (v.setting, v.sites))
         here = {driver_words(known.pool[k]) for o in alike for k in o.columns}
-        drivers = (driver_words(own[0]),) if len(here) > 1 else ()
+        mine = tuple(dict.fromkeys(map(driver_words, own)))
+        drivers = mine if here != set(mine) else ()
     setting = _setting(v.setting)
     usual = v.effect in known.partly or (member.scale == 1.0 and all(p.centre == p.nominal for p in own))
     factor = None if usual else member.scale
