@@ -34,6 +34,8 @@ from bayescal.predict import Forecast, Validation, forecast, validate
 from bayescal.streams import spawned
 
 VALIDATION_DRAWS = 2000
+MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 4_000_000, 400
+"""Predictions of single validation rows, beyond which there are fewer draws of each: 2000 rows."""
 NOMINAL = ("nominal",)
 
 
@@ -157,7 +159,7 @@ def fit(
                 found = with_latent_readings(found)
         left = unexplained(found)
         if not last:
-            z, kappa = approximate(found, of_draws, VALIDATION_DRAWS)
+            z, kappa = approximate(found, of_draws, predicted_draws(dataset))
         else:
             progress("sample", 0.0)
             if samples:
@@ -166,13 +168,14 @@ def fit(
                 draws = sample(found, samples, of_sampler, lambda fraction: progress("sample", fraction))
             else:
                 draws = gaussian(found, of_draws, VALIDATION_DRAWS)
-            z, kappa = _spread(draws)
+            places = _places(draws, predicted_draws(dataset))
+            z, kappa = draws.flat[places], draws.kappa[places]
         checked = validate(found, z, kappa, left.excess, of_noise, strict=last)
         if last:
             tests = acceptance(left, checked, causes, rejected_share(found))
             wide = stated(found)
             every = wide.draws(draws.flat, np.random.default_rng(of_discrepancy))
-            z = every[_places(draws)]
+            z = every[places]
             left, checked, rest = _restated(wide, left, z, kappa, tests, of_noise)
         levels.append(ModelLevel(found.model.effects or NOMINAL, found, left, checked))
     progress("done", 1.0)
@@ -218,7 +221,7 @@ def basis_of(found: Estimate, seed: int = 0) -> Basis:
         Of the draws by which validation rows are tested.
     """
     of_draws, of_noise, of_discrepancy = spawned(seed, 3)
-    z, kappa = approximate(found, of_draws, VALIDATION_DRAWS)
+    z, kappa = approximate(found, of_draws, predicted_draws(found.model.scene.dataset))
     left, wide = unexplained(found), stated(found)
     tests = acceptance(left, validate(found, z, kappa, left.excess, of_noise), (), rejected_share(found))
     every = wide.draws(z, np.random.default_rng(of_discrepancy))
@@ -244,12 +247,12 @@ def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:
     return [(), *joints, *(effects[:k] for k in range(1, len(effects) + 1))]
 
 
-def _spread(draws: Draws) -> tuple[np.ndarray, np.ndarray]:
-    """At most `VALIDATION_DRAWS` draws, evenly spaced among all."""
-    pick = _places(draws)
-    return draws.flat[pick], draws.kappa[pick]
+def predicted_draws(dataset: Dataset) -> int:
+    """Number of draws from which validation rows are predicted: `VALIDATION_DRAWS`, fewer of many rows."""
+    rows = int(np.sum(dataset.measurements.role == "validate"))
+    return min(VALIDATION_DRAWS, max(MOST_PREDICTED // max(rows, 1), FEWEST_VALIDATION_DRAWS))
 
 
-def _places(draws: Draws) -> np.ndarray:
-    """Places of at most `VALIDATION_DRAWS` draws, evenly spaced among all."""
-    return np.linspace(0, len(draws.flat) - 1, min(VALIDATION_DRAWS, len(draws.flat))).astype(int)
+def _places(draws: Draws, count: int) -> np.ndarray:
+    """Places of at most `count` draws, evenly spaced among all."""
+    return np.linspace(0, len(draws.flat) - 1, min(count, len(draws.flat))).astype(int)

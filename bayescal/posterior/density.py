@@ -12,6 +12,9 @@ from bayescal.estimate import STATED_WORTH, Estimate
 from bayescal.model import ARM, Turned
 from bayescal.model.length_blocks import noise_groups
 
+MOST_VALUES = 4_000_000
+"""Rows times points whose residuals are held in memory at a time: 100 MB of ball centres."""
+
 
 class Density:
     """Log posterior density, vectorised over walkers: ``density(x)`` of x (W, D + G) is (W,)."""
@@ -37,6 +40,11 @@ class Density:
             self.inverse_sigma.append(inverse[row > 0].reshape(full.kind.rows, -1))
             numbers.append(float(np.sum(row)))
         self.count = np.array(numbers) @ self.member  # (G,) residuals
+
+    @property
+    def at_once(self) -> int:
+        """Number of points whose residuals are held in memory."""
+        return max(MOST_VALUES // max(sum(len(b.rows) for b in self.blocks), 1), 1)
 
     @property
     def size(self) -> int:
@@ -79,6 +87,8 @@ class Density:
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Log density up to a constant, (W,), at points x (W, D + G)."""
+        if len(x) > self.at_once:
+            return np.concatenate([self(x[k : k + self.at_once]) for k in range(0, len(x), self.at_once)])
         contacts, rest = self.misfit(x[:, : self.model.size])
         log_kappa = x[:, self.model.size :]
         with np.errstate(over="ignore", invalid="ignore"):

@@ -56,8 +56,9 @@ def pointwise(estimate: Estimate, z: np.ndarray, kappa: np.ndarray, rng: np.rand
     pointlike = [k for k, b in enumerate(blocks) if b.name == b.target]
     for k in pointlike:
         observed[at[k]] = _size(here[k][0] / density.inverse_sigma[k])
-    for start in range(0, len(z), CHUNK):
-        part = slice(start, start + CHUNK)
+    chunk = min(CHUNK, density.at_once)
+    for start in range(0, len(z), chunk):
+        part = slice(start, start + chunk)
         residuals, _ = density.whitened(z[part])
         for k, r in enumerate(residuals):
             inverse = density.inverse_sigma[k]

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from arviz_line import az
 
+import bayescal.calibration as calibration
 import bayescal.reporting.fit.posterior as fit_posterior
 from bayescal.calibration import fit
 from bayescal.posterior.inference import Record, inference_data, load, save
 from bayescal.reporting.fit.posterior import fit_draws
+from bayescal.simulation import Options, simulate
 
 
 def test_record_comes_back(tmp_path):
@@ -98,6 +100,18 @@ def test_a_picture_of_what_was_predicted(records):
     else:
         az.plot_ppc_dist(records["compliance"], num_samples=20, backend="matplotlib")
     matplotlib.pyplot.close("all")
+
+
+def test_many_validation_rows_have_fewer_draws(monkeypatch):
+    dataset = simulate(Options(contacts=80, later=16, repeats=5, placements=1, seed=1)).dataset
+    assert calibration.predicted_draws(dataset) == calibration.VALIDATION_DRAWS
+    rows = int(np.sum(dataset.measurements.role == "validate"))
+    monkeypatch.setattr(calibration, "MOST_PREDICTED", 800 * rows)
+    found = calibration.fit(dataset, ("geometry",), samples=0, robust=False)
+    assert {len(p.predicted) for level in found.levels for p in level.validation.planes} == {800}
+    record = fit_draws(found)
+    shapes = {values.shape[:2] for _, values in record.arrays("posterior_predictive").values()}
+    assert shapes == {(4, 200)}
 
 
 def test_a_large_session_keeps_fewer_predictions(cube, monkeypatch, tmp_path):

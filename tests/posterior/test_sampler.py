@@ -14,6 +14,7 @@ from bayescal.estimate import estimate
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.posterior import Density, gaussian
+from bayescal.posterior import density as density_module
 from bayescal.posterior import sample as sampling
 from bayescal.posterior.convergence import convergence
 from bayescal.posterior.linearised import Linearised
@@ -241,3 +242,12 @@ def test_emcee_is_imported_without_scipy_stats():
         "assert kde(2.0) > 0; assert 'scipy.stats' in sys.modules; import scipy.stats; scipy.stats.norm"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_density_of_a_large_session_in_parts(few, monkeypatch):
+    density = Density(few)
+    x = Linearised.of(density).draw(20, np.random.default_rng(0))
+    whole = density(x)
+    monkeypatch.setattr(density_module, "MOST_VALUES", 7 * sum(len(b.rows) for b in density.blocks))
+    assert density.at_once == 7
+    np.testing.assert_array_equal(density(x), whole)

@@ -19,6 +19,8 @@ CHANCE = 0.1
 LIKELY = 0.16
 """The same of each family where the residuals are larger than the noise, so that there is a discrepancy
 (assumed)."""
+AT_ONCE = 8192
+"""Poses whose columns are held in memory twice."""
 UNSEEN = 2.0
 """Factor from variances that residuals show to those stated: the fit absorbs a part of the smooth functions
 (tuned on halves of six sessions of real arms)."""
@@ -48,13 +50,14 @@ def variances(
     out = np.zeros(count)
     if not count or dof <= 0:
         return out
-    nu = len(e) / dof
-    score = np.zeros((int(pose.max()) + 1, h.shape[1]))
-    np.add.at(score, pose, h * e[:, None])
-    products = nu * score.T @ score
+    nu, products, score = len(e) / dof, np.zeros((h.shape[1],) * 2), np.zeros(h.shape[1])
+    for at in of_equal_size(pose):
+        own = np.sum(h[at] * e[at][..., None], axis=1)  # of each pose
+        products += nu * own.T @ own
+        score += np.sum(own, axis=0)
     expected = (h.T @ h) ** 2 - within_poses(h, pose)
     member = (family == np.arange(count)[:, None]).astype(float)  # (F, K)
-    total, noise = member @ np.sum(score, axis=0) ** 2, member @ np.diag(products)
+    total, noise = member @ score**2, member @ np.diag(products)
     # under noise a weighted sum of chi-squares (Satterthwaite 1946), with the spread of the scores over poses
     square = np.maximum(np.diag(member @ products**2 @ member.T), np.finfo(float).tiny)
     p = chi2_sf(total * noise / square, noise**2 / square)
@@ -91,8 +94,10 @@ def within_poses(h: np.ndarray, pose: np.ndarray) -> np.ndarray:
 
 
 def of_equal_size(pose: np.ndarray) -> Iterator[np.ndarray]:
-    """Residuals (poses, k) of all poses of k residuals, for every k that occurs."""
+    """Residuals (poses, k) of all poses of k residuals, for every k that occurs; at most `AT_ONCE` poses."""
     order, size = np.argsort(pose, kind="stable"), np.bincount(pose)
     first = np.cumsum(size) - size
     for k in np.unique(size):
-        yield order[first[size == k][:, None] + np.arange(k)]
+        begin = first[size == k][:, None]
+        for start in range(0, len(begin), AT_ONCE):
+            yield order[begin[start : start + AT_ONCE] + np.arange(k)]

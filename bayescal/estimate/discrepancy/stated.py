@@ -24,7 +24,7 @@ from bayescal.effects import Parameter
 from bayescal.estimate.clusters import poses
 from bayescal.estimate.discrepancy.families import Family, families
 from bayescal.estimate.discrepancy.poses import complement, scatter_factor
-from bayescal.estimate.discrepancy.size import CHANCE, LIKELY, UNSEEN, degrees_of_freedom, variances
+from bayescal.estimate.discrepancy.size import AT_ONCE, CHANCE, LIKELY, UNSEEN, degrees_of_freedom, variances
 from bayescal.estimate.estimate import Estimate
 from bayescal.estimate.linear import linearise, root
 from bayescal.estimate.unexplained import Unexplained, unexplained
@@ -136,10 +136,13 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     c = fitted.covariance
     by = j @ c
     a = by.T @ g
-    h = g - j @ a
+    for start in range(0, len(g), AT_ONCE):
+        part = slice(start, start + AT_ONCE)
+        g[part] -= j[part] @ a
+    h = g  # in place: of a large session the columns are the largest array
     level = LIKELY if unexplained(fitted).excess else CHANCE / max(len(functions), 1)
     shown = variances(h, e, pose, family, len(e) - float(np.sum(by * j)), level)
-    explained = float(np.mean(h**2 @ shown[family])) if len(family) else 0.0
+    explained = float(np.einsum("rk,rk->k", h, h) @ shown[family]) / len(h) if len(family) else 0.0
     white = 1.0 - min(explained, 1.0 - LEAST_WHITE)
     size = UNSEEN * shown
     kept = np.flatnonzero(size[family] > 0)
@@ -197,9 +200,11 @@ def _linearised(
     linear = linearise(wide, z, fitted.weights)
     rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in model.blocks])
     used = np.concatenate([np.tile(fitted.weights.row[b.name], b.kind.rows) for b in model.blocks]) > 0
-    at = np.flatnonzero(used)
-    jacobian = linear.jacobian[at]
-    return jacobian[:, own], jacobian[:, extra], linear.residual[at], rows[at]
+    jacobian, residual = linear.jacobian[: len(used)], linear.residual[: len(used)]
+    jacobian = jacobian if np.all(used) else jacobian[used]
+    first = model.slices[ARM].stop
+    columns = jacobian[:, first : first + len(extra)]  # a view
+    return jacobian[:, own], columns, residual[used], rows[used]
 
 
 def _with(model: Model, further: Sequence[Parameter]) -> tuple[Model, np.ndarray, np.ndarray]:

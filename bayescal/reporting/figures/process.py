@@ -13,10 +13,11 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Thread
+from typing import TYPE_CHECKING
 
-from bayescal.reporting.figures.figures import Json
-from bayescal.reporting.figures.output import figures_of
-from bayescal.reporting.figures.posterior import Draws
+if TYPE_CHECKING:
+    from bayescal.reporting.figures.figures import Json
+    from bayescal.reporting.figures.posterior import Draws
 
 Figures = dict[str, bytes]
 """Names of PNG files and their content."""
@@ -44,6 +45,14 @@ def drawing_beside(wanted: bool = True) -> Iterator[None]:
             _waiting.remove(started)
             started.communicate()
         started.wait()
+
+
+def figures_of(record: Json, draws: Draws | None = None) -> Figures:
+    """The figures of a record, drawn by this process."""
+    # imported here: a second process is started before all slow imports
+    from bayescal.reporting.figures import output
+
+    return output.figures_of(record, draws)
 
 
 def begun(record: Json, draws: Draws | None = None) -> Callable[[], Figures]:

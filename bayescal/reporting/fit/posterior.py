@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayescal import __version__
-from bayescal.calibration import VALIDATION_DRAWS, Fit
+from bayescal.calibration import Fit, predicted_draws
 from bayescal.model import Model
 from bayescal.model.length_blocks import noise_groups
 from bayescal.posterior import Pointwise, pointwise, prior_draws
@@ -41,7 +41,7 @@ def fit_draws(fit: Fit) -> Record:
     m, ids = scene.dataset.measurements, np.array(scene.dataset.measurements.ids)
     names = [variable(name) for name in model.names]
     judged = _pointwise(fit)
-    each = min(len(judged.replicated), VALIDATION_DRAWS) // len(draws.z)
+    each = min(len(judged.replicated), predicted_draws(fit.dataset)) // len(draws.z)
     predictive, observed, coords = _predictions(fit, each)
     predictive["residual_um"] = (("contact",), _some(fit, UM * judged.replicated, each))
     observed["residual_um"] = (("contact",), UM * judged.observed)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import bayescal.estimate.discrepancy.size as size_module
 from bayescal.estimate.discrepancy.size import variances, within_poses
 
 ROWS, FIRST, SECOND = 600, 12, 8
@@ -52,3 +53,13 @@ def test_products_within_poses_of_any_size_are_summed():
     pose = np.unique(pose, return_inverse=True)[1]
     by_hand = sum((h[pose == p].T @ h[pose == p]) ** 2 for p in np.unique(pose))
     np.testing.assert_allclose(within_poses(h, pose), by_hand)
+
+
+@pytest.mark.parametrize("at_once", [1, 7])
+def test_poses_in_parts_give_the_same_variances(at_once, monkeypatch):
+    pose = np.unique(np.random.default_rng(2).integers(0, 300, ROWS), return_inverse=True)[1]
+    given = (*problem(0, [0.5, 0.2], pose=pose), FAMILY, ROWS - 20, 0.025)
+    whole = variances(*given)
+    assert np.all(whole > 0)
+    monkeypatch.setattr(size_module, "AT_ONCE", at_once)
+    np.testing.assert_allclose(variances(*given), whole, rtol=1e-9)
