@@ -78,7 +78,7 @@ def test_fit_locates_it_too(example):
     certificates = tuple(c for c in d.certificates if c.kind != "diameter")
     scene = Scene(replace(d, targets=targets, certificates=certificates))
     z = np.tile(example.z, (2, 1))
-    scale = np.full(2, example.weights.scale["contact"])
+    scale = np.full((2, 1), example.weights.scale["contact"])
     found = validate(replace(example, model=replace(example.model, scene=scene)), z, scale)
     assert found.maximum_distance_error < 50e-6
 
