@@ -23,11 +23,13 @@ from fuzz_mutations import PLAUSIBLE, STRUCTURE, Files, damaged, pick
 from fuzz_seeds import datasets, logs, runs
 
 SECONDS, WAITING = 10, 100
-"""Of processor time, and in all, after which a command hangs: a busy machine is slow, a pipe takes no time."""
+"""s of processor time, and in all, after which a command hangs: a busy machine is slow, a pipe needs none."""
 LONGEST = 400
 """Characters of a message."""
 ABSURD = 100.0
 """Times the residuals of the seed from which on a fit must say something."""
+SMALL = 5.0
+"""µm, of residuals that are compared: those of a seed may be zero."""
 FIT = ("fit", "--samples", "0", "--no-pictures")
 CHECKED = ("tiny",)
 """Seeds with too few rows for a fit."""
@@ -194,7 +196,7 @@ def judged(ran: Ran, out: Path, folder: Path) -> tuple[str, str]:
         return "FAIL", f"message of {len(text)} characters: {text[:60]}"
     if not re.search(r"\.\w+|[`'(]|--", text):
         return "FAIL", f"names no place: {text[:80]}"
-    if re.search(r"\bnan\b|\binf\b", text) and "finite" not in text and "not a number" not in text:
+    if re.search(r"(?<![`'])\b(nan|inf)\b", text) and "finite" not in text and "not a number" not in text:
         return "FAIL", f"a number that is not finite: {text[:80]}"
     if any(p.name not in ("here",) for p in out.iterdir()):
         return "FAIL", f"a refused command wrote {sorted(p.name for p in out.iterdir())[0]}"
@@ -244,7 +246,7 @@ def _said(folder: Path) -> tuple[float, set[str]]:
     record = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
     rows = [r for r in record["residuals"] if r["rms_um"] is not None]
     total = sum(r["count"] * r["rms_um"] ** 2 for r in rows) / max(1, sum(r["count"] for r in rows))
-    return math.sqrt(total), {f["code"] for f in record["findings"] if f["severity"] != "note"}
+    return max(math.sqrt(total), SMALL), {f["code"] for f in record["findings"] if f["severity"] != "note"}
 
 
 def as_json(verdict: Verdict, number: int) -> str:
