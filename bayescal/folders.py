@@ -20,7 +20,7 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -110,6 +110,24 @@ def claimed(folder: Path, marker: str) -> Iterator[Path]:
     with alone(folder):
         check_free(folder, marker)
         yield folder
+
+
+def check_unchanged(folder: Path, names: Iterable[str]) -> None:
+    """Refuse files of a run folder, or files below its folders, that are not as they were written.
+
+    Without the list of written files (a part of a run folder was copied) nothing is refused.
+
+    Raises
+    ------
+    BayescalError
+        With the first file that was changed or removed.
+    """
+    written = _written(folder)
+    for name in names:
+        for file, digest in written.items():
+            if (file == name or file.startswith(f"{name}/")) and _sha256(folder / file) != digest:
+                what = f"{file} was changed or removed after the run had written it"
+                raise BayescalError(what, str(folder), "repeat the command that wrote the folder")
 
 
 def _written(folder: Path) -> dict[str, str]:

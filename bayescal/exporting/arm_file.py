@@ -22,6 +22,7 @@ from bayescal.errors import BayescalError
 from bayescal.exporting.fitted import FittedArm, Origin
 from bayescal.exporting.rows import SETTLED
 from bayescal.files import json_text
+from bayescal.folders import check_unchanged
 from bayescal.model import Model, equilibrium, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.reading import read_record
@@ -107,7 +108,7 @@ def read_arm(folder: Path) -> FittedArm:
     Raises
     ------
     BayescalError
-        If the folder has no arm, or an incomplete one.
+        If the folder has no arm, an incomplete one, or one that was changed after it was written.
     """
     path = folder / ARM_FILE
     repeat = "repeat bayescal fit or gap with this version"
@@ -116,6 +117,7 @@ def read_arm(folder: Path) -> FittedArm:
             f"there is no {ARM_FILE}", str(folder), f"give a run folder of fit or gap, or {repeat}"
         )
     record = read_record(path, SCHEMA, repeat)
+    check_unchanged(folder, (ARM_FILE, COPY))
     try:
         return _arm(record, folder)
     except KeyError as error:

@@ -117,6 +117,10 @@ def test_a_folder_that_was_changed_is_refused(run, tmp_path, command):
     (other / "arm.json").write_text(json.dumps(record))
     code, _, errors = command("budget", other, "--parameter", "a2")
     assert code == 1
+    assert "arm.json was changed or removed after the run had written it" in errors
+    (other / ".bayescal-files.json").unlink()
+    code, _, errors = command("budget", other, "--parameter", "a2")
+    assert code == 1
     assert "times that of arm.json" in errors
 
 

@@ -196,7 +196,11 @@ def judged(ran: Ran, out: Path, folder: Path) -> tuple[str, str]:
         return "FAIL", f"message of {len(text)} characters: {text[:60]}"
     if not re.search(r"\.\w+|[`'(]|--", text):
         return "FAIL", f"names no place: {text[:80]}"
-    if re.search(r"(?<![`'])\b(nan|inf)\b", text) and "finite" not in text and "not a number" not in text:
+    if (
+        re.search(r"\b(nan|inf)\b", re.sub(r"([`']).*?\1", "", text))
+        and "finite" not in text
+        and "not a number" not in text
+    ):
         return "FAIL", f"a number that is not finite: {text[:80]}"
     if any(p.name not in ("here",) for p in out.iterdir()):
         return "FAIL", f"a refused command wrote {sorted(p.name for p in out.iterdir())[0]}"
