@@ -20,7 +20,7 @@ from threading import get_ident
 
 from bayescal.errors import BayescalError
 
-PART, ASIDE, LOCK = "part", "old", "bayescal-lock"
+PART, ASIDE, LOCK, CHECKPOINT = "part", "old", "bayescal-lock", "bayescal-checkpoint"
 TOKEN = secrets.token_hex(4)
 """Random token of this process: process numbers are reused, for example in a container."""
 OTHER_OUT = "give another --out"
@@ -31,6 +31,12 @@ _HELD: dict[Path, int] = {}
 def beside(path: Path, kind: str) -> Path:
     """A hidden name beside an output; it contains the host and the process that uses it."""
     return path.with_name(f".{path.name}.{socket.gethostname()}.{os.getpid()}.{TOKEN}.{kind}")
+
+
+def checkpoint_of(path: Path) -> Path:
+    """Where the state of an interrupted run that writes an output is kept."""
+    path = path.resolve()
+    return path.with_name(f".{path.name}.{CHECKPOINT}")
 
 
 def leftovers(path: Path) -> list[tuple[Path, str]]:

@@ -30,6 +30,7 @@ from bayescal.model import check_asked, with_parameters
 from bayescal.model.parts import parts_of
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
+from bayescal.posterior.checkpoint import Checkpoint
 from bayescal.predict import Forecast, Validation, forecast, validate
 from bayescal.streams import spawned
 
@@ -99,6 +100,7 @@ def fit(
     progress: Callable[[str, float], None] = lambda stage, fraction: None,
     tolerance: float | None = None,
     without: Sequence[str] = (),
+    checkpoint: Checkpoint | None = None,
 ) -> Fit:
     """Calibrate an arm from a session.
 
@@ -123,6 +125,8 @@ def fit(
         m, of the error of a distance; conformance is decided by ISO 14253-1 (`assess.conformance`).
     without : sequence of str
         Parts of the effects that stay nominal: 'geometry at joint 4'; see `Part`.
+    checkpoint : Checkpoint, optional
+        Where the state of a long sampling is kept; an interrupted run continues.
 
     Raises
     ------
@@ -165,7 +169,13 @@ def fit(
             if samples:
                 from bayescal.posterior.sample import sample
 
-                draws = sample(found, samples, of_sampler, lambda fraction: progress("sample", fraction))
+                draws = sample(
+                    found,
+                    samples,
+                    of_sampler,
+                    lambda fraction: progress("sample", fraction),
+                    checkpoint=checkpoint,
+                )
             else:
                 draws = gaussian(found, of_draws, VALIDATION_DRAWS)
             places = _places(draws, predicted_draws(dataset))

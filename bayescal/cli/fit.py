@@ -57,6 +57,7 @@ def fit(
     ] = False,
 ) -> None:
     """Calibrate an arm: its parameters with uncertainty, and the expected distance error in its workspace."""
+    from bayescal.beside import checkpoint_of
     from bayescal.public.functions import fit as run
     from bayescal.public.results import drawing_beside
 
@@ -78,9 +79,13 @@ def fit(
             without=without,
             allow_xacro=allow_xacro,
             progress=notify,
+            checkpoint=checkpoint_of(folder),
+            say=notify.say,
         )
         notify("write", 1.0)
         written = result.save(folder, pictures)
+        if samples:
+            checkpoint_of(folder).unlink(missing_ok=True)
     show(result.report(verbose), folder, written)
     if not result.data.draws.converged:
         what = f"the sampler did not converge: {result.data.draws.complaint}"

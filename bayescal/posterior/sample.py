@@ -14,6 +14,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
+from bayescal.posterior.checkpoint import Checkpoint, Values
 from bayescal.posterior.convergence import Convergence, convergence, split_rhat
 from bayescal.posterior.density import Density
 from bayescal.posterior.draws import CHAINS, Draws, scale_names
@@ -72,6 +73,7 @@ def sample(
     seed: int = 0,
     progress: Callable[[float], None] = lambda fraction: None,
     max_steps: int = MAX_STEPS,
+    checkpoint: Checkpoint | None = None,
 ) -> Draws:
     """Sample until every parameter and noise scale has `effective` effective draws, bulk and tails.
 
@@ -86,6 +88,8 @@ def sample(
         Called with the completed fraction.
     max_steps : int
         Steps of each ensemble after which the run is declared not converged.
+    checkpoint : Checkpoint, optional
+        Where the state of a long run is kept; an interrupted run continues.
 
     Returns
     -------
@@ -97,6 +101,21 @@ def sample(
             "the number of samples must be positive", "--samples", "0 stops at the Gaussian approximation"
         )
     density = Density(estimate)
+    if checkpoint is None:
+        return _sample(density, density, effective, seed, progress, max_steps)
+    with checkpoint.of(density, effective=effective, seed=seed, max_steps=max_steps) as values:
+        return _sample(density, values, effective, seed, progress, max_steps)
+
+
+def _sample(
+    density: Density,
+    values: Values,
+    effective: int,
+    seed: int,
+    progress: Callable[[float], None],
+    max_steps: int,
+) -> Draws:
+    """As `sample`; `values` are those of the density."""
     linearised = Linearised.of(density)
     walkers = 2 * (density.size + 1)
     moves = [(Independence(linearised), Evolution()) for _ in range(CHAINS)]
@@ -104,10 +123,10 @@ def sample(
     for pair, seeds in zip(moves, np.random.SeedSequence(seed).spawn(CHAINS), strict=True):
         rng = np.random.RandomState(np.random.MT19937(seeds))
         start = emcee.State(linearised.draw(walkers, rng, spread=2.0), random_state=rng.get_state())
-        states.append(_ensemble(density, walkers, pair, LEAST_SHARE, start).run_mcmc(start, BURN))
+        states.append(_ensemble(values, walkers, pair, LEAST_SHARE, start).run_mcmc(start, BURN))
     share = float(np.clip(np.mean([pair[0].rate for pair in moves]), LEAST_SHARE, LARGEST_SHARE))
     samplers = [
-        _ensemble(density, walkers, pair, share, state) for pair, state in zip(moves, states, strict=True)
+        _ensemble(values, walkers, pair, share, state) for pair, state in zip(moves, states, strict=True)
     ]
     for pair in moves:
         for move in pair:
@@ -133,7 +152,7 @@ def sample(
         growth = min(MARGIN / enough if enough < 1.0 else GROWTH, GROWTH)
         more = max(int(np.ceil((steps - first) * (growth - 1.0))), first - steps // 2, 1)
     lp = np.stack([s.get_log_prob(discard=first, thin=thin) for s in samplers])
-    names, size = (*estimate.model.names, *scale_names(density.groups)), density.model.size
+    names, size = (*density.model.names, *scale_names(density.groups)), density.model.size
     complaint = _complaint(names, found, drift, effective, steps, tau)
     acceptance = {
         "independence": float(np.mean([pair[0].rate for pair in moves])),
@@ -149,11 +168,12 @@ def sample(
 
 
 def _ensemble(
-    density: Density, walkers: int, moves: tuple[Independence, Evolution], share: float, state: emcee.State
+    values: Values, walkers: int, moves: tuple[Independence, Evolution], share: float, state: emcee.State
 ) -> emcee.EnsembleSampler:
     """A sampler that uses the first of two moves in `share` of its steps, with a given random state."""
     weighed = list(zip(moves, (share, 1.0 - share), strict=True))
-    sampler = emcee.EnsembleSampler(walkers, density.size, density, moves=weighed, vectorize=True)
+    sampler = emcee.EnsembleSampler(walkers, state.coords.shape[1], values, moves=weighed, vectorize=True)
+    sampler.log_prob_fn = values  # emcee's wrapper prints every exception, also that of a stop
     # the ensemble uses the generator of the sampler for its proposals: set its state too
     sampler._random.set_state(state.random_state)
     return sampler

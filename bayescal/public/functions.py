@@ -73,6 +73,8 @@ def fit(
     without: Sequence[str] | str = (),
     allow_xacro: bool = False,
     progress: Progress = silent,
+    checkpoint: str | PathLike[str] | None = None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> FitResult:
     """Calibrate an arm: its parameters with their uncertainty, and the error to expect.
 
@@ -103,6 +105,11 @@ def fit(
         As of `read_dataset`, where `dataset` is a path.
     progress : callable
         Called with the stage and its completed fraction.
+    checkpoint : path, optional
+        File for the state of a long sampling. If the run is interrupted, the same call continues it, with
+        the same draws. It may be removed when the result is saved.
+    say : callable
+        Called with a text, if a checkpoint is used or cannot be.
 
     Returns
     -------
@@ -126,11 +133,13 @@ def fit(
     """
     from bayescal.assess.agreement import agreement
     from bayescal.calibration import fit as run
+    from bayescal.posterior.checkpoint import Checkpoint
 
     effects, session = names(model), session_of(dataset, remounted, True, allow_xacro)
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
     options = (samples, seed, robust, prior_width, latent_joints, progress, tolerance, names(without))
-    found = run(session, effects, *options)
+    kept = None if checkpoint is None else Checkpoint(Path(checkpoint), say)
+    found = run(session, effects, *options, checkpoint=kept)
     if not session.sessions:
         return FitResult(found)
     progress("compare", 1.0)
