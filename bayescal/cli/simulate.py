@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,6 +13,7 @@ from bayescal.cli.root import app
 
 @app.command()
 def simulate(
+    context: typer.Context,
     out: Annotated[
         Path, typer.Option("--out", help="Folder to write; an earlier simulated session is replaced.")
     ],
@@ -38,9 +39,16 @@ def simulate(
         None, help="Seed of the arm, to simulate several sessions of the same arm [default: --seed]."
     ),
     name: str = typer.Option("", help="Name of the session [default: name of the folder]."),
+    setup: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Practice on a set-up of bayescal init: its robot, tools, targets and noise are simulated.",
+        ),
+    ] = None,
     allow_xacro: AllowXacro = False,
 ) -> None:
-    """Simulate a session on a cube and spheres; the ground truth is written to a separate file."""
+    """Simulate a session on a cube and spheres, or on a set-up; the ground truth is a separate file."""
     import math
 
     from bayescal.folders import claimed
@@ -48,25 +56,40 @@ def simulate(
     from bayescal.simulation.folder import TRUTH
 
     with claimed(out, TRUTH):
-        session = run(
-            robot,
-            effects,
-            seed=seed,
-            allow_xacro=allow_xacro,
-            name=name or out.resolve().name,
-            error_scale=error_scale,
-            contacts=contacts,
-            later=later,
-            repeats=repeats,
-            spheres=spheres,
-            placements=placements,
-            sphere_contacts=sphere_contacts,
-            noise=noise_um * 1e-6,
-            joint_noise=math.radians(joint_noise_deg),
-            outliers=outliers,
-            payload=payload,
-            arm_seed=arm_seed,
-        )
+        if setup is not None:
+            _check_given(context)
+        stated: dict[str, Any] = {
+            "name": name or out.resolve().name,
+            "error_scale": error_scale,
+            "contacts": contacts,
+            "later": later,
+            "repeats": repeats,
+            "arm_seed": arm_seed,
+        }
+        artefact: dict[str, Any] = {
+            "spheres": spheres,
+            "placements": placements,
+            "sphere_contacts": sphere_contacts,
+            "noise": noise_um * 1e-6,
+            "joint_noise": math.radians(joint_noise_deg),
+            "outliers": outliers,
+            "payload": payload,
+        }
+        options = stated | (artefact if setup is None else {})
+        session = run(robot, effects, seed=seed, allow_xacro=allow_xacro, setup=setup, **options)
         session.save(out)
     typer.echo(str(session))
     typer.echo(f"written to {out}")
+
+
+def _check_given(context: typer.Context) -> None:
+    """Refuse options that a set-up states itself."""
+    from bayescal.errors import BayescalError
+    from bayescal.public.functions import PRACTICE
+
+    applies = {*PRACTICE, "out", "effects", "seed", "setup", "allow_xacro"}
+    for name in context.params:
+        source = context.get_parameter_source(name)
+        if name not in applies and source is not None and source.name == "COMMANDLINE":
+            option = f"--{name.replace('_', '-')}"
+            raise BayescalError("a set-up states it itself", option, "change dataset.yaml, or omit --setup")

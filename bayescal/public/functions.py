@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, float], None]
 MODEL = ("geometry", "compliance")
+PRACTICE = ("name", "error_scale", "contacts", "later", "repeats", "arm_seed")
+"""Options of a simulated session of a set-up, beside the effects and the seed."""
 
 
 def silent(stage: str, fraction: float) -> None:
@@ -207,9 +209,10 @@ def simulate(
     *,
     seed: int = 0,
     allow_xacro: bool = False,
+    setup: str | PathLike[str] | None = None,
     **options: Any,
 ) -> SimulatedSession:
-    """Simulate a session on a cube and spheres, in memory.
+    """Simulate a session on a cube and spheres, or a practice session of a set-up, in memory.
 
     Parameters
     ----------
@@ -221,6 +224,10 @@ def simulate(
         The same seed gives the same session.
     allow_xacro : bool
         Expand a robot that is given as xacro, which can read files and run programs.
+    setup : path, optional
+        Folder of a set-up, as `init` writes it: its robot, tools, targets and noise are simulated, with
+        values that are not filled in as they stand. `PRACTICE` lists the options that apply; `robot` does
+        not.
     **options
         Any other field of `bayescal.simulation.Options`: `contacts` to calibrate with, `later` to validate,
         `spheres`, `noise` (m), `joint_noise` (rad), `payload` (kg), ...
@@ -252,6 +259,15 @@ def simulate(
     if unknown := [name for name in options if name not in known]:
         what = f"there is no option {', '.join(unknown)}"
         raise BayescalError(what, "simulate", f"known: {', '.join(known)}")
+    if setup is not None:
+        from bayescal.planning.practice import practice
+        from bayescal.planning.setup import read_setup
+
+        if excess := [name for name in options if name not in PRACTICE]:
+            what = f"a set-up states {', '.join(excess)} itself"
+            raise BayescalError(what, "simulate", f"options with a set-up: {', '.join(PRACTICE)}")
+        asked = Options(effects=names(effects), seed=seed, **options)
+        return SimulatedSession(practice(read_setup(Path(setup), allow_xacro), asked))
     asked = Options(robot=full_name(robot), effects=names(effects), seed=seed, **options)
     return SimulatedSession(run(asked, allow_xacro))
 

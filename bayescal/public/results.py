@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bayescal.dataset import Dataset
     from bayescal.gap.result import Gap
     from bayescal.methods import Comparison
+    from bayescal.planning.practice import Practice
     from bayescal.simulation import Simulation
 
 WIDTH = 100
@@ -184,7 +185,7 @@ class ComparisonResult:
 class SimulatedSession:
     """A simulated session. `data` is the complete result, in SI; `truth` is the content of truth.json."""
 
-    data: Simulation
+    data: Simulation | Practice
 
     @property
     def dataset(self) -> Dataset:

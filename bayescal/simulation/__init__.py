@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 
 from bayescal.dataset import Dataset
-from bayescal.effects import EFFECTS
-from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.robots import load_robot
 from bayescal.simulation.options import Options, stream
@@ -54,11 +52,6 @@ def simulate(options: Options, allow_xacro: bool = False) -> Simulation:
         For invalid options, or a workspace out of reach.
     """
     options.check()
-    for name in options.effects:
-        if (effect := plain(name)) not in EFFECTS:
-            raise BayescalError(
-                f"no effect is called '{effect}'", "--effects", f"known: {', '.join(EFFECTS)}"
-            )
     robot, _ = load_robot(options.robot, allow_xacro=allow_xacro)
     planned, scenery = plan(options, robot)
     targets = true_targets(options, scenery)

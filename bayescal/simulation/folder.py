@@ -5,15 +5,28 @@ from __future__ import annotations
 import json
 from collections import Counter
 from pathlib import Path
+from typing import Any, Protocol
 
+from bayescal.dataset import Dataset
 from bayescal.dataset.write import write_files
 from bayescal.folders import whole
-from bayescal.simulation import Simulation
 
 TRUTH = "truth.json"
 
 
-def write(simulation: Simulation, folder: Path) -> None:
+class Simulated(Protocol):
+    """A simulated session and its ground truth."""
+
+    @property
+    def dataset(self) -> Dataset:
+        """The session."""
+
+    @property
+    def truth(self) -> dict[str, Any]:
+        """The content of truth.json."""
+
+
+def write(simulation: Simulated, folder: Path) -> None:
     """Write dataset.yaml, measurements.csv, truth.json, and robot.yaml where the robot is not built in.
 
     Raises
@@ -27,7 +40,7 @@ def write(simulation: Simulation, folder: Path) -> None:
         (stage / TRUTH).write_text(text, encoding="utf-8", newline="")
 
 
-def summary(simulation: Simulation) -> str:
+def summary(simulation: Simulated) -> str:
     """A few lines: contacts per target and the maximum error of the nominal arm."""
     dataset, truth = simulation.dataset, simulation.truth
     rows = dataset.measurements
@@ -35,13 +48,14 @@ def summary(simulation: Simulation) -> str:
     counts = Counter(zip(names, rows.role, strict=True))
     lines = [f"{dataset.name}: {dataset.robot.name}, {', '.join(truth['effects']) or 'nominal'}"]
     for target in dataset.targets:
-        if target.kind == "plane":
+        if target.kind != "sphere":
             fitted, held = counts[target.name, "calibrate"], counts[target.name, "validate"]
             lines.append(f"  {target.name}: {fitted} contacts to calibrate, {held} to validate")
     balls = [t.name for t in dataset.targets if t.kind == "sphere"]
     if balls:
-        each = counts[balls[0], "validate"]
-        lines.append(f"  {len(balls)} spheres ({balls[0]} to {balls[-1]}): {each} contacts each")
+        each = [counts[name, "calibrate"] + counts[name, "validate"] for name in balls]
+        number = f"{min(each)}" if min(each) == max(each) else f"{min(each)} to {max(each)}"
+        lines.append(f"  {len(balls)} spheres ({balls[0]} to {balls[-1]}): {number} contacts each")
     if truth["distances"]:
         largest = truth["worst_distance_um"]["nominal"]
         lines.append(

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayescal.effects import EFFECTS
+from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 
 GROUP = 4  # contacts of a repeat group
@@ -67,6 +69,10 @@ class Options:
             value = getattr(self, option)
             if not (np.isfinite(value) and value >= 0):
                 raise BayescalError("a negative value makes no sense", flag(option), "give 0 or more")
+        for name in self.effects:
+            if (effect := plain(name)) not in EFFECTS:
+                what = f"no effect is called '{effect}'"
+                raise BayescalError(what, "--effects", f"known: {', '.join(EFFECTS)}")
         if self.seed_of_arm < 0:
             raise BayescalError("a negative value makes no sense", "--arm-seed", "give 0 or more")
         if not 0 <= self.outliers < 0.5:

@@ -48,6 +48,16 @@ def key_of(unit: str) -> tuple[str, float]:
     return ("value" if suffix in ("", "1") else f"value_{suffix}"), factor
 
 
+def parameters_record(options: Options, model: Model) -> list[dict[str, Any]]:
+    """True and nominal values of the parameters of the arm, units in the keys."""
+    arm = []
+    for p, deviation in zip(model.parameters, draws(options, model), strict=True):
+        key, factor = key_of(p.unit)
+        value, nominal = (p.nominal + deviation) * factor, p.nominal * factor
+        arm.append({"name": p.name, "effect": p.effect, key: value, key.replace("value", "nominal"): nominal})
+    return arm
+
+
 def document(
     options: Options,
     dataset: Dataset,
@@ -56,17 +66,6 @@ def document(
     gross: np.ndarray,
 ) -> dict[str, Any]:
     """The content of truth.json."""
-    arm = []
-    for p, deviation in zip(model.parameters, draws(options, model), strict=True):
-        key, factor = key_of(p.unit)
-        nominal = key.replace("value", "nominal")
-        item = {
-            "name": p.name,
-            "effect": p.effect,
-            key: (p.nominal + deviation) * factor,
-            nominal: p.nominal * factor,
-        }
-        arm.append(item)
     places = []
     for t in targets:
         place: dict[str, Any] = {"name": t.name, "kind": t.kind}
@@ -93,7 +92,7 @@ def document(
         "error_scale": options.error_scale,
         "noise": {"contact_um": 1e6 * options.noise, "joint_deg": float(np.degrees(options.joint_noise))},
         "outliers": [dataset.measurements.ids[i] for i in gross],
-        "parameters": arm,
+        "parameters": parameters_record(options, model),
         "targets": places,
         "distances": distances,
         "worst_distance_um": {"nominal": 1e6 * max(map(abs, errors.values()), default=0.0)},

@@ -7,8 +7,6 @@ from bayescal.files import FILL_IN
 from bayescal.starting.artefacts import ARTEFACTS
 from bayescal.starting.settings import Draft
 
-SIMULATED = {"cube", "spheres"}
-"""Artefacts of simulated sessions."""
 WARM = 40
 """min of motion before the first contact (assumed: joint temperatures of an arm settle in half an hour)."""
 
@@ -36,7 +34,7 @@ def readme_text(draft: Draft, folder: str) -> str:
         f"4. `bayescal check {folder}`: what is understood, what is missing, what looks wrong.",
         f"5. `bayescal fit {folder}` and `bayescal gap {folder}`.",
         "",
-        *_practice(draft),
+        *_practice(draft, folder),
         "## Before the first contact",
         "",
         f"- Fasten robot, artefact and tool. Move all joints for {WARM} minutes: a cold arm drifts.",
@@ -75,13 +73,13 @@ def readme_text(draft: Draft, folder: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _practice(draft: Draft) -> list[str]:
-    """How to practise on a simulated session of the same robot and artefact."""
-    if not draft.placed or not set(draft.outlines) <= SIMULATED:
+def _practice(draft: Draft, folder: str) -> list[str]:
+    """How to practise on a simulated session of the set-up."""
+    if not draft.placed:
         return []
     return [
-        f"To practise first: `bayescal simulate --robot {draft.robot} --out practice` simulates a session on",
-        "a cube and spheres at these places. `check`, `fit` and `gap` read its folder as they read yours.",
+        f"To practise first: `bayescal simulate --setup {folder} --out practice` simulates a session of this",
+        "set-up, also before all values are filled in. `check`, `fit` and `gap` read its folder as yours.",
         "",
     ]
 
