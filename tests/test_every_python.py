@@ -77,7 +77,15 @@ def test_each_version_is_tested_and_the_missing_are_said(monkeypatch, capsys, co
 
 def test_make_hands_on_python_environment_and_tests():
     """What `make test` would run, of another Python in an environment of its own."""
-    command = ["make", "--dry-run", "test", "VENV=.venv-none", "PYTHON=python9", "TESTS=tests/robots -k urdf"]
+    command = [
+        "make",
+        "--no-print-directory",
+        "--dry-run",
+        "test",
+        "VENV=.venv-none",
+        "PYTHON=python9",
+        "TESTS=tests/robots -k urdf",
+    ]
     environment = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "TESTS")}
     said = subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True
