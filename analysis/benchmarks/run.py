@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,9 @@ from threadpoolctl import threadpool_limits
 from analysis.benchmarks import (
     effective,
     gap_speed,
+    growth,
     kernel_speed,
+    page,
     peer_emcee,
     peer_pybotics,
     peer_scipy,
@@ -70,15 +74,16 @@ def _solver(given: problem.Problem, python: Path) -> list[Row]:
 def _sampler(given: problem.Problem) -> tuple[list[Row], list[Row]]:
     """The ratios, and those that only explain them."""
     density = Density(given.estimate)
-    turns = {"ours": peer_emcee.ours(density), "stretch": peer_emcee.stretch(density)}
+    begin = {"ours": partial(peer_emcee.ours, density), "stretch": partial(peer_emcee.stretch, density)}
     if importlib.util.find_spec("numpyro"):
         from analysis.benchmarks import peer_numpyro
 
-        turns |= {
-            "nuts": peer_numpyro.nuts(given, density),
-            "nuts_given": peer_numpyro.nuts_given(given, density),
+        assert peer_numpyro.disagreement(given, density) < peer_numpyro.AGREEMENT, "not the same density"
+        begin |= {
+            "nuts": partial(peer_numpyro.nuts, given, density),
+            "nuts_given": partial(peer_numpyro.nuts_given, given, density),
         }
-    speed = effective.race(turns)
+    speed = effective.race(begin)
 
     def said(name: str) -> str:
         s = speed[name]
@@ -90,15 +95,36 @@ def _sampler(given: problem.Problem) -> tuple[list[Row], list[Row]]:
         value = speed["ours"].per_second / speed[name].per_second
         return ratio, value, f"{said('ours')} against {said(name)}{note}"
 
+    def whole(ratio: str, name: str) -> Row:
+        if name not in speed:
+            return ratio, None, "NumPyro is not installed"
+        ours, theirs = speed["ours"], speed[name]
+        said = f"{ours.whole:.2f} s, of which {ours.ready:.2f} before the first draw"
+        return ratio, theirs.whole / ours.whole, f"{said}, against {theirs.whole:.1f}, {theirs.ready:.1f}"
+
     rows = [
         row("ess_vs_stretch", "stretch"),
+        whole("time_to_5000_vs_stretch", "stretch"),
+        whole("time_to_5000_vs_numpyro_nuts", "nuts"),
         row("ess_vs_numpyro_nuts", "nuts", ", dense mass of its own warm-up, parameters over posterior sd"),
     ]
     return rows, [row("ess_vs_numpyro_nuts_given", "nuts_given", ", our linearised covariance as its mass")]
 
 
-def measure(folder: Path, python: Path) -> tuple[dict[str, Any], list[Row]]:
-    """The contents of `bench.json` and the rows of the table; `python` has pybotics 3."""
+def measure(
+    folder: Path, python: Path, sizes: Sequence[int] = growth.CONTACTS
+) -> tuple[dict[str, Any], list[Row]]:
+    """The contents of `bench.json` and the rows of the table.
+
+    Parameters
+    ----------
+    folder : Path
+        The dataset of all ratios.
+    python : Path
+        A Python with pybotics 3.
+    sizes : sequence of int
+        Contacts of the sessions on which growth is measured.
+    """
     given = problem.load(folder)
     rows = [*_kernel(given), *_solver(given, python)]
     samplers, aside = _sampler(given)
@@ -119,6 +145,15 @@ def measure(folder: Path, python: Path) -> tuple[dict[str, Any], list[Row]]:
         | {name: said if value is None else f"{value:.3g}: {said}" for name, value, said in aside},
     }
     rows += aside
+    costs = growth.measure(sizes)
+    record["growth"] = growth.record(costs)
+    for c in costs:
+        name = f"{c.command}, {c.contacts} contacts, CPU s"
+        rows.append((name, c.cpu_s if c.done else None, f"{c.peak_mb:.0f} MB at most"))
+    rows += [
+        (f"growth of {name}", value, f"exponent of CPU time from {growth.LEAST} contacts on")
+        for name, value in growth.exponents(costs).items()
+    ]
     rows.append(("fit_whole_process, s", fit, "second run of the whole command, 5000 samples"))
     rows.append(("gap_whole_process, s", gap, "second run of the whole command, pictures too"))
     rows.append(("gap_compute, s", g["compute_s"], f"{g['contacts']:.0f} contacts, after imports"))
@@ -131,12 +166,15 @@ def main() -> None:
     parser.add_argument("--dataset", type=Path, default=TOP / DATASET)
     parser.add_argument("--out", type=Path, default=TOP / "bench.json")
     parser.add_argument("--pybotics", type=Path, default=peer_pybotics.PYTHON, help="Python with pybotics 3")
+    parser.add_argument("--sizes", type=int, nargs="*", default=growth.CONTACTS, help="Contacts, for growth")
+    parser.add_argument("--page", type=Path, default=TOP / "docs/benchmarks.md", help="The page to update")
     given = parser.parse_args()
     with threadpool_limits(1):
-        record, rows = measure(given.dataset, given.pybotics)
+        record, rows = measure(given.dataset, given.pybotics, given.sizes)
     title = f"{record['contacts']} contacts, {record['parameters']} parameters, one core"
     table = Table("ratio", "value", "raw numbers", title=title)
     for name, value, said in rows:
         table.add_row(name, "-" if value is None else f"{value:.3g}", said)
     Console(width=150).print(table)
     given.out.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    page.update(given.page, record)

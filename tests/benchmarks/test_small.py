@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from analysis.benchmarks import effective, flops, peer_pybotics, peer_scipy, problem
+from analysis.benchmarks import effective, flops, growth, page, peer_pybotics, peer_scipy, problem
 from bayescal.arm.chain import Chain
 from bayescal.arm.motion import Motion, Term
 from bayescal.estimate import linearise, solve
@@ -65,7 +66,7 @@ def test_scipy_finds_our_optimum(small):
 
 def test_race_knows_independent_draws():
     rng = np.random.default_rng(0)
-    speed = effective.race({"white": lambda: rng.normal(size=(400, 20, 3))}, rounds=3)["white"]
+    speed = effective.race({"white": lambda: lambda: rng.normal(size=(400, 20, 3))}, rounds=3)["white"]
     assert speed.draws == 24_000
     assert 0.9 < speed.tau < 1.1
 
@@ -75,9 +76,45 @@ def test_race_does_not_mind_thinning():
     walk = np.zeros((8000, 20, 1))
     for k in range(1, len(walk)):
         walk[k] = 0.98 * walk[k - 1] + rng.normal(size=(20, 1))  # autocorrelation time 99
-    all_, some = (effective.race({"": lambda t=t: walk[::t]}, rounds=1)[""] for t in (1, 10))
+    all_, some = (effective.race({"": lambda t=t: lambda: walk[::t]}, rounds=1)[""] for t in (1, 10))
     assert all_.taus == pytest.approx(some.taus, rel=0.05)
     assert all_.draws / all_.tau == pytest.approx(some.draws / some.tau, rel=0.05)
+
+
+def test_the_time_before_the_first_draw_counts():
+    rng = np.random.default_rng(0)
+
+    def slow():
+        time.sleep(0.2)
+        return lambda: rng.normal(size=(400, 20, 3))
+
+    speed = effective.race({"slow": slow}, rounds=2)["slow"]
+    assert 0.2 <= speed.ready < 0.4
+    assert speed.whole == pytest.approx(speed.ready + 5000 / speed.per_second)
+
+
+def test_the_page_has_what_was_measured(tmp_path):
+    path = tmp_path / "page.md"
+    path.write_text(f"before\n{page.BEGIN}\nold\n{page.END}\nafter\n")
+    cost = growth.Cost("fit", 10_000, 20.0, 15.1234, 900.4, True)
+    record = {
+        "contacts": 500,
+        "parameters": 38,
+        "ratios": {"a": 12.345, "b": None},
+        "raw": {"a": "x", "b": "y"},
+    }
+    page.update(path, record | {"seconds": {"c": 4.0}, "growth": growth.record([cost])})
+    text = path.read_text()
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    assert "old" not in text
+    for line in (
+        "| `a` | 12.3 | x |",
+        "| `b` | - | y |",
+        "| `c`, s | 4 |  |",
+        "| fit | 10,000 | 15.1 | 20 | 900 |",
+    ):
+        assert line in text
 
 
 def test_moves_sample_the_posterior(small):
