@@ -72,7 +72,12 @@ def _refused(dataset: Dataset, table: Table, document: Document) -> Iterator[Fin
 
 
 def _code(error: BayescalError) -> str:
-    words = {"limits are": "limits", "look like": "units", "impossible": "impossible_row"}
+    words = {
+        "certified": "certified_length",
+        "limits are": "limits",
+        "look like": "units",
+        "impossible": "impossible_row",
+    }
     return next((code for word, code in words.items() if word in error.what), "misplaced_target")
 
 
@@ -101,7 +106,7 @@ def _lengths(dataset: Dataset, document: Document) -> Iterator[Finding]:
             what = f"`{key}` of {names} is {1e3 * c.u_distance:g}: certificates state micrometres"
             where = document.where(("certificates", k))
             yield Finding("coarse_certificate", "odd", what, where, "is it in µm? write it in mm, at k = 1")
-    for found in contradictions(dataset):
+    for found in (c for c in contradictions(dataset) if not c.impossible):
         where = document.where(("certificates", found.certificate))
         yield Finding("certified_length", "odd", found.what, where, found.remedy)
 

@@ -310,6 +310,7 @@ PLAUSIBLE: dict[str, Callable[[Files], Files]] = {
     "certificate x 25.4": _yaml("distance_mm", 25.4),
     "certificate x 1000": _yaml("distance_mm", 1e3),
     "certificate in m": _yaml("distance_mm", 1e-3),
+    "certificate 15 % off": _yaml("distance_mm", 1.15),
     "certificate 1 % off": _yaml("distance_mm", 1.01),
     "u of certificate in um": _yaml("u_distance_mm", 1e3),
     "u of certificate in m": _yaml("u_distance_mm", 1e-3),

@@ -1,11 +1,18 @@
 """A small run of the fuzzer (`make fuzz` makes 10,000 cases), and classes that once failed."""
 
 import json
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from fuzz_cases import FIT, case, run
 from fuzz_mutations import PLAUSIBLE
 from fuzz_seeds import datasets
+
+from bayescal.dataset import read_dataset
+from bayescal.dataset.checks.certified import contradictions
+from bayescal.errors import BayescalError
+from bayescal.estimate import check_converged
 
 SEED = 0
 CASES = 60
@@ -43,7 +50,11 @@ def test_two_noise_groups_are_recorded(tmp_path):
 
 @pytest.mark.parametrize(
     ("change", "words"),
-    [("certificate x 25.4", "converted once too often"), ("certificate x 1000", "looks like µm")],
+    [
+        ("certificate x 25.4", "apart, as the rows on them are; the value was converted once too often"),
+        ("certificate x 1000", "apart, as the rows on them are; the certified value looks like µm"),
+        ("certificate in inches", "apart, as the rows on them are; the certified value looks like inches"),
+    ],
 )
 def test_a_fit_names_a_certified_length_that_contradicts_the_places(tmp_path, change, words):
     for file, content in PLAUSIBLE[change](datasets()["cube"]).items():
@@ -54,6 +65,25 @@ def test_a_fit_names_a_certified_length_that_contradicts_the_places(tmp_path, ch
     assert "certified" in said
     assert words in said
     assert "nan" not in said
+
+
+def test_a_smaller_contradiction_is_stated_by_the_fit(tmp_path):
+    """15 % of 228.6 mm: the session is fitted, and a fit that does not converge names the certificate."""
+    for file, content in PLAUSIBLE["certificate 15 % off"](datasets()["cube"]).items():
+        (tmp_path / file).write_bytes(content)
+    found = [c for c in contradictions(read_dataset(tmp_path)) if "cube.+y" in c.what]
+    assert [(c.impossible, "certified 262.89 mm, nominally 228.6 mm" in c.what) for c in found] == [
+        (False, True)
+    ]
+    linear = SimpleNamespace(jacobian=np.eye(2), residual=np.ones(2))
+    for covariance, words in (
+        (np.eye(2), "1 standard deviations short"),
+        (np.full((2, 2), np.nan), "without a"),
+    ):
+        with pytest.raises(BayescalError, match=words) as caught:
+            check_converged(linear, covariance, np.zeros(2), [found[0].what])
+        assert "certified 262.89 mm" in caught.value.remedy
+        assert "nan" not in str(caught.value)
 
 
 def test_every_plausible_change_changes_a_seed():

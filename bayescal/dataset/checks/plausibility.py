@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.arm.robot import Robot
+from bayescal.dataset.checks.certified import contradictions
 from bayescal.dataset.checks.misfit import OFF, contacts, nominal, seen
 from bayescal.dataset.checks.units import suspicion
 from bayescal.dataset.contacts import Contacts, residual, settled
@@ -77,6 +78,10 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
             away = settled(mine)
         if (found := _impossible(target, away, limit[at], at, table, document)) is not None:
             yield found
+    for wrong in contradictions(dataset):
+        if wrong.impossible:
+            where = document.where(("certificates", wrong.certificate))
+            yield BayescalError(f"{wrong.what}, as the rows on them are", where, wrong.remedy)
 
 
 def _beyond_limits(robot: Robot, readings: np.ndarray, table: Table) -> tuple[BayescalError | None, bool]:
