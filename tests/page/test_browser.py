@@ -118,6 +118,8 @@ def test_fits_the_width(opened, width):
 def test_the_arm_responds(opened, record):
     page = opened("plain", 1280)
     drawn(page, "arm")
+    times = page.evaluate("Object.assign({}, document.documentElement.dataset)")
+    assert int(times["ready"]) < int(times["library"])  # a page to be read does not wait for plotly.js
     camera = "JSON.stringify(document.getElementById('scene-plot')._fullLayout.scene._scene.getCamera())"
     before = page.evaluate(camera)
     box = page.locator("#scene-plot").bounding_box()

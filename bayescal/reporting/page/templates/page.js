@@ -158,13 +158,25 @@
     return draw();
   }
 
-  async function start() {
+  // The library takes seconds to inflate and to run: it is loaded once, for the first figure that comes near,
+  // and after the page with its still drawings has been painted.
+  let library = null;
+  function loaded() {
+    library ??= painted().then(() => inflated("plotly")).then((source) => {
+      const script = document.createElement("script");
+      script.textContent = source; // permitted by its hash in the policy of the page
+      document.head.append(script);
+      if (typeof Plotly === "undefined") throw new Error("plotly.js is not permitted");
+      document.documentElement.dataset.library = String(Math.round(performance.now() - started));
+    });
+    return library;
+  }
+
+  const painted = () => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 0)));
+
+  // Ready: the page can be read, and every figure is drawn as soon as it comes near.
+  function start() {
     if (typeof DecompressionStream === "undefined" || !count) return;
-    const source = await inflated("plotly");
-    const script = document.createElement("script");
-    script.textContent = source; // permitted by its hash in the policy of the page
-    document.head.append(script);
-    if (typeof Plotly === "undefined") return;
     const near = new IntersectionObserver((entries) => {
       for (const entry of entries.filter((e) => e.isIntersecting)) {
         near.unobserve(entry.target);
@@ -180,10 +192,12 @@
 
   // A figure is drawn when its section comes near: what is not looked at costs nothing.
   async function show(figure, section) {
-    const begun = performance.now();
+    let begun = performance.now();
     const holder = section.querySelector(".interactive"), still = section.querySelector(":scope > .static");
-    holder.hidden = false;
     try {
+      await loaded();
+      begun = performance.now();
+      holder.hidden = false;
       await figure();
       if (still) still.hidden = true;
       section.dataset.drawn = String(Math.round(performance.now() - begun));
