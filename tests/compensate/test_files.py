@@ -149,7 +149,7 @@ def test_files_that_are_no_targets(arm, tmp_path):
     ):
         with pytest.raises(BayescalError, match=message):
             compensate_file(arm, table(tmp_path / name, text))
-    with pytest.raises(BayescalError, match="cannot be read: No such file"):
+    with pytest.raises(BayescalError, match="no such file"):
         compensate_file(arm, tmp_path / "none.csv")
     with pytest.raises(BayescalError, match="there is no format 'x'"):
         compensate_file(arm, table(tmp_path / "t.csv", POSES + ROWS), format_="x")

@@ -111,5 +111,5 @@ def test_other_files_are_refused(tmp_path, text: str, match: str) -> None:
     (tmp_path / "gap.json").write_text(text)
     with pytest.raises(BayescalError, match=match):
         continuation(SimpleNamespace(name="session", sha256="a"), tmp_path)
-    with pytest.raises(BayescalError, match="No such file"):
+    with pytest.raises(BayescalError, match="no such file"):
         continuation(SimpleNamespace(name="session", sha256="a"), tmp_path / "absent.json")

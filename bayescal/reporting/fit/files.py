@@ -70,8 +70,8 @@ def write_fit(
         (stage / BUDGET).write_text(json_text(budget_record(budgets, fit.basis, fit.seed)), encoding="utf-8")
         (stage / BUDGET_CSV).write_text(budget_csv(budgets), encoding="utf-8")
         write_arm(of_fit(fit), stage)
-        write_page(stage, folder)
         for name, content in drawn().items():
             (stage / name).write_bytes(content)
             names.append(name)
+        write_page(stage, folder)  # with the figures
     return tuple(names)

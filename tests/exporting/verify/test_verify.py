@@ -204,7 +204,7 @@ def test_an_edited_sidecar_is_refused_in_one_line(run, urdf, tmp_path, edit):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("{", "cannot be read"), ("[]", "incomplete"), ('{"shrinkage": {"planes": {"a": 1}}}', "before_rms_um")],
+    [("{", "invalid JSON"), ("[]", "incomplete"), ('{"shrinkage": {"planes": {"a": 1}}}', "before_rms_um")],
 )
 def test_a_broken_record_of_the_run_is_one_line(run, urdf, tmp_path, text, message):
     folder = tmp_path / "run"
