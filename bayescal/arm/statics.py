@@ -10,6 +10,9 @@ from bayescal.arm.chain import Chain, displaced, frames
 from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import cross
 
+AT_ONCE = 8192
+"""Rows whose poses are held in memory: those of a session would be its largest arrays."""
+
 
 @dataclass(frozen=True)
 class Stance:
@@ -105,6 +108,17 @@ def gravity_loads(
         Where the arm stands; default: nominal.
     """
     assert robot.masses is not None
+    if len(q) > AT_ONCE:
+        parts = []
+        for start in range(0, len(q), AT_ONCE):
+            rows = np.arange(start, min(start + AT_ONCE, len(q)))
+            there = None if stance is None else stance.at(rows)
+            parts.append(
+                gravity_loads(robot, chain, q[rows], gravity, load_mass[rows], load_centre[rows], there)
+            )
+        return Loads(
+            np.concatenate([part.moments for part in parts]), np.concatenate([part.weights for part in parts])
+        )
     n, delta = chain.n, None if stance is None else stance.delta
     pose = frames(chain, q, delta)
     moment, weight = np.empty((len(q), n + 1, 3)), np.empty((len(q), n + 1, 3))

@@ -64,6 +64,8 @@ def shared_causes(found: Estimate, seed: int = 0) -> tuple[SharedCause, ...]:
     checked, off = _validation_rows(found)
     rows = np.concatenate([fitted, checked])
     rejected = np.concatenate([np.isin(fitted, found.rejected), off])
+    if np.sum(rejected) < FEWEST:
+        return ()
     order = np.argsort(rows)
     return shared(groups_of(found.model.scene, rows[order]), rows[order], rejected[order], seed)
 

@@ -1,6 +1,7 @@
 """The uncertainty budget: its sum is what a fit states, and each contribution is what a refit shows."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -112,6 +113,18 @@ def measured(dataset, pair):
 def component(b, text):
     (found,) = [c for c in b.components if text in c.input.name]
     return found
+
+
+def test_a_large_session_is_summed_in_parts(fitted, monkeypatch):
+    of_volume = volume(fitted.basis)
+    whole = budget(fitted.basis, of_volume)
+    module = import_module("bayescal.assess.budget.budget")  # the package has a function of this name
+    monkeypatch.setattr(module, "MOST_VALUES", 7 * len(of_volume.by_z))
+    parts = budget(fitted.basis, of_volume)
+    assert parts.u == pytest.approx(whole.u, rel=1e-12)
+    for one, other in zip(whole.components, parts.components, strict=True):
+        assert other.contribution == pytest.approx(one.contribution, rel=1e-12)
+        assert dict(other.by_target) == pytest.approx(dict(one.by_target), rel=1e-12)
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayescal.arm import statics
 from bayescal.arm.chain import chain_of, link_angles
 from bayescal.arm.motion import CERTIFICATE, CONTACT
 from bayescal.arm.statics import gravity_loads
@@ -380,7 +381,7 @@ def test_material_that_stands_out_is_met_early(cube):
             assert not change.any()
 
 
-def test_payload_and_tool_weigh(cube):
+def test_payload_and_tool_weigh(cube, monkeypatch):
     """Moments grow by the payload's weight at the tool's centre of mass, in the rows that carry it."""
     dataset = cube(seed=1).dataset
     m = dataset.measurements
@@ -395,6 +396,9 @@ def test_payload_and_tool_weigh(cube):
     load = np.full(len(q), tool.mass)
     alone = gravity_loads(dataset.robot, chain, q, dataset.gravity, load, at).moments
     np.testing.assert_allclose(empty, alone, atol=1e-14)
+    monkeypatch.setattr(statics, "AT_ONCE", 7)
+    parts = gravity_loads(dataset.robot, chain, q, dataset.gravity, load, at).moments
+    np.testing.assert_array_equal(parts, alone)
     np.testing.assert_allclose(loaded[~carries], empty[~carries], atol=1e-14)
     np.testing.assert_allclose(loaded[carries], both[carries], atol=1e-13)
     assert np.max(np.abs(loaded - empty)) > 1.0

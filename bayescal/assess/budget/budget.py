@@ -19,6 +19,8 @@ from bayescal.assess.budget.measurand import Measurand
 from bayescal.distributions import f_isf, f_sf
 from bayescal.model import ARM
 
+MOST_VALUES = 4_000_000
+"""Slopes of values by unit errors that are held at a time: a session may have 100 000 rows."""
 COVERAGE = 0.9545
 """Probability that the expanded uncertainty covers: that of k = 2 of a normal distribution."""
 LISTED = 0.01
@@ -110,34 +112,33 @@ def budget(basis: Basis, measurand: Measurand) -> Budget:
     found: list[Component] = []
     total = np.zeros(len(measurand.by_z))
     matrix = np.zeros((len(total), len(total))) if not measurand.any_of else None
-    of_fit = ((p.input, measurand.by_z @ p.by, p.targets) for p in basis.propagated)
-    for source, by, targets in (*of_fit, *((one, by, None) for one, by in measurand.own)):
-        variances = np.sum(by**2, axis=1)
+    of_fit = ((p.input, measurand.by_z, p.by, p.targets) for p in basis.propagated)
+    own = ((one, None, by, None) for one, by in measurand.own)
+    columns = max(MOST_VALUES // max(len(total), 1), 1)
+    for source, left, right, targets in (*of_fit, *own):
+        variances, square = np.zeros(len(total)), np.zeros(right.shape[1])  # by value, by unit error
+        for start in range(0, right.shape[1], columns):
+            part = slice(start, start + columns)
+            by = right[:, part] if left is None else left @ right[:, part]
+            variances += np.sum(by**2, axis=1)
+            square[part] = np.sum(by**2, axis=0)
+            if matrix is not None:
+                matrix += by @ by.T
         total += variances
-        if matrix is not None:
-            matrix += by @ by.T
         contribution = float(np.sqrt(measurand.weight * np.sum(variances)))
-        found.append(
-            Component(
-                source, contribution, _sensitivity(source, by, contribution), _parts(measurand, by, targets)
-            )
-        )
+        signed = float(by[0, 0]) if len(total) == len(square) == 1 else contribution
+        sensitivity = signed / source.u if source.u else None
+        parts = _parts(measurand.weight * square, targets)
+        found.append(Component(source, contribution, sensitivity, parts))
     spread = np.sqrt(total if matrix is None else np.maximum(np.linalg.eigvalsh(matrix), 0.0))
     return Budget(measurand, tuple(_ordered(found)), spread, correlations(basis))
 
 
-def _sensitivity(source: Input, by: np.ndarray, contribution: float) -> float | None:
-    if not source.u:
-        return None
-    return (float(by[0, 0]) if by.size == 1 else contribution) / source.u
-
-
-def _parts(measurand: Measurand, by: np.ndarray, targets: np.ndarray | None) -> tuple[tuple[str, float], ...]:
-    """Contributions by the target on which errors were made; nothing for a single target."""
+def _parts(square: np.ndarray, targets: np.ndarray | None) -> tuple[tuple[str, float], ...]:
+    """Contributions by the target on which errors (M,) were made; nothing for a single target."""
     names = [] if targets is None else list(dict.fromkeys(targets.tolist()))
     if targets is None or len(names) < 2:
         return ()
-    square = measurand.weight * np.sum(by**2, axis=0)
     parts = [(name, float(np.sqrt(np.sum(square[targets == name])))) for name in names]
     return tuple(sorted(parts, key=lambda part: -part[1]))
 
