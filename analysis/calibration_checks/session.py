@@ -14,15 +14,16 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import root
 from bayescal.model import ARM
 from bayescal.model.length_blocks import noise_groups
-from bayescal.predict.forecast import workspace
-from bayescal.predict.pairs import lengths
+from bayescal.predict.pairs import evenly, far_pairs, lengths
 
 REFERENCES = 8
 """Reference points of a session in the test of joint coverage."""
 KEPT = 1000
 """Draws that are used of each fit, evenly spaced."""
+POINTS = 40
+"""Points of the workspace, evenly spaced among all rows."""
 DISTANCES = 12
-"""Distances between points of the workspace that are recorded, evenly spaced."""
+"""Distances between far ones of these that are recorded, evenly spaced."""
 
 Record = dict[str, Any]
 
@@ -125,11 +126,11 @@ def noise_draws(fitted: Fit) -> dict[str, np.ndarray]:
 
 def workspace_places(made: Simulated, fitted: Fit, draws: np.ndarray) -> np.ndarray:
     """Places of true distances between points of the workspace among those of draws (S, D)."""
-    found = fitted.final.estimate
-    arm = found.model.slices[ARM]
-    truth = made.z(found.model)[arm]
-    space = workspace(found)
-    pairs = space.pairs[np.linspace(0, len(space.pairs) - 1, DISTANCES).astype(int)]
-    values = found.model.deviations(np.where(np.isfinite(truth), truth, 0.0))
-    true = lengths(space.motion.points(values), pairs)
-    return np.mean(lengths(space.motion.points(found.model.deviations(draws[:, arm])), pairs) < true, axis=0)
+    model = fitted.final.estimate.model
+    rows = model.scene.rows("calibrate", "validate")
+    rows = rows[evenly(len(rows), POINTS)]
+    true, motion = made.points(rows), model.motion(rows)
+    pairs = far_pairs(true)
+    pairs = pairs[evenly(len(pairs), DISTANCES)]
+    drawn = lengths(motion.points(model.deviations(draws[:, model.slices[ARM]])), pairs)
+    return np.mean(drawn < lengths(true, pairs), axis=0)

@@ -42,11 +42,17 @@ class Simulated:
     """A session and its truth: unknowns of the arm by name (whitened), faces, noise scales by group."""
 
     dataset: Dataset
+    actual: Dataset  # the same, with the masses that the arm has
     world: World
     arm: Mapping[str, float]  # z
     states: Mapping[str, np.ndarray]  # z of instruments
     scales: Mapping[str, float]  # noise scale of each group
     gross: np.ndarray  # rows
+
+    def points(self, rows: np.ndarray) -> np.ndarray:
+        """True tool points (3, R) in F0, m, of rows."""
+        model = self.world.model(self.actual)
+        return model.motion(rows).points(self.world.deviations(model))
 
     def z(self, model: Model) -> np.ndarray:
         """The true unknowns (D,) of a fitted model; nan for those that the truth does not have."""
@@ -104,7 +110,8 @@ def simulated(design: Design, seed: int) -> Simulated:
         xyz = m.xyz.copy()
         xyz[read] = nought.residual(own.state(states["tracker"]), at).T + noise
         m = replace(m, xyz=xyz)
-    return Simulated(replace(dataset, measurements=m), world, arm, states, scales, np.sort(contacts[gross]))
+    dataset, actual = (replace(d, measurements=m) for d in (dataset, actual))
+    return Simulated(dataset, actual, world, arm, states, scales, np.sort(contacts[gross]))
 
 
 def _unknowns(model: Model, rng: np.random.Generator) -> np.ndarray:
