@@ -14,7 +14,7 @@ TESTS ?=
 # small matrices: more than one BLAS thread only waits for the others
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: fit test test-all fuzz lint bench study own-sessions knock-out blind docs package-check clean
+.PHONY: fit test test-all fuzz lint bench study calibration-checks own-sessions knock-out blind docs package-check clean
 
 fit: $(VENV)/.run
 	$(BIN)/bayescal fit data/lrmate200ic-cube --samples 5000 --out $(OUT)/lrmate200ic-cube-fit
@@ -38,6 +38,10 @@ docs: $(VENV)/.docs
 
 study: $(VENV)/.test
 	$(BIN)/python -m analysis.study
+
+# ranks of true values, joint and interval coverage: half an hour; a stopped run is continued
+calibration-checks: $(VENV)/.test
+	$(BIN)/python -m analysis.calibration_checks
 
 # sessions of real arms, a folder each
 REAL ?= ../shared/data/real
