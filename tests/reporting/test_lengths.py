@@ -54,6 +54,7 @@ def test_the_headline_is_that_of_the_table(rms, unknown, words):
         verdict=SimpleNamespace(kind="null", probability={"null": 0.25, "unknown": unknown}),
         where=(),
         undetermined=(),
+        arm=None,
         magnitude=SimpleNamespace(noise=5e-6, measured=(measured,)),
     )
     assert words in headline(gap)[0]
