@@ -12,7 +12,7 @@ from analysis.site.pages import entries, expanded
 from bayescal.effects import EFFECTS
 
 pytest.importorskip("jupytext")
-from analysis.site import effects, scripts
+from analysis.site import effects, scripts, signatures
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = ("reference/commands.md", "reference/python.md")
@@ -84,6 +84,12 @@ def test_every_effect_states_formula_prior_and_remedy(name):
     assert "```math" in text, "add a line 'Formula: $`...`$.' to the docstring of its file"
     assert re.search(r"[Pp]rior", text)
     assert EFFECTS[name].remedy
+
+
+def test_a_constant_error_has_no_curve():
+    """Its axis showed the numbers of the rows."""
+    assert not signatures.signature("ball-radius").varies
+    assert signatures.signature("backlash").varies
 
 
 def test_formulas_are_read():

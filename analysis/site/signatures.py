@@ -56,6 +56,16 @@ class Signature:
         """RMS over the contacts, (P,), m."""
         return np.sqrt(np.mean(self.change**2, axis=0))
 
+    @property
+    def leading(self) -> Parameter:
+        """The parameter with the largest change."""
+        return self.parameters[int(np.argmax(self.rms))]
+
+    @property
+    def varies(self) -> bool:
+        """Whether the change depends on a coordinate: a constant error has no curve."""
+        return bool(self.leading.driver.coordinate(self.leading.site, circumstances()).label)
+
     def of(self, site: Site, driver: Driver) -> np.ndarray:
         """Indices of the parameters at a site with a driver."""
         return np.array([k for k, p in enumerate(self.parameters) if (p.site, p.driver) == (site, driver)])
@@ -77,14 +87,14 @@ def signature(name: str) -> Signature:
 
 def _curve(axes, s: Signature) -> None:
     """The error at the contacts along the coordinate of the leading site."""
-    leading = s.parameters[int(np.argmax(s.rms))]
+    leading = s.leading
     own = s.of(leading.site, leading.driver)
     best = own[np.argsort(-s.rms[own])][:2]
     along = leading.driver.coordinate(leading.site, circumstances())
     x = along.values[s.rows]
     for k, colour in zip(best, (ACCENT, FAINT), strict=False):
         axes.plot(x, MICRO * s.change[:, k], ".", ms=3.5, color=colour, label=s.parameters[k].name)
-    axes.set(xlabel=along.label or "row", ylabel="error at the contact, µm")
+    axes.set(xlabel=along.label, ylabel="error at the contact, µm")
     axes.set_title(f"{leading.site.text}, {leading.driver.text}", loc="left")
     axes.axhline(0, color=INK, lw=0.6)
     if len(best) > 1:
@@ -103,13 +113,16 @@ def picture(name: str) -> bytes:
     """The figure of an effect, PNG."""
     s = signature(name)
     labels = [p.name.removeprefix(f"{name} ") for p in s.parameters]
-    figure = Figure(figsize=(8.6, 3.4), layout="constrained")
+    curve = bool(np.any(s.change)) and s.varies
+    height = 3.4 if curve else 1.0 + 0.2 * min(len(labels), MOST_BARS)
+    figure = Figure(figsize=(8.6, height), layout="constrained")
     FigureCanvasAgg(figure)
     if np.any(s.change):
-        left, right = figure.subplots(1, 2, width_ratios=(1.5, 1))
-        _curve(left, s)
-        _bars(right, labels, MICRO * s.rms, "RMS at the contacts, µm")
-        panels = [left, right]
+        widths = (1.5, 1) if curve else (1,)
+        panels = list(figure.subplots(1, len(widths), width_ratios=widths, squeeze=False)[0])
+        if curve:
+            _curve(panels[0], s)
+        _bars(panels[-1], labels, MICRO * s.rms, "RMS at the contacts, µm")
     else:  # it moves no contact, but a certified value
         panels = [figure.subplots()]
         size = np.array([p.sd for p in s.parameters])

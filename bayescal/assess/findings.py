@@ -26,6 +26,8 @@ IN_ROBOT_FILE = ("geometry", "joint", "encoder-scale", "compliance", FORM, "arte
 """Effects that robot.yaml can hold, and those that are no part of the arm."""
 WILD_SCALE = 100.0
 """Times the stated noise from which on residuals come from a wrong file, not from a small error of an arm."""
+WILD_SIZE = 1e-4
+"""m: smaller residuals are no sign of a wrong file, however small the stated noise is (assumed)."""
 MANY_REJECTED = 0.05
 """Share of rejected rows from which on it is told."""
 FAR = 4.0
@@ -88,7 +90,8 @@ def _residuals(of: Assessed) -> Iterator[Finding]:
             f"{1e6 * left.excess:.1f} µm per coordinate unexplained, added to every predicted point "
             f"(residuals {1e6 * left.fitted:.1f} µm, noise {noise} {1e6 * left.floor:.1f} µm)",
         )  # fmt: skip
-    if max(s for group, s in found.weights.scale.items() if group != ORIENTATION) > WILD_SCALE:
+    scale = max(s for group, s in found.weights.scale.items() if group != ORIENTATION)
+    if scale > WILD_SCALE and left.fitted > WILD_SIZE:
         yield Finding(
             "wrong_files", "error",
             f"residuals of {1e3 * left.fitted:.1f} mm, far more than any small error of an arm: "

@@ -230,3 +230,11 @@ def test_a_budget_that_priors_decide_says_so(twelve, cube):
         assert measurand_record(of)["prior_share"] == of.prior_share
     assert told["few"][0] > 0.5 > told["many"][0]
     assert (told["few"][1], told["many"][1]) == (True, False)
+
+
+@pytest.mark.parametrize(("noise", "wild"), [(1e-6, False), (2e-3, True)])
+def test_a_tiny_stated_noise_is_no_sign_of_a_wrong_file(cube, noise, wild):
+    """'residuals of 0.0 mm, far more than any small error of an arm', of 1 µm at a stated noise of 1 nm."""
+    session = cube(seed=3, count=120, noise=noise, stated=1e-9 if not wild else 5e-6).dataset
+    found = fit(session, FULL, samples=0)
+    assert ("wrong_files" in {f.code for f in found.findings}) == wild
