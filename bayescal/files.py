@@ -7,7 +7,7 @@ import math
 import os
 import re
 import secrets
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -16,12 +16,13 @@ from typing import Annotated, Any, TypeVar
 
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import PydanticCustomError
 
 from bayescal.beside import OTHER_OUT, PART, beside, remove_leftovers
 from bayescal.errors import BayescalError, listed
 from bayescal.indented import indented
 from bayescal.reading import CONTROL, decoded
+from bayescal.refusals import told_of
 from bayescal.stopping import completed
 
 UNITS = {"mm": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180} | dict.fromkeys(
@@ -76,7 +77,7 @@ M = TypeVar("M", bound=BaseModel)
 
 def _not_tiny(value: float) -> float:
     if 0.0 < value < SMALLEST:
-        raise PydanticCustomError("too_tiny", "too small")
+        raise PydanticCustomError("too_tiny", "too small", {"least": SMALLEST})
     return value
 
 
@@ -192,7 +193,7 @@ class Document:
         try:
             return model.model_validate(self.data)
         except ValidationError as error:
-            told = [_tell(e) for e in error.errors(include_url=False)]
+            told = [told_of(e) for e in error.errors(include_url=False)]
         told.sort(key=lambda t: self._line(t[0]))
         path, what, remedy = told[0]
         raise BayescalError(what, self.where(path), remedy)
@@ -327,53 +328,6 @@ class _Reader:
             self.lines[own] = line
             out[key.value] = self.plain(value, own, inside)
         return out
-
-
-_TOLD: dict[str, Callable[[str, dict[str, Any], Any], tuple[str, str]]] = {
-    "missing": lambda key, ctx, value: (f"missing {key}", "add it"),
-    "float_parsing": lambda key, ctx, value: (f"{key} is not a number: {value!r}", "write a plain number"),
-    "float_type": lambda key, ctx, value: (f"{key} is not a number", "write a plain number"),
-    "finite_number": lambda key, ctx, value: (f"{key} is {value}, not a finite number", "write a number"),
-    "greater_than": lambda key, ctx, value: (f"{key} is {value}", f"must be more than {ctx['gt']:g}"),
-    "greater_than_equal": lambda key, ctx, value: (f"{key} is {value}", f"must be at least {ctx['ge']:g}"),
-    "less_than_equal": lambda key, ctx, value: (f"{key} is {value}", f"must be at most {ctx['le']:g}"),
-    "literal_error": lambda key, ctx, value: (f"{key} is {value!r}", f"must be {ctx['expected']}"),
-    "union_tag_invalid": lambda key, ctx, value: (
-        f"unknown kind {ctx['tag']!r} of {key}",
-        f"must be one of {ctx['expected_tags']}",
-    ),
-    "union_tag_not_found": lambda key, ctx, value: (f"{key} has no `kind`", "add `kind: ...`"),
-    "too_long": lambda key, ctx, value: (
-        f"{key} has {ctx['actual_length']} entries",
-        f"must have {ctx['max_length']}",
-    ),
-    "too_short": lambda key, ctx, value: (
-        f"{key} has {ctx['actual_length']} entries",
-        f"must have at least {ctx['min_length']}",
-    ),
-    "too_tiny": lambda key, ctx, value: (f"{key} is {value}", f"no uncertainty is less than {SMALLEST:g}"),
-    "string_too_long": lambda key, ctx, value: (
-        f"{key} has {len(value)} characters",
-        f"must have at most {ctx['max_length']}",
-    ),
-    "string_too_short": lambda key, ctx, value: (f"{key} is empty", "write a name"),
-    "string_type": lambda key, ctx, value: (f"{key} is not a text", "write one line of text"),
-    "tuple_type": lambda key, ctx, value: (f"{key} is not a list", "write it as [.., .., ..]"),
-    "model_type": lambda key, ctx, value: (f"{key} must hold keys and values", "write {key: value, ...}"),
-}
-_TOLD["dict_type"] = _TOLD["model_attributes_type"] = _TOLD["model_type"]
-_TOLD["list_type"] = _TOLD["tuple_type"]
-
-
-def _tell(error: ErrorDetails) -> tuple[Path, str, str]:
-    """Path in the file, what is wrong and its remedy, of one pydantic error."""
-    path, ctx = tuple(error["loc"]), dict(error.get("ctx") or {})
-    if error["type"] == "of_key":
-        return (*path, ctx["at"]), ctx["what"], ctx["remedy"]
-    last = path[-1] if path else "the file"
-    key = f"`{path[-2]}`, entry {last + 1}" if isinstance(last, int) and len(path) > 1 else f"`{last}`"
-    told = _TOLD.get(error["type"], lambda key, ctx, value: (f"{key}: {error['msg']}", ""))
-    return path, *told(key, ctx, error["input"])
 
 
 def write_together(files: Mapping[File, str | bytes]) -> None:
