@@ -46,8 +46,8 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
         if any(a.contacts for a in gap.advice):
             (stage / NEXT).write_text(table_of_contacts(gap), encoding="utf-8")
             names.append(NEXT)
-        names.insert(1, write_page(stage, folder))
         for name, content in drawn().items():
             (stage / name).write_bytes(content)
             names.append(name)
+        names.insert(1, write_page(stage, folder))
     return tuple(names)
