@@ -114,3 +114,6 @@ class Cluster:
         """See `workers.Crew`."""
         self._executor.shutdown(wait=False)
         self._client.close(timeout=CONNECT)
+
+    def kill(self) -> None:
+        """See `workers.Crew`; `close` cancels its jobs without waiting."""

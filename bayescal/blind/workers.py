@@ -14,6 +14,8 @@ from multiprocessing.process import BaseProcess
 from threading import Thread
 from typing import Any, Protocol
 
+from bayescal.stopping import Stopped
+
 KILLS = 3
 """Number of killed processes after which a task is abandoned."""
 DEPTH = 2
@@ -71,6 +73,9 @@ class Crew(Protocol):
     def close(self) -> None:
         """Cancel running jobs."""
 
+    def kill(self) -> None:
+        """End running jobs: this process is stopped."""
+
 
 class Process:
     """A local process. Jobs run in order, so the first unfinished job is the one that killed it."""
@@ -119,6 +124,11 @@ class Process:
         """See `Crew`; the running job is awaited."""
         self._pool.shutdown(cancel_futures=True)
 
+    def kill(self) -> None:
+        """See `Crew`."""
+        for process in list(self._pool._processes.values()):  # public from Python 3.14
+            process.kill()
+
 
 def results(
     work: Work, tasks: Iterable[Any], workers: int = 1, dask: str | None = None
@@ -162,7 +172,12 @@ def results(
             under_way = [future for crew in crews for future in crew.jobs]
             if not under_way:
                 return
-            wait(under_way, GLANCE, FIRST_COMPLETED)
+            try:
+                wait(under_way, GLANCE, FIRST_COMPLETED)
+            except (KeyboardInterrupt, Stopped):
+                for crew in crews:
+                    crew.kill()
+                raise
             for crew in crews:
                 yield from crew.done(queue)
 

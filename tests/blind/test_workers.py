@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from contextlib import closing
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from tiny_work import Tiny, until
 
 from bayescal.blind.workers import DEPTH, KILLS, Lost, results
 from bayescal.errors import BayescalError
+from bayescal.stopping import Stopped
 
 COUNT = 12
 SQUARES = {k: k**2 for k in range(COUNT)}
@@ -107,6 +109,20 @@ def test_workers_go_with_their_parent(tmp_path):
     parent.wait()
     worker = int(tiny_work.begun(tmp_path, 0)[0])
     until(lambda: not alive(worker))
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, Stopped(signal.SIGINT)])
+def test_a_stop_ends_the_workers_without_awaiting_their_jobs(tmp_path, monkeypatch, stop):
+    def stopped(*args):
+        until(lambda: (tmp_path / "0").exists() and tiny_work.begun(tmp_path, 0))
+        raise stop
+
+    monkeypatch.setattr("bayescal.blind.workers.wait", stopped)
+    begin = time.monotonic()
+    with pytest.raises((KeyboardInterrupt, Stopped)):
+        list(results(tiny_work.work, [Tiny(0, tmp_path, 0, 60.0)]))
+    assert time.monotonic() - begin < 30
+    assert not children()
 
 
 def alive(process: int) -> bool:
