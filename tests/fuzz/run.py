@@ -90,6 +90,13 @@ def work(options: argparse.Namespace) -> None:
 def supervise(options: argparse.Namespace) -> int:
     """Start the workers, replace those that die or are silent, print the table."""
     options.out.mkdir(parents=True, exist_ok=True)
+    for path in options.out.glob(f"{options.seed}-*.jsonl"):  # what an interrupt cut short runs again
+        done = [
+            line
+            for line in path.read_text(encoding="utf-8").splitlines(True)
+            if '"kind": "begun"' not in line
+        ]
+        path.write_text("".join(line for line in done if line.endswith("\n")), encoding="utf-8")
     command = [
         sys.executable,
         __file__,
