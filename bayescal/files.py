@@ -57,7 +57,7 @@ MOST_VALUES = 100_000
 LONGEST_KEY, LONGEST_TEXT = 200, 20_000
 """Characters of a key, and of a value."""
 RANGES: dict[str, tuple[float, float]] = {
-    "mm": (-1e6, 1e6),
+    "mm": (-1e7, 1e7),
     "deg": (-1e6, 1e6),
     "degps": (-1e6, 1e6),
     "rad": (-1e4, 1e4),
@@ -70,7 +70,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "": (-1e9, 1e9),
 }
 """Numbers that are read, by the unit of their key. Beyond them no arm, instrument or clock is, and sums of
-squares lose all digits. (1 km, absolute zero, seconds since 1970.)"""
+squares lose all digits. (10 km, absolute zero, seconds since 1970.)"""
 Path = tuple[str | int, ...]
 M = TypeVar("M", bound=BaseModel)
 

@@ -211,18 +211,18 @@ def _same_motion(a: Parameter, b: Parameter) -> bool:
 
 @dataclass(frozen=True)
 class _Own:
-    """Columns of one site and coordinate, and what they are: orders of one coordinate act together."""
+    """Columns that act together at one site, and what they are."""
 
     site: Site
     columns: np.ndarray
     places: tuple[tuple[Site, Driver], ...]
 
     @classmethod
-    def of(cls, parameters: Sequence[Parameter], first: int) -> list[_Own]:
-        """Of parameters whose columns begin at `first`."""
+    def of(cls, parameters: Sequence[Parameter], first: int, joined: bool) -> list[_Own]:
+        """Of parameters whose columns begin at `first`; `joined`: all orders of a coordinate act together."""
         found: dict[tuple[Site, Driver], list[int]] = {}
         for k, p in enumerate(parameters):
-            found.setdefault((p.site, p.driver.course), []).append(k)
+            found.setdefault((p.site, p.driver.course if joined else p.driver), []).append(k)
         return [
             cls(
                 site,
@@ -238,7 +238,7 @@ def _subsets(
     own: Collection[Site] = (),
 ) -> list[Variant]:  # fmt: skip
     """An effect at all sites and at each single site, or only at each of `own` where given."""
-    found = _Own.of(parameters, first)
+    found = _Own.of(parameters, first, joined=isinstance(value, str))
     every = np.arange(first, first + len(parameters))
     places = tuple(place for one in found for place in one.places)
     if len(found) == 1 or effect.whole:
