@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayescal.reporting.shared.text import size
+from bayescal.reporting.shared.text import parameter_notes, size
 
 
 @pytest.mark.parametrize(
@@ -19,3 +19,8 @@ from bayescal.reporting.shared.text import size
 def test_size(value: float, unit: str, words: str) -> None:
     """Two significant digits, without an exponent where that is readable."""
     assert size(value, unit) == words
+
+
+def test_u_of_a_compliance_does_not_contain_that_of_masses():
+    assert len(parameter_notes(["geometry"])) == 1
+    assert "masses" in parameter_notes(["geometry", "compliance"])[-1]

@@ -17,6 +17,7 @@ from bayescal.reporting.shared.text import (
     MM,
     UM,
     model_label,
+    parameter_notes,
     percent,
     plain_table,
     um,
@@ -128,5 +129,5 @@ def parameter_table(fit: Fit, every: bool) -> FigureTable:
             states.get(name, "-"),
             style="yellow" if states.get(name) == "no" else "",
         )
-    table.caption = "value(u): standard uncertainty u in units of the last digits"
+    table.caption = "\n".join(parameter_notes(p.effect for p in model.parameters))
     return table

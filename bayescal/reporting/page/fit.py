@@ -23,7 +23,7 @@ from bayescal.reporting.page.section import (
     blocks,
     texts,
 )
-from bayescal.reporting.shared.text import model_label, unit_label
+from bayescal.reporting.shared.text import model_label, parameter_notes, unit_label
 
 ARM = ("target", "plane-form")
 """Effects whose parameters are not those of the arm."""
@@ -197,10 +197,12 @@ def parameters(run: Run) -> Section | None:
     headings = ("nominal", "value(u)", "unit", "prior u", "prior and posterior", "identifiable")
     own = [p for p in run.record["parameters"] if p["effect"] not in ARM]
     other = [p for p in run.record["parameters"] if p["effect"] in ARM]
-    caption = (
-        "value(u): standard uncertainty u in units of the last digits. Band: prior, two standard deviations; "
-        "line and dot: 95 % interval and estimate, at the edge where beyond three"
+    notes = (
+        *parameter_notes(p["effect"] for p in own),
+        "band: prior, two standard deviations; line and dot: 95 % interval and estimate, at the edge where "
+        "beyond three",
     )
+    caption = ". ".join(note[:1].upper() + note[1:] for note in notes)
     weak = [f"Weakly identifiable: {d['words']}" for d in known["weak_directions"]]
     return blocks(
         "parameters",

@@ -150,3 +150,11 @@ def level_label(model: tuple[str, ...], before: tuple[str, ...]) -> str:
     if len(before) > 1 and added and model[: len(before)] == before:
         return f"+ {', '.join(map(short, added))}"
     return model_label(model)
+
+
+def parameter_notes(effects: Iterable[str]) -> list[str]:
+    """Notes to a table of parameters of some effects: how u is written, and what it does not contain."""
+    notes = ["value(u): standard uncertainty u in units of the last digits"]
+    if "compliance" in effects:
+        notes.append("compliances hold for the stated masses or torques: u does not contain that of these")
+    return notes
