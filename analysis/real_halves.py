@@ -32,6 +32,7 @@ from bayescal.estimate import Estimate, calibrated, root
 from bayescal.estimate.clusters import poses
 from bayescal.estimate.discrepancy import Family, Stated, families, stated
 from bayescal.estimate.unexplained import unexplained
+from bayescal.model.length_blocks import noise_groups
 from bayescal.model.scene import Scene
 from bayescal.predict.intervals import inside95
 from bayescal.predict.validation import validate
@@ -105,7 +106,8 @@ def share_inside(e: Estimate, excess: float, white: float = 1.0) -> float:
     """Share of the validation residuals within the 95 % intervals of an estimate's normal posterior."""
     rng = np.random.default_rng(0)
     z = e.z + rng.standard_normal((DRAWS, len(e.z))) @ root(e.covariance).T
-    kappa = np.full(DRAWS, max(e.weights.scale.values()) * np.sqrt(white))
+    scales = np.array([e.weights.scale[group] for group in noise_groups(e.model)])
+    kappa = np.tile(scales * np.sqrt(white), (DRAWS, 1))
     checked = validate(e, z, kappa, excess)
     held = [inside95(p.residuals, p.predicted).ravel() for p in (*checked.planes, *checked.points)]
     return float(np.mean(np.concatenate(held)))
