@@ -32,6 +32,8 @@ HARD_ROUNDS = 10
 """At most so many fits with measurements left out."""
 SAME_SCALE = 0.1
 """Relative difference of two noise scales at which a fit with the one serves for the other (convention)."""
+CONTRADICTED = 0.01
+"""Probability of a noise scale, by the stated noise, below which this does not count (convention)."""
 FALSE_REJECTIONS = 0.01
 """Measurements of clean normal noise that a session loses as outliers on average."""
 MEDIAN_WORTH = 0.37
@@ -120,12 +122,14 @@ def rejected(
     own : np.ndarray of bool, shape (C,), or bool
         Whether the scale was estimated with the measurement itself, which is then taken out of it.
     worth : float
-        Degrees of freedom that the stated noise (scale 1) has in addition.
+        Degrees of freedom that the stated noise (scale 1) has in addition, unless the scale contradicts it.
     """
     rows = np.broadcast_to(np.asarray(rows, float), chi2.shape)
     size, level = chi2 / scale**2, FALSE_REJECTIONS / max(len(chi2), 1)
     if np.isinf(dof):
         return size > limit(rows)
+    if worth:
+        worth = worth if np.all(fdtrc(dof, worth, np.square(scale)) > CONTRADICTED) else 0.0
     rest = np.maximum(dof - rows * own, 1e-3) + worth
     # what a row takes up is shared by prior and other groups: without it less than nothing may seem left
     left = np.maximum(dof - size * own, 1e-12) + worth / scale**2

@@ -141,3 +141,11 @@ def test_few_contacts_are_not_fitted_beyond_their_noise():
     assert not len(found.rejected)
     assert 0.6 < found.weights.scale["contact"] < 1.5
     assert found.iterations < 60
+
+
+def test_stated_noise_that_the_scale_contradicts_does_not_count():
+    """An error that the model lacks makes all residuals larger: the largest of twenty is no outlier then."""
+    chi2 = 4.0**2 * np.array([8.5, *np.ones(19)])
+    assert not np.any(rejected(chi2, 1, 4.0, 20.0, True, worth=8.0))
+    chi2[0] = 4.0**2 * 14.0
+    assert rejected(chi2, 1, 4.0, 20.0, True, worth=8.0)[0]

@@ -121,7 +121,7 @@ def test_what_does_not_converge_is_refused_by_name(monkeypatch):
     kind = Sphere(TRUE + 0.04, DIAMETER, np.full(11, RADIUS), LOOSE)
     monkeypatch.setattr("bayescal.predict.locate.ITERATIONS", 1)
     monkeypatch.setattr("bayescal.predict.locate.starts", lambda kind, p: np.zeros((1, 4)))
-    with pytest.raises(BayescalError, match=r"target ball\.B@2 .*did not reach an optimum.*; state its position"):
+    with pytest.raises(BayescalError, match=r"target ball\.B@2 .*did not reach an optimum.*; state its pos"):
         locate("ball.B@2", kind, touched(from_above(rng)), np.full((1, 11), SIGMA))
 
 
