@@ -13,6 +13,8 @@ N ?= 10000
 TESTS ?=
 # small matrices: more than one BLAS thread only waits for the others
 export OPENBLAS_NUM_THREADS ?= 1
+# tests start many processes, each with hundreds of modules that would be compiled anew
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: fit test test-all fuzz lint bench study calibration-checks own-sessions knock-out blind docs package-check clean
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from bayescal.blind.card import between
 from bayescal.gap.settings import SEARCH
 
 BEGIN, END = "<!-- knock-out: begin -->", "<!-- knock-out: end -->"
@@ -210,8 +211,6 @@ def _left(models: Sequence[Record]) -> list[str]:
 
 def update(path: Path, text: str, marks: tuple[str, str] = (BEGIN, END)) -> None:
     """Renew the tables of a page between its marks; a page without is made of them alone."""
-    begin, end = marks
-    old = path.read_text(encoding="utf-8") if path.exists() else f"{begin}\n{end}\n"
-    before, rest = old.split(begin, 1)
-    _, after = rest.split(end, 1)
-    path.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8", newline="\n")
+    if not path.exists():
+        path.write_text("\n".join((*marks, "")), encoding="utf-8")
+    between(path, marks, text)

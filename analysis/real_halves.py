@@ -25,7 +25,7 @@ import numpy as np
 from analysis.knock_out_page import update
 from analysis.records import Record, completed, stored
 from bayescal.arm import chain as reference
-from bayescal.assess.agreement import difference_covariance, known_directions
+from bayescal.assess.agreement import difference_covariance, known_directions, shared_masses
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.effects import MODELS
 from bayescal.estimate import Estimate, calibrated, root
@@ -116,13 +116,14 @@ def share_inside(e: Estimate, excess: float, white: float = 1.0) -> float:
 def chi2_per_dof(a: Half, b: Half, shared: bool) -> tuple[float, float]:
     """Of the difference of the arm's parameters, by the plain and the stated covariances.
 
-    `shared`: the halves have the same discrepancy, so that only the difference of its effects counts.
+    `shared`: the halves have the same discrepancy, so that only the difference of its effects counts, as it
+    always does of errors of the masses.
     """
     k = len(a.plain.model.parameters)
     one, other = (h.plain.covariance[:k, :k] for h in (a, b))
     directions, spread = known_directions(one, other), difference_covariance(one, other)
     along = directions.T @ (b.plain.z[:k] - a.plain.z[:k])
-    extra = np.zeros_like(spread)
+    extra = shared_masses((a.stated, b.stated), [np.arange(k), np.arange(k)])
     for h in (a, b):
         bias = sum(
             size * h.stated.slopes[name][:k] @ h.stated.slopes[name][:k].T

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -10,7 +11,26 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+TOP = Path(__file__).parents[1]
 Record = dict[str, Any]
+
+
+def arguments_of(name: str, description: str | None, seed: str) -> argparse.ArgumentParser:
+    """The options of every study: its seed, the folder of its records, and a page to bring up to date.
+
+    Parameters
+    ----------
+    name : str
+        Of the package in `analysis`, and of the folder in `runs`.
+    description : str, optional
+    seed : str
+        What the seed is of.
+    """
+    parser = argparse.ArgumentParser(prog=f"python -m analysis.{name}", description=description)
+    parser.add_argument("--seed", type=int, default=1, help=seed)
+    parser.add_argument("--out", type=Path, default=TOP / "runs" / name, help="folder to write")
+    parser.add_argument("--page", type=Path, help="page whose tables are brought up to date")
+    return parser
 
 
 def on_workers(work: Callable[[Any], Any], tasks: Sequence[Any], workers: int, what: str) -> Iterator[Any]:

@@ -12,6 +12,7 @@ import re
 import secrets
 import shutil
 import socket
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -24,6 +25,10 @@ PART, ASIDE, LOCK, CHECKPOINT = "part", "old", "bayescal-lock", "bayescal-checkp
 TOKEN = secrets.token_hex(4)
 """Random token of this process: process numbers are reused, for example in a container."""
 OTHER_OUT = "give another --out"
+ATTEMPTS = 100
+"""To lock a file that other processes create and remove at the same time."""
+NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+"""Open no file through a symbolic link, and wait for no writer of a pipe."""
 _HELD: dict[Path, int] = {}
 """Outputs that this process has locked, with the thread that did."""
 
@@ -139,18 +144,50 @@ def _remove_empty(made: list[Path]) -> None:
 
 def _locked(lock: Path, path: Path) -> int:
     """The handle of a locked file; it is the file that has this name when the lock is held."""
-    while True:
-        handle = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
-        if not _exclusive(handle):
-            owner = os.read(handle, 20).decode("ascii", "replace") if os.name != "nt" else ""
-            os.close(handle)
-            raise _busy(path, owner)
-        with suppress(OSError):
-            if os.path.samestat(os.fstat(handle), os.stat(lock)):
-                os.ftruncate(handle, 0)
-                os.write(handle, f"{os.getpid()}".encode())
+    for _ in range(ATTEMPTS):
+        handle = _opened(lock)
+        try:
+            if not _exclusive(handle):
+                raise _busy(path, _content(handle))
+            if _has_name(handle, lock):
+                with suppress(OSError):  # the process is only named in messages: the disk may be full
+                    os.ftruncate(handle, 0)
+                    os.write(handle, f"{os.getpid()}".encode())
                 return handle
+        except BaseException:
+            os.close(handle)
+            raise
         os.close(handle)  # the run that held it has removed it: lock the new one
+    raise _busy(path, "")
+
+
+def _opened(lock: Path) -> int:
+    """Open or create a lock; what is not one, for example a pipe or a file of the user, is refused."""
+    handle = os.open(lock, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
+    try:
+        if not (stat.S_ISREG(os.fstat(handle).st_mode) and re.fullmatch(r"\d*", _content(handle))):
+            remedy = f"remove it, or {OTHER_OUT}"
+            raise BayescalError("it has the name of a lock, and bayescal did not write it", str(lock), remedy)
+    except BaseException:
+        os.close(handle)
+        raise
+    return handle
+
+
+def _content(handle: int) -> str:
+    """The number of a process in a lock, "" where it cannot be read: Windows locks the first byte."""
+    with suppress(OSError):
+        os.lseek(handle, 0, os.SEEK_SET)
+        return os.read(handle, 20).decode("ascii", "replace")
+    return ""
+
+
+def _has_name(handle: int, path: Path) -> bool:
+    """Whether an open file is the one of this name."""
+    try:
+        return os.path.samestat(os.fstat(handle), os.stat(path, follow_symlinks=False))
+    except FileNotFoundError:
+        return False
 
 
 def _exclusive(handle: int) -> bool:

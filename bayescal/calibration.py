@@ -165,8 +165,8 @@ def fit(
         if not last:
             z, kappa = approximate(found, of_draws, predicted_draws(dataset))
         else:
-            progress("sample", 0.0)
             if samples:
+                progress("sample", 0.0)
                 from bayescal.posterior.sample import sample
 
                 draws = sample(
@@ -178,23 +178,28 @@ def fit(
                 )
             else:
                 draws = gaussian(found, of_draws, VALIDATION_DRAWS)
+            progress("predict", 0.0)
             places = _places(draws, predicted_draws(dataset))
             z, kappa = draws.flat[places], draws.kappa[places]
         checked = validate(found, z, kappa, left.excess, of_noise, strict=last)
         if last:
             tests = acceptance(left, checked, causes, rejected_share(found))
+            progress("predict", 0.2)
             wide = stated(found)
             every = wide.draws(draws.flat, np.random.default_rng(of_discrepancy))
             z = every[places]
             left, checked, rest = _restated(wide, left, z, kappa, tests, of_noise)
         levels.append(ModelLevel(found.model.effects or NOMINAL, found, left, checked))
-    progress("done", 1.0)
+    progress("predict", 0.8)
     known, seen = identifiability(found), directions(found.model)
     lacking = undetermined(found, known)
     expected = forecast(found, z, checked, rest.excess, of_forecast, wide.wide)
     tests = replace(tests, determined=not rests_on_priors(expected, left))
-    told = findings(Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width))
+    told = findings(
+        Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, wide.sd)
+    )
     decided = None if tolerance is None else conformance(tolerance, expected, checked, tests)
+    progress("done", 1.0)
     return Fit(
         dataset, seed, prior_width, tuple(levels), wide, draws,
         replace(draws, z=wide.reported(every).reshape(draws.z.shape)), known, lacking,

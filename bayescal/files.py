@@ -330,31 +330,41 @@ class _Reader:
         return out
 
 
-def write_together(files: Mapping[File, str | bytes]) -> None:
+def write_together(
+    files: Mapping[File, str | bytes], before: Mapping[File, str | bytes] | None = None
+) -> None:
     """Write files: first all of them under temporary names beside their places, then each is put in place.
+
+    Parameters
+    ----------
+    files : mapping
+        Contents, in the order in which they are put in place.
+    before : mapping, optional
+        Contents that some of the files have until all others are in place, for a reader after a kill.
 
     Raises
     ------
     BayescalError
         If one cannot be written; then no file is changed.
     """
-    staged = {path: beside(path.absolute(), f"{secrets.token_hex(4)}.{PART}") for path in files}
+    every = [*(before or {}).items(), *files.items()]
+    staged = [beside(path.absolute(), f"{secrets.token_hex(4)}.{PART}") for path, _ in every]
     for path in files:
         remove_leftovers(path.absolute())
     try:
-        for path, content in files.items():
+        for (path, content), part in zip(every, staged, strict=True):  # noqa: B007  (named in the error)
             data = content.encode("utf-8") if isinstance(content, str) else content
-            with staged[path].open("wb") as stream:
+            with part.open("wb") as stream:
                 stream.write(data)
                 stream.flush()
                 os.fsync(stream.fileno())
-        for path in files:
-            staged[path].replace(path)
+        for (path, _), part in zip(every, staged, strict=True):
+            part.replace(path)
         completed(f"{', '.join(map(str, files))} written")
     except OSError as error:
         raise BayescalError(error.strerror or "cannot be written", str(path), OTHER_OUT) from None
     finally:
-        for part in staged.values():
+        for part in staged:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
 

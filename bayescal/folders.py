@@ -26,6 +26,7 @@ from pathlib import Path
 
 from bayescal.beside import ASIDE, OTHER_OUT, PART, alone, beside, leftovers
 from bayescal.errors import BayescalError
+from bayescal.reading import content_of, open_regular
 from bayescal.stopping import completed
 
 LIST = ".bayescal-files.json"
@@ -133,9 +134,9 @@ def check_unchanged(folder: Path, names: Iterable[str]) -> None:
 def _written(folder: Path) -> dict[str, str]:
     """SHA-256 by name of the files that bayescal wrote into a folder; empty if it has no valid list."""
     try:
-        content = json.loads((folder / LIST).read_bytes())
+        content = json.loads(content_of(folder / LIST))
         return dict(content["files"]) if content["schema"] == SCHEMA else {}
-    except (OSError, ValueError, KeyError, TypeError):
+    except (BayescalError, ValueError, KeyError, TypeError, RecursionError):
         return {}
 
 
@@ -163,11 +164,11 @@ def _top_level(folder: Path) -> list[str]:
 
 
 def _sha256(path: Path) -> str:
-    """SHA-256 of a file; "" if it cannot be read."""
+    """SHA-256 of a regular file; "" of another, or if it cannot be read."""
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError:
+    except (OSError, BayescalError):
         return ""
 
 

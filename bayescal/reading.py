@@ -6,6 +6,9 @@ import json
 import os
 import re
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +16,8 @@ from bayescal.errors import BayescalError, shown
 
 LARGEST = 2**29
 """Bytes of a table, a log or a record: some million rows."""
+DIGITS = 30
+"""Characters of a whole number in a record: no count or seed has more."""
 CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 """Characters that act on a terminal or reverse the direction of writing; no text of a session has them."""
 
@@ -27,12 +32,10 @@ def content_of(path: Path, largest: int = LARGEST) -> bytes:
         folder, which may be endless.
     """
     try:
-        with open(path, "rb", opener=_without_waiting) as stream:
-            about = os.fstat(stream.fileno())
-            if not stat.S_ISREG(about.st_mode):
-                raise BayescalError("is not a regular file", path.name, "give a file on disk")
-            if about.st_size > largest:
-                what = f"the file has {about.st_size / 1e6:.0f} MB, at most {largest / 1e6:.0f} MB are read"
+        with open_regular(path) as stream:
+            size = os.fstat(stream.fileno()).st_size
+            if size > largest:
+                what = f"the file has {size / 1e6:.0f} MB, at most {largest / 1e6:.0f} MB are read"
                 raise BayescalError(what, path.name, "divide it, or check that it is the right file")
             return stream.read(largest)
     except FileNotFoundError:
@@ -40,6 +43,23 @@ def content_of(path: Path, largest: int = LARGEST) -> bytes:
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise BayescalError(f"cannot be read: {why}", path.name, "give a readable file") from None
+
+
+@contextmanager
+def open_regular(path: Path) -> Iterator[BufferedReader]:
+    """A regular file, to be read.
+
+    Raises
+    ------
+    OSError
+        As `open`.
+    BayescalError
+        Of a pipe, a socket, a device or a folder.
+    """
+    with open(path, "rb", opener=_without_waiting) as stream:
+        if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+            raise BayescalError("is not a regular file", path.name, "give a file on disk")
+        yield stream
 
 
 def _without_waiting(path: str, flags: int) -> int:
@@ -98,7 +118,8 @@ def read_json(path: Path, remedy: str) -> Any:
         If it cannot be read, is no JSON, or has a number that is not finite.
     """
     try:
-        return json.loads(content_of(path).decode("utf-8"), parse_constant=_refuse, parse_float=_finite)
+        text = content_of(path).decode("utf-8")
+        return json.loads(text, parse_constant=_refuse, parse_float=_finite, parse_int=_whole)
     except BayescalError as error:
         raise BayescalError(error.what, str(path), remedy) from None
     except (ValueError, RecursionError) as error:
@@ -123,6 +144,10 @@ def read_record(path: Path, schema: str, remedy: str) -> dict[str, Any]:
 
 def _refuse(constant: str) -> float:
     raise ValueError(f"{constant} is not a finite number")
+
+
+def _whole(text: str) -> int:
+    return int(text) if len(text) <= DIGITS else int(_refuse(text))
 
 
 def _finite(text: str) -> float:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
-import numba
 import numpy as np
 
 
@@ -49,34 +47,31 @@ def tangents(normal: np.ndarray) -> np.ndarray:
     return np.stack([first, np.cross(normal, first)])
 
 
-def _compiled(function: Callable[..., None]) -> Any:
-    """Compile `tilted`; the compiled code is kept on disk where any folder for it can be written."""
-    types, layout = ["void(f8[:], f8[:, :], f8[:], f8[:], f8[:, :])"], "(k),(m,k),(m)->(k),(m,k)"
-    try:
-        return numba.guvectorize(types, layout, nopython=True, cache=True)(function)
-    except RuntimeError:  # neither beside this file nor in the user's cache folder
-        return numba.guvectorize(types, layout, nopython=True)(function)
-
-
 def direction(v: np.ndarray, axis: int = -1) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors along an axis of v and their lengths; a vector of no length has no direction: zero."""
     length = np.linalg.norm(v, axis=axis, keepdims=True)
     return v / np.where(length > 0.0, length, 1.0), length
 
 
-@_compiled
-def tilted(normal, basis, tilt, unit, slopes):
+def tilted(normal: np.ndarray, basis: np.ndarray, tilt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit vector n = (normal + tilt . basis) / norm, (..., 3), and dn/dtilt, (..., 2, 3).
 
-    `normal` and `basis` (2, 3) are orthonormal, so the norm is sqrt(1 + tilt . tilt). Compiled,
-    because NumPy takes five times as long for three numbers.
+    `normal` and `basis` (2, 3) are orthonormal, so the norm is sqrt(1 + tilt . tilt). A single `tilt` (2,) is
+    computed with numbers of Python: NumPy takes five times as long for three numbers.
     """
-    inverse = 1.0 / math.sqrt(1.0 + tilt[0] * tilt[0] + tilt[1] * tilt[1])
-    for k in range(3):
-        unit[k] = (normal[k] + tilt[0] * basis[0, k] + tilt[1] * basis[1, k]) * inverse
-    for j in range(2):
-        for k in range(3):
-            slopes[j, k] = (basis[j, k] - tilt[j] * inverse * unit[k]) * inverse
+    if tilt.ndim == 1:
+        (a, b), n, ((s0, s1, s2), (t0, t1, t2)) = tilt.tolist(), normal.tolist(), basis.tolist()
+        f = 1.0 / math.sqrt(1.0 + a * a + b * b)
+        x, y, z = (n[0] + a * s0 + b * t0) * f, (n[1] + a * s1 + b * t1) * f, (n[2] + a * s2 + b * t2) * f
+        a, b = a * f, b * f
+        by_a = (s0 - a * x) * f, (s1 - a * y) * f, (s2 - a * z) * f
+        by_b = (t0 - b * x) * f, (t1 - b * y) * f, (t2 - b * z) * f
+        return np.array((x, y, z)), np.array((by_a, by_b))
+    first, second = tilt[..., :1], tilt[..., 1:]
+    norm = 1.0 / np.sqrt(1.0 + first * first + second * second)
+    turned = (normal + first * basis[0] + second * basis[1]) * norm
+    slopes = (basis - (tilt * norm)[..., None] * turned[..., None, :]) * norm[..., None]
+    return turned, slopes
 
 
 def dot(vector: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 SMALL = 1e-4  # rad: below it the series' first term is exact to rounding
 
@@ -17,12 +16,16 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 def turned(v: np.ndarray) -> np.ndarray:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), rad."""
+    from scipy.spatial.transform import Rotation  # slow to import, and many sessions need none
+
     flat = np.array(v, float).reshape(-1, 3)  # a copy: SciPy takes no read-only array
     return Rotation.from_rotvec(flat).as_matrix().reshape(*v.shape, 3)
 
 
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     """Rotation vectors (..., 3), rad, of rotation matrices (..., 3, 3): the inverse of `turned`."""
+    from scipy.spatial.transform import Rotation  # slow to import, and many sessions need none
+
     flat = np.array(matrix, float).reshape(-1, 3, 3)
     return Rotation.from_matrix(flat).as_rotvec().reshape(matrix.shape[:-1])
 

@@ -35,6 +35,26 @@ def pytest_collection_finish():
     gc.enable()
 
 
+@pytest.fixture
+def renewed(tmp_path):
+    """A function that brings a page up to date, checks what is around the marks, and returns the new text.
+
+    Its arguments are the module with the marks, and a function of the path.
+    """
+
+    def of(module, update):
+        path = tmp_path / "page.md"
+        path.write_text(f"before\n{module.BEGIN}\nold\n{module.END}\nafter\n", encoding="utf-8")
+        update(path)
+        text = path.read_text(encoding="utf-8")
+        assert text.startswith("before\n")
+        assert text.endswith("\nafter\n")
+        assert "\nold\n" not in text
+        return text
+
+    return of
+
+
 GRAVITY = np.array([0.0, 0.0, -9.81])
 CENTRE, SIDE, RADIUS = np.array([0.45, 0.0, 0.15]), 0.2286, 3e-3
 FACES = {"cube.+y": (0, 1, 0), "cube.-y": (0, -1, 0), "cube.-x": (-1, 0, 0), "cube.+z": (0, 0, 1)}
@@ -311,6 +331,8 @@ def tracker():
 def command(monkeypatch, capsys):
     """The command line in this process: exit code, output and error text for its arguments."""
     from bayescal.cli import main
+
+    monkeypatch.setattr("bayescal.cli.progress.EVERY", 3600.0)  # no lines of progress on a busy machine
 
     def run(*arguments):
         monkeypatch.setattr("sys.argv", ["bayescal", *map(str, arguments)])

@@ -1,7 +1,9 @@
 """Locks of outputs, temporary folders, files that are written together."""
 
+import errno
 import os
 import signal
+import stat
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -80,6 +82,65 @@ def test_a_created_folder_with_a_result_stays(tmp_path):
     with whole(tmp_path / "runs" / "out", "fit.json") as stage:
         (stage / "fit.json").write_text("{}")
     assert [p.name for p in (tmp_path / "runs").iterdir()] == ["out"]
+
+
+def in_time(path):
+    """Lock a path in a process that is given 10 s: its exit code and what it prints."""
+    line = (
+        "import pathlib, sys; from bayescal.beside import alone; alone(pathlib.Path(sys.argv[1])).__enter__()"
+    )
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent)}
+    done = subprocess.run(
+        [sys.executable, "-c", line, path], capture_output=True, text=True, timeout=10, env=environment
+    )
+    return done.returncode, done.stderr
+
+
+OTHERS = {
+    "pipe": lambda lock: os.mkfifo(lock),
+    "device": lambda lock: os.mknod(lock, 0o600 | stat.S_IFCHR, os.makedev(1, 7)),
+    "file of the user": lambda lock: lock.write_text("my notes"),
+}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no pipes with a name")
+@pytest.mark.parametrize("what", OTHERS)
+def test_what_has_the_name_of_a_lock_is_refused_and_kept(tmp_path, what):
+    lock = tmp_path / ".out.bayescal-lock"
+    try:
+        OTHERS[what](lock)
+    except PermissionError:
+        pytest.skip("not allowed here")
+    before = lock.stat()
+    code, said = in_time(tmp_path / "out")
+    assert code == 1
+    assert (
+        "it has the name of a lock, and bayescal did not write it; remove it, or give another --out" in said
+    )
+    assert lock.stat()[:7] == before[:7]
+
+
+@pytest.mark.parametrize("call", ["ftruncate", "write"])
+def test_a_full_disk_does_not_stop_a_lock(tmp_path, monkeypatch, call):
+    attempts = []
+
+    def full(*_):
+        attempts.append(call)
+        if len(attempts) > 3:
+            raise RuntimeError("endless")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(beside.os, call, full)
+    with alone(tmp_path / "out"):
+        assert attempts
+        assert [p.name for p in tmp_path.iterdir()] == [".out.bayescal-lock"]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_lock_that_is_removed_again_and_again_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(beside, "_has_name", lambda handle, path: False)
+    with pytest.raises(BayescalError, match="another run writes to it"), alone(tmp_path / "out"):
+        pass
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="needs a file system of its own")

@@ -8,23 +8,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from bayescal.cli import (  # noqa: F401  (they register their commands)
-    app,
-    blind,
-    budget,
-    check,
-    compare,
-    compensate,
-    export,
-    fit,
-    gap,
-    import_,
-    init,
-    plan,
-    report,
-    simulate,
-    verify,
-)
+from bayescal.cli import app
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -110,3 +94,11 @@ def test_the_two_commands_of_the_readme_do_what_it_says():
 @pytest.mark.parametrize("module", occurrences(MODULE))
 def test_every_module_that_is_run_exists(module):
     assert find_spec(module) or find_spec(f"{module}.__main__")
+
+
+def test_every_heading_of_a_release_is_there_once():
+    """Bullets that merges leave below the heading of others are found by their second heading."""
+    for release in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1:]:
+        headings = re.findall(r"^### .*$", release, re.MULTILINE)
+        assert len(headings) == len(set(headings))
+        assert not re.search(r"^- .*(?:\n  .*)*\n\n(?=- )", release, re.MULTILINE), "a gap between bullets"

@@ -80,6 +80,28 @@ def test_a_stopped_command_says_in_one_line_what_is_kept(what, number, said):
     assert seconds < 5.0  # one on a quiet machine
 
 
+def test_a_stopped_command_does_not_wait_for_the_end_of_python():
+    """Handlers at exit are called; what Python then frees is not waited for."""
+    slow = """
+import atexit
+class Slow:
+    def __del__(self, sleep=time.sleep):
+        sleep(20)
+slow = Slow()
+def sleep():
+    atexit.register(print, "handler", file=sys.stderr)
+    print("ready", flush=True)
+    time.sleep(60)
+entry._command = sleep
+entry.run()
+"""
+    process = started("-c", PROGRAM.partition("entry._command")[0] + slow)
+    assert process.stdout.readline() == "ready\n"
+    code, err, seconds = stopped(process)
+    assert (code, err) == (130, "bayescal: stopped; nothing was written\nhandler\n")
+    assert seconds < 10.0
+
+
 def test_a_stop_while_modules_are_imported_has_no_traceback():
     program = """
 import sys

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from bayescal.blind.card import between
+
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 ABSENT = "-"
 
@@ -35,9 +37,7 @@ def tables(record: dict[str, Any]) -> str:
 
 def update(path: Path, record: dict[str, Any]) -> None:
     """Replace the measured part of a page."""
-    before, _, rest = path.read_text(encoding="utf-8").partition(BEGIN)
-    after = rest.partition(END)[2]
-    path.write_text(f"{before}{BEGIN}\n\n{tables(record)}\n\n{END}{after}", encoding="utf-8")
+    between(path, (BEGIN, END), f"\n{tables(record)}\n")
 
 
 def _number(value: float | None) -> str:

@@ -13,8 +13,8 @@ import numpy as np
 
 from analysis.benchmarks.effective import Turn
 from bayescal.posterior import Density
+from bayescal.posterior.ensemble import Evolution, Independence
 from bayescal.posterior.linearised import Linearised
-from bayescal.posterior.sample import Evolution, Independence
 
 THIN = 10  # of the stretch move's steps one is kept: its chains are long
 

@@ -160,6 +160,7 @@ def of(records: Sequence[Record]) -> dict[str, Any]:
     least = list(places)[int(np.argmin(p["ecdf"]))]
     one = np.array([r["contacts"][r["seed"] % len(r["contacts"])] for r in done])
     every = np.concatenate([r["contacts"] for r in done])
+    of_distances = np.array([r["workspace_sd_ratio"] for r in done if "workspace_sd_ratio" in r])
     ratio = np.array([r["sd_ratio"] for r in done if len(r["sd_ratio"]) == len(done[0]["sd_ratio"])])
     return {
         "sessions": len(done),
@@ -180,6 +181,9 @@ def of(records: Sequence[Record]) -> dict[str, Any]:
             "histogram": (np.histogram(every, BINS, (0.0, 1.0))[0] / len(every)).tolist(),
         },
         "stated_over_posterior_sd": [float(v) for v in np.quantile(ratio, (0.0, 0.5, 1.0))],
+        "of_distances": [float(v) for v in np.quantile(of_distances, (0.5, 1.0))]
+        if len(of_distances)
+        else [],
         "with_discrepancy": sum(bool(r["families"]) for r in done),
         "with_unexplained_error": sum(r["excess_um"] > 0 for r in done),
         "contradicted": sum(not r["explains"] for r in done),

@@ -9,6 +9,7 @@ from typing import Any
 
 from analysis.calibration_checks.designs import DESIGNS
 from analysis.calibration_checks.figures import LEVELS
+from bayescal.blind.card import between
 
 BEGIN, END = "<!-- checks: begin -->", "<!-- checks: end -->"
 Figures = Mapping[str, Mapping[str, Any]]
@@ -88,6 +89,7 @@ def _rest(found: Figures) -> list[str]:
             name, f"{f['contacts']['ks_p']:.2f}",
             " ".join(f"{100 * v:.0f}" for v in f["contacts"]["histogram"]),
             "{:.2f}, {:.2f}, {:.2f}".format(*f["stated_over_posterior_sd"]),
+            ", ".join(f"{v:.2f}" for v in f["of_distances"]),
             str(f["with_discrepancy"]), str(f["with_unexplained_error"]), str(f["contradicted"]),
             "{1} of {0}, {2}".format(*f["gross"]),
         ]
@@ -95,8 +97,8 @@ def _rest(found: Figures) -> list[str]:
     )  # fmt: skip
     head = (
         "sessions | KS p, validation contacts | their places, % in fifths | stated over posterior s.d.: "
-        "minimum, median, maximum | with a discrepancy | with an unexplained error | contradicted | gross "
-        "contacts rejected, others rejected"
+        "minimum, median, maximum | of distances: median, maximum | with a discrepancy | with an unexplained "
+        "error | contradicted | gross contacts rejected, others rejected"
     )
     return _table(head, rows)
 
@@ -111,10 +113,7 @@ def _share(value: float, low: float, high: float) -> str:
 
 def update(path: Path, found: Figures) -> None:
     """Renew the tables of a page between its marks, and the CSV file of the same name beside it."""
-    page = path.read_text(encoding="utf-8")
-    before, rest = page.split(BEGIN, 1)
-    _, after = rest.split(END, 1)
-    path.write_text(f"{before}{BEGIN}\n{text(found)}\n{END}{after}", encoding="utf-8", newline="\n")
+    between(path, (BEGIN, END), text(found))
     with path.with_suffix(".csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("design", "figure", "of", "level", "value", "low", "high"))

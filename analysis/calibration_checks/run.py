@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -10,20 +9,17 @@ from pathlib import Path
 
 from analysis.calibration_checks import figures, page, session
 from analysis.calibration_checks.designs import DESIGNS, Design
+from analysis.records import arguments_of
 
-TOP = Path(__file__).parents[2]
 RAW = "sessions.jsonl"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the checks and write what they show."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.calibration_checks", description=__doc__)
+    parser = arguments_of("calibration_checks", __doc__, "of the first session; the others follow it")
     parser.add_argument("--sessions", type=int, default=40, help="sessions of each design")
-    parser.add_argument("--seed", type=int, default=1, help="of the first session; the others follow it")
     parser.add_argument("--designs", nargs="+", choices=[d.name for d in DESIGNS], help="default: all")
-    parser.add_argument("--out", type=Path, default=TOP / "runs" / "calibration_checks", help="folder")
     parser.add_argument("--again", action="store_true", help="only page and table, of the sessions in --out")
-    parser.add_argument("--page", type=Path, help="page to bring up to date, with its CSV file")
     given = parser.parse_args(arguments)
     given.out.mkdir(parents=True, exist_ok=True)
     raw = given.out / RAW

@@ -12,7 +12,7 @@ from analysis.calibration_checks.truth import MODEL, Simulated, simulated
 from bayescal.calibration import Fit, fit
 from bayescal.errors import BayescalError
 from bayescal.estimate import root
-from bayescal.model import ARM
+from bayescal.model import ARM, Model
 from bayescal.model.length_blocks import noise_groups
 from bayescal.predict.pairs import evenly, far_pairs, lengths
 
@@ -89,8 +89,7 @@ def compared(design: Design, made: Simulated, fitted: Fit) -> Record:
         "distances": [float(np.mean(d.predicted < d.error)) for d in v.distances],
         "diameters": [float(np.mean(d.predicted < d.error)) for d in v.diameters],
         "contacts": np.concatenate([np.mean(p.predicted < p.residuals, axis=0) for p in v.planes]).tolist(),
-        "workspace": workspace_places(made, fitted, plain).tolist(),
-        "workspace_stated": workspace_places(made, fitted, stated).tolist(),
+        **_workspace(made, fitted, plain, rng),
         "sd_ratio": (np.std(stated, axis=0) / np.std(plain, axis=0))[known].tolist(),
         "families": list(fitted.stated.families),
         "excess_um": 1e6 * fitted.final.unexplained.excess,
@@ -124,13 +123,25 @@ def noise_draws(fitted: Fit) -> dict[str, np.ndarray]:
     return dict(zip(groups, fitted.sampled.kappa.T, strict=True))
 
 
-def workspace_places(made: Simulated, fitted: Fit, draws: np.ndarray) -> np.ndarray:
-    """Places of true distances between points of the workspace among those of draws (S, D)."""
-    model = fitted.final.estimate.model
+def _workspace(made: Simulated, fitted: Fit, plain: np.ndarray, rng: np.random.Generator) -> Record:
+    """Places of true distances among those of draws, and the ratio of the root mean squares of their s.d."""
+    wide = fitted.stated
+    places, u = workspace(made, wide.plain.model, plain)
+    # with errors of masses and functions of the discrepancy, which move points beside the parameters
+    places_stated, wider = workspace(made, wide.wide.model, wide.draws(plain, rng))
+    return {
+        "workspace": places.tolist(),
+        "workspace_stated": places_stated.tolist(),
+        "workspace_sd_ratio": float(np.sqrt(np.mean(wider**2) / np.mean(u**2))),
+    }
+
+
+def workspace(made: Simulated, model: Model, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places of true distances in the workspace among those of draws (S, D) of a model, and their s.d."""
     rows = model.scene.rows("calibrate", "validate")
     rows = rows[evenly(len(rows), POINTS)]
     true, motion = made.points(rows), model.motion(rows)
     pairs = far_pairs(true)
     pairs = pairs[evenly(len(pairs), DISTANCES)]
     drawn = lengths(motion.points(model.deviations(draws[:, model.slices[ARM]])), pairs)
-    return np.mean(drawn < lengths(true, pairs), axis=0)
+    return np.mean(drawn < lengths(true, pairs), axis=0), np.std(drawn, axis=0)

@@ -17,12 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.calibration_checks.designs import Design, part, planned
-from bayescal.arm.robot import Robot
 from bayescal.dataset import Dataset, Target
 from bayescal.dataset.target_kinds import KINDS
+from bayescal.effects.masses import CENTRE_OFF, LOAD_OFF, LOAD_SHARE, MASS_SHARE
 from bayescal.effects.tool import TOOL
 from bayescal.estimate import STATED_WORTH, linearise, unit_weights
-from bayescal.gap.settings import LINEAR
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options
@@ -93,7 +92,7 @@ def simulated(design: Design, seed: int) -> Simulated:
     gross = rng.choice(np.flatnonzero(m.role[contacts] == "calibrate"), count, replace=False)
     size = np.exp(rng.uniform(*np.log(OUTLIER), count)) * rng.choice([-1.0, 1.0], count)
     error[gross] += size
-    actual = replace(dataset, robot=_other_masses(dataset.robot, rng)) if design.masses else dataset
+    actual = _other_masses(dataset, rng) if design.masses else dataset
     touched = touch(world, replace(actual, measurements=part(m, contacts)), error)
     readings = m.readings.copy()
     readings[contacts] = touched.measurements.readings
@@ -142,12 +141,23 @@ def _true(target: Target, model: Model, z: np.ndarray, spheres: Mapping[str, Tar
     return replace(target, values={"normal": normal, "offset": float(offset)})
 
 
-def _other_masses(robot: Robot, rng: np.random.Generator) -> Robot:
-    """The robot with masses and centres of mass in error, as the priors of a diagnosis assume."""
+def _other_masses(dataset: Dataset, rng: np.random.Generator) -> Dataset:
+    """The session with masses and centres of mass of links and tools in error, by `effects.masses`."""
+    robot = dataset.robot
     masses, centres = np.array(robot.masses), np.array(robot.centres_of_mass)
-    off = LINEAR.centre_off + LINEAR.mass_share * np.abs(centres)
-    return replace(
+    off = CENTRE_OFF + MASS_SHARE * np.abs(centres)
+    links = replace(
         robot,
-        masses=masses * (1.0 + LINEAR.mass_share * rng.standard_normal(masses.shape)),
+        masses=masses * (1.0 + MASS_SHARE * rng.standard_normal(masses.shape)),
         centres_of_mass=centres + off * rng.standard_normal(centres.shape),
     )
+    tools = tuple(
+        replace(
+            t,
+            mass=t.mass * (1.0 + LOAD_SHARE * rng.standard_normal()),
+            centre_of_mass=(t.centre if t.centre_of_mass is None else t.centre_of_mass)
+            + LOAD_OFF * rng.standard_normal(3),
+        )
+        for t in dataset.tools
+    )
+    return replace(dataset, robot=links, tools=tools)

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.blind.card import between
+
 BEGIN, END = "<!-- methods: begin -->", "<!-- methods: end -->"
 Record = dict[str, Any]
 
@@ -88,6 +90,4 @@ def _line(*cells: str) -> str:
 
 def update(path: Path, records: Sequence[Record]) -> None:
     """Renew the tables of a page between its marks."""
-    before, rest = path.read_text(encoding="utf-8").split(BEGIN, 1)
-    _, after = rest.split(END, 1)
-    path.write_text(f"{before}{BEGIN}\n{tables(records)}\n{END}{after}", encoding="utf-8", newline="\n")
+    between(path, (BEGIN, END), tables(records))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -10,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from analysis.methods import page, session
+from analysis.records import arguments_of
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.errors import BayescalError
 from bayescal.methods import compare
 from bayescal.reporting.comparison import comparison_record
 from bayescal.simulation import Options
 
-TOP = Path(__file__).parents[2]
 RAW = "methods.json"
 NOISE, SHAPE, OUTLIERS, TRACKER = 5e-6, 20e-6, 0.03, 20e-6  # m, m, fraction, m
 Record = dict[str, Any]
@@ -64,13 +63,10 @@ def _record(dataset: Dataset, sort: str) -> Record:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study and write what it shows."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.methods", description=__doc__)
+    parser = arguments_of("methods", __doc__, "one seed, one study")
     parser.add_argument("--layouts", type=int, default=3, help="layouts of cube and spheres")
     parser.add_argument("--arms", type=int, default=4, help="arms before each")
-    parser.add_argument("--seed", type=int, default=1, help="one seed, one study")
     parser.add_argument("--real", type=Path, help="folder of real sessions")
-    parser.add_argument("--out", type=Path, default=TOP / "runs" / "methods", help="folder to write")
-    parser.add_argument("--page", type=Path, help="page whose tables are brought up to date")
     given = parser.parse_args(arguments)
     done: list[Record] = []
     sources = [simulated(given.layouts, given.arms, given.seed), *([real(given.real)] if given.real else [])]

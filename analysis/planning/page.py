@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.blind.card import between
+
 BEGIN, END = "<!-- planning: begin -->", "<!-- planning: end -->"
 Record = dict[str, Any]
 
@@ -72,6 +74,4 @@ def _line(*cells: object) -> str:
 
 def update(path: Path, text: str) -> None:
     """Renew the tables of a page between its marks."""
-    before, rest = path.read_text(encoding="utf-8").split(BEGIN, 1)
-    _, after = rest.split(END, 1)
-    path.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8", newline="\n")
+    between(path, (BEGIN, END), text)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from analysis.planning import page
 from analysis.planning.session import CHOSEN, RANDOM, ground, measured
-from analysis.records import completed, stored
+from analysis.records import arguments_of, completed, stored
 from bayescal.planning.expected import Random, equals_random
 
-TOP = Path(__file__).parents[2]
 RAW = "planning.json"
 SIZES = ((40, 120), (100, 300), (200, 600))
 """Numbers of chosen contacts, and of random ones beside."""
@@ -61,13 +58,10 @@ def simulated(task: tuple[int, str, int, int]) -> Record:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study and write what it shows."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.planning", description=__doc__)
+    parser = arguments_of("planning", __doc__, "one seed, one study")
     parser.add_argument("--sessions", type=int, default=200, help="simulated sessions")
     parser.add_argument("--candidates", type=int, default=5000, help="possible contacts")
-    parser.add_argument("--seed", type=int, default=1, help="one seed, one study")
     parser.add_argument("--workers", type=int, default=1, help="processes")
-    parser.add_argument("--out", type=Path, default=TOP / "runs" / "planning", help="folder to write")
-    parser.add_argument("--page", type=Path, help="page whose tables are brought up to date")
     given = parser.parse_args(arguments)
     raw = given.out / RAW
     done = stored(raw)

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import pkgutil
 from collections.abc import Iterator
-from importlib import import_module
 from typing import Any
 
 import typer
 
-import bayescal.cli
+from bayescal.cli import app
 
 
 def group() -> Any:
-    """The `bayescal` command with every module of commands loaded."""
-    for module in pkgutil.iter_modules(bayescal.cli.__path__):
-        if not module.name.startswith("_"):
-            import_module(f"bayescal.cli.{module.name}")
-    return typer.main.get_command(bayescal.cli.app)
+    """The `bayescal` command."""
+    return typer.main.get_command(app)
 
 
 def commands(command: Any, path: str, parent: Any = None) -> Iterator[tuple[str, Any, Any]]:

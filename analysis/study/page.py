@@ -9,6 +9,7 @@ from typing import Any
 
 from analysis.study.pictures import NAMES
 from analysis.study.session import LEVELS
+from bayescal.blind.card import between
 
 BEGIN, END = "<!-- study: begin -->", "<!-- study: end -->"
 FOLDER = "pictures"
@@ -107,10 +108,7 @@ def _remarks(found: dict[str, Any]) -> str:
 
 def update(path: Path, found: dict[str, Any], drawn: Path) -> None:
     """Renew the table of a page between its marks, and the pictures in the folder beside it."""
-    text = path.read_text(encoding="utf-8")
-    before, rest = text.split(BEGIN, 1)
-    _, after = rest.split(END, 1)
-    path.write_text(f"{before}{BEGIN}\n{table(found)}\n{END}{after}", encoding="utf-8", newline="\n")
+    between(path, (BEGIN, END), table(found))
     (path.parent / FOLDER).mkdir(exist_ok=True)
     for name in NAMES:
         shutil.copyfile(drawn / name, path.parent / FOLDER / name)

@@ -8,13 +8,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
+from analysis.records import arguments_of
 from analysis.study import figures, page, pictures, session
 from bayescal.simulation import Options
 
-TOP = Path(__file__).parents[2]
 RAW = "sessions.json"
 Task = tuple[Options, bool]
 
@@ -39,14 +38,11 @@ def records(todo: Sequence[Task], workers: int) -> Iterator[session.Record]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study and write what it shows."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.study", description=__doc__)
+    parser = arguments_of("study", __doc__, "one seed, one study")
     parser.add_argument("--sessions", type=int, default=60, help="sessions to simulate")
-    parser.add_argument("--seed", type=int, default=1, help="one seed, one study")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--emcee", type=int, default=4, help="sessions that emcee samples too")
-    parser.add_argument("--out", type=Path, default=TOP / "runs" / "study", help="folder to write")
     parser.add_argument("--again", action="store_true", help="figures and pictures of the sessions in --out")
-    parser.add_argument("--page", type=Path, help="page whose table and pictures are brought up to date")
     given = parser.parse_args(arguments)
     given.out.mkdir(parents=True, exist_ok=True)
     raw = given.out / RAW

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from bayescal.arm.nominal import NominalArm
 from bayescal.arm.transforms import cross
@@ -130,6 +129,8 @@ def to_poses(
 
 def poses_apart(here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Shifts, m, and rotation vectors, rad, (M, 3) in F0 that bring poses `here` (M, 4, 4) to `there`."""
+    from scipy.spatial.transform import Rotation  # slow to import, and many sessions need none
+
     across = there[:, :3, :3] @ np.swapaxes(here[:, :3, :3], 1, 2)
     return there[:, :3, 3] - here[:, :3, 3], Rotation.from_matrix(across).as_rotvec()
 

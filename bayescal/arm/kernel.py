@@ -23,7 +23,8 @@ from bayescal.arm.compiled import compiled
 WIDTH = 128
 MAX_ANGLE = 0.15  # rad a displacement; the series are then right to 1e-13 rad
 _FAST = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
-_jit, _inline = compiled(**_FAST), compiled(**_FAST, inline="always")
+_jit = compiled(**_FAST)
+_inline = compiled(**_FAST, forceinline=True)  # copied in by LLVM; copies by numba take longer to compile
 
 # Scratch rows: the point (or the wrench's point), the force, a joint's sine and cosine, working rows
 _X, _Y, _Z, _U, _V, _W, _S, _C, _T, _D = range(10)
@@ -240,6 +241,7 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
     out : (W, 3, B), m, written
     """
     n = len(d)
+    every, beyond = np.int64(0), np.int64(1)  # no literals: numba would compile a function for each
     const = np.empty(6 * (n + 2))
     matrices = np.empty((n + 1, 3, 4))
     work = np.empty((_ROWS, WIDTH))
@@ -251,13 +253,13 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
             for j in range(3):
                 work[j] = 0.0 if general[n + 1] else const[6 * (n + 1) + (3, 5, 1)[j]]
             if general[n + 1]:
-                _out_displaced(work, start, n + 1, 0, const, firsts, terms, own, drivers)
+                _out_displaced(work, start, n + 1, every, const, firsts, terms, own, drivers)
             _offset(work, 1.0, tool, start)
             for f in range(n, 0, -1):
                 site = 6 * f
                 if general[f]:
                     _map(work, matrices[f])
-                    _out_displaced(work, start, f, 1, const, firsts, terms, own, drivers)
+                    _out_displaced(work, start, f, beyond, const, firsts, terms, own, drivers)
                     shift = d[f - 1] + const[site + 1]
                     _add(work, _Z, 1.0, shift, start, firsts[site + 1], firsts[site + 2], terms, own, drivers)
                 _joint_angle(
@@ -269,7 +271,7 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
                 else:
                     _map_turn(work, matrices[f])
             _map(work, link[0])
-            _out_displaced(work, start, 0, 0, const, firsts, terms, own, drivers)
+            _out_displaced(work, start, every, every, const, firsts, terms, own, drivers)
             _map(work, base)
             for j in range(3):
                 own_out = out[w, j, start : start + WIDTH]
@@ -350,6 +352,7 @@ def columns(
     out : (P, B) written
     """
     n = len(d)
+    every, beyond = np.int64(0), np.int64(1)  # no literals: numba would compile a function for each
     const = np.empty(6 * (n + 2))
     matrices = np.empty((n + 1, 3, 4))
     work = np.empty((_ROWS, WIDTH))
@@ -370,7 +373,7 @@ def columns(
                 work[3 + j, i] = force[i]
         _unmap(work, base, 0.0)
         _back_displaced(
-            work, start, 0, 0, const, firsts, terms, values, drivers, by_site, by_first, out, fresh
+            work, start, every, every, const, firsts, terms, values, drivers, by_site, by_first, out, fresh
         )
         _unmap(work, link[0], 0.0)
         for f in range(1, n + 1):
@@ -385,7 +388,19 @@ def columns(
             if general[f] or by_first[site + 4] < by_first[site + 6]:
                 _add(work, _Z, -1.0, 0.0, start, firsts[site + 1], firsts[site + 2], terms, values, drivers)
                 _back_displaced(
-                    work, start, f, 1, const, firsts, terms, values, drivers, by_site, by_first, out, fresh
+                    work,
+                    start,
+                    f,
+                    beyond,
+                    const,
+                    firsts,
+                    terms,
+                    values,
+                    drivers,
+                    by_site,
+                    by_first,
+                    out,
+                    fresh,
                 )
                 _unmap(work, link[f], 0.0)
             else:
@@ -393,7 +408,7 @@ def columns(
                 _unmap(work, matrices[f], shift)
         _offset(work, -1.0, tool, start)
         _back_displaced(
-            work, start, n + 1, 0, const, firsts, terms, values, drivers, by_site, by_first, out, fresh
+            work, start, n + 1, every, const, firsts, terms, values, drivers, by_site, by_first, out, fresh
         )
         for j in range(len(fresh)):
             if fresh[j]:

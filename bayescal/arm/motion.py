@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.arm import chain as reference
-from bayescal.arm import kernel
 from bayescal.arm.chain import Chain
 from bayescal.arm.transforms import AXES
 
@@ -38,6 +37,8 @@ class Term:
 
 def _padded(rows: np.ndarray, fill: np.ndarray | None = None) -> np.ndarray:
     """Rows (R, C) padded with the last column to a multiple of the kernel's width."""
+    from bayescal.arm import kernel  # compiled: whoever only reads about effects need not load it
+
     count = rows.shape[1]
     width = -(-max(count, 1) // kernel.WIDTH) * kernel.WIDTH
     out = np.zeros((rows.shape[0], width))
@@ -77,6 +78,10 @@ class Motion:
         index: dict[bytes, int] = {}
         for parameter, term in self.terms:
             site = 6 * term.frame + AXES.index(term.axis)
+            if isinstance(term.driver, float) and term.driver in (0.0, 1.0):  # most terms of a geometry
+                if term.driver:
+                    constant.append((site, parameter))
+                continue
             driver = np.broadcast_to(np.asarray(term.driver, float), (self.count,))
             if self.count == 0 or np.all(driver == 1.0):
                 constant.append((site, parameter))
@@ -112,6 +117,8 @@ class Motion:
 
     def points(self, values: np.ndarray) -> np.ndarray:
         """Ball centres in F0, (..., 3, C), m, at parameter deviations `values` (..., P), SI."""
+        from bayescal.arm import kernel
+
         values = np.ascontiguousarray(values, float)
         flat = values.reshape(math.prod(values.shape[:-1]), self.size)
         out = np.empty((len(flat), 3, self._tool.shape[1]))
@@ -123,6 +130,8 @@ class Motion:
 
     def columns(self, values: np.ndarray, p: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Derivatives of ``u . p`` by each parameter, (P, C), at `values` (P,) with ball centres p (3, C)."""
+        from bayescal.arm import kernel
+
         out = np.empty((self.size, self._tool.shape[1]))
         kernel.columns(
             np.ascontiguousarray(values, float), self._constant, self._varying, self._firsts, self._general,

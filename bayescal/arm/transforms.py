@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 AXES = ("rz", "tz", "rx", "tx", "ry", "ty")
 """The six components of a frame's displacement, in the order in which they are multiplied."""
@@ -55,7 +54,8 @@ def rigid(rotation_: np.ndarray | None = None, translation: np.ndarray | None = 
 def rpy_matrix(rpy: np.ndarray) -> np.ndarray:
     """Fixed-axis roll, pitch, yaw (..., 3), rad, to Rz(yaw) Ry(pitch) Rx(roll), (..., 3, 3)."""
     rpy = np.asarray(rpy, float)
-    return Rotation.from_euler("xyz", rpy.reshape(-1, 3)).as_matrix().reshape(*rpy.shape, 3)
+    roll, pitch, yaw = (rotation(axis, rpy[..., axis]) for axis in range(3))
+    return yaw @ pitch @ roll
 
 
 def rpy_of(matrix: np.ndarray) -> np.ndarray:
@@ -88,6 +88,8 @@ def alignment(to: np.ndarray, of: np.ndarray, weight: np.ndarray | None = None) 
     """
     if len(of) == 1 and not (np.any(to) and np.any(of)):
         return np.eye(3)  # the deviation of a single point from its own mean
+    from scipy.spatial.transform import Rotation  # slow to import, and most sessions align nothing
+
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Optimal rotation is not uniquely", UserWarning)
         return Rotation.align_vectors(to, of, weight)[0].as_matrix()

@@ -4,12 +4,13 @@ Two estimates of the same arm under the same prior are not independent: both are
 mean. Normalised by the prior standard deviations, with covariances C_A and C_B, and A = 1 - C_A, B = 1 - C_B,
 the difference of the estimates has the covariance A + B - AB - BA over data and true values (Gaussian,
 linear). This is C_A + C_B for identifiable directions, and zero for directions that are not identifiable.
-What stated covariances have more than C_A and C_B (`estimate.discrepancy`) is added.
+What stated covariances have more than C_A and C_B (`estimate.discrepancy`) is added. Of errors of masses that
+both sessions share, the difference of their effects on the estimates is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -104,7 +105,7 @@ def pair(sessions: tuple[str, str], fits: tuple[Stated, Stated], names: tuple[st
     z = [found.plain.z[k] for found, k in zip(fits, picks, strict=True)]
     c = [found.plain.covariance[np.ix_(k, k)] for found, k in zip(fits, picks, strict=True)]
     wider = [found.covariance[np.ix_(k, k)] - own for found, k, own in zip(fits, picks, c, strict=True)]
-    difference, spread = z[1] - z[0], difference_covariance(*c) + wider[0] + wider[1]
+    difference, spread = z[1] - z[0], difference_covariance(*c) + sum(wider) + shared_masses(fits, picks)
     # where a session says next to nothing, a difference is one of rounding
     directions = known_directions(*c)
     along = directions.T @ difference
@@ -112,6 +113,31 @@ def pair(sessions: tuple[str, str], fits: tuple[Stated, Stated], names: tuple[st
     size = np.sqrt(np.maximum(np.diag(spread), np.finfo(float).eps))
     p = float(chi2_sf(square, len(along))) if len(along) else 1.0
     return Pair(sessions, difference / size, square, len(along), p)
+
+
+def shared_masses(fits: tuple[Stated, Stated], picks: Sequence[np.ndarray]) -> np.ndarray:
+    """Change (P, P) of the covariance of a difference of P parameters by errors of masses that both share.
+
+    `picks` are the places of the parameters among the unknowns of each. Shared errors cancel as far as they
+    change the parameters of both alike.
+    """
+    slopes = [found.inputs.slopes[k] for found, k in zip(fits, picks, strict=True)]
+    if not _same_masses(*fits):
+        return np.zeros((len(slopes[0]), len(slopes[0])))
+    own = [by @ found.inputs.mixing for found, by in zip(fits, slopes, strict=True)]
+    common = (slopes[1] - slopes[0]) @ fits[0].inputs.together(fits[1].inputs).mixing
+    out: np.ndarray = common @ common.T - sum(by @ by.T for by in own)
+    return out
+
+
+def _same_masses(one: Stated, other: Stated) -> bool:
+    """Whether the masses of two sessions, stated for the same links and tools, have the same errors."""
+
+    def loads(found: Stated) -> list[tuple[float, ...]]:
+        tools = found.plain.model.scene.dataset.tools
+        return [(t.mass, *(t.centre if t.centre_of_mass is None else t.centre_of_mass)) for t in tools]
+
+    return one.inputs.names == other.inputs.names and loads(one) == loads(other)
 
 
 def difference_covariance(one: np.ndarray, other: np.ndarray) -> np.ndarray:

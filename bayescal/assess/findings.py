@@ -36,6 +36,7 @@ PRIOR_DECIDES = 0.5
 """Share of the predicted distance variance from which on it rests on the tolerances."""
 COVERED = 2.0
 """Standard uncertainties within which an estimate is not distinguishable from 0."""
+WRONG_MODEL = "the model lacks an effect, or masses are wrong"
 FAR_BEYOND = 3.0
 """Times the error of validation contacts from which on a distance error is one that they do not show."""
 
@@ -62,6 +63,7 @@ class Assessed:
     faces: tuple[FaceCheck, ...]
     tests: Acceptance
     prior_width: float = 1.0
+    sd: np.ndarray | None = None  # (D,) stated standard uncertainties of z; None for those of `found`
 
 
 def findings(of: Assessed) -> tuple[Finding, ...]:
@@ -132,7 +134,9 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
             f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations from nominal; "
             "check the robot file",
         )  # fmt: skip
-    yield from (Finding("negative", "warning", words) for words in negative(of.found))
+    for words in negative(of.found, of.sd):
+        advice = "; run bayescal gap" if words.endswith(WRONG_MODEL) else ""
+        yield Finding("negative", "warning", words + advice)
     absent = [name for name in model.effects if plain(name) not in IN_ROBOT_FILE]
     if absent:
         yield Finding(
@@ -140,10 +144,17 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def negative(found: Estimate) -> Iterator[str]:
-    """Estimates below zero of parameters that are physically positive."""
+def negative(found: Estimate, sd: np.ndarray | None = None) -> Iterator[str]:
+    """Estimates below zero of parameters that are physically positive.
+
+    Parameters
+    ----------
+    found : Estimate
+    sd : np.ndarray, shape (D,), optional
+        Standard uncertainties of z as the report states them, if wider than those of the estimate.
+    """
     model, z = found.model, found.z
-    values, u = model.physical(z), found.sd
+    values, u = model.physical(z), found.sd if sd is None else sd
     below = [(p, v / (u[k] * p.sd)) for k, (p, v) in enumerate(zip(model.parameters, values, strict=False))
              if p.positive and v < 0]  # fmt: skip
     within = [p.name for p, t in below if t > -COVERED]
@@ -151,10 +162,8 @@ def negative(found: Estimate) -> Iterator[str]:
         yield f"{', '.join(within)}: not distinguishable from 0 (negative by less than {COVERED:.0f} u)"
     beyond = [p.name for p, t in below if t <= -COVERED]
     if beyond:
-        yield (
-            f"{', '.join(beyond)}: negative by more than {COVERED:.0f} u, which is not physical: "
-            "the model lacks an effect, or masses are wrong; run bayescal gap"
-        )
+        names = ", ".join(beyond)
+        yield f"{names}: negative by more than {COVERED:.0f} u, which is not physical: {WRONG_MODEL}"
 
 
 def rests_on_priors(expected: Forecast, left: Unexplained) -> bool:

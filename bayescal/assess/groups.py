@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from bayescal.model.scene import Scene
 
@@ -76,6 +75,8 @@ def _ranges(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
 
 
 def _neighbourhoods(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
+    from scipy.spatial import cKDTree  # slow to import, and without many outliers not needed
+
     m = scene.dataset.measurements
     readings = m.readings[rows]
     # each joint by its own spread: a wrist turns further than a shoulder

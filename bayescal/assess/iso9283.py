@@ -23,7 +23,7 @@ from bayescal.estimate.clusters import poses
 from bayescal.predict.rows import RowPrediction
 
 CYCLES, POSES = 30, 5
-"""Cycles and poses of the norm."""
+"""Cycles and poses of the standard."""
 FEWEST_CYCLES = 3
 """Repeats of a pose from which on a repeatability is stated."""
 
@@ -43,7 +43,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Iso9283:
-    """Figures in the terms of the norm, and what differs from its procedure."""
+    """Figures in the terms of the standard, and what differs from its procedure."""
 
     figures: tuple[Figure, ...]
     differs: tuple[str, ...]
@@ -146,7 +146,7 @@ def _distance_accuracy(basis: Basis) -> Iterator[Figure]:
 
 
 def _differs(basis: Basis, parts: list[RowPrediction]) -> Iterator[str]:
-    """What differs from the procedure of the norm."""
+    """What differs from the procedure of the standard."""
     scene = basis.stated.wide.model.scene
     d, m = scene.dataset, scene.dataset.measurements
     rows = scene.rows("validate")
@@ -155,11 +155,12 @@ def _differs(basis: Basis, parts: list[RowPrediction]) -> Iterator[str]:
         sizes = np.concatenate([np.bincount(poses(m, r.block.rows)) for r in parts])
         cycles = f"{sizes.min()}" if sizes.min() == sizes.max() else f"{sizes.min()} to {sizes.max()}"
         times = "1 cycle" if cycles == "1" else f"{cycles} cycles"
-        yield f"{len(sizes)} poses with {times} each; the norm: {POSES} poses, {CYCLES} cycles"
+        yield f"{len(sizes)} poses with {times} each; the standard: {POSES} poses, {CYCLES} cycles"
     if any(r.block.kind.rows == 1 for r in parts):
         yield "contacts with a surface show the component of the error along its normal alone"
     mass = max((t.mass for t in d.tools), default=0.0)
     extra = 0.0 if m.payload is None else float(np.max(m.payload[rows], initial=0.0))
-    yield f"load: tool of {mass:.3g} kg and up to {extra:.3g} kg beyond; the norm: 100 % of the rated load"
-    yield "the arm stands still or probes slowly; the norm: 100 % of the rated speed before each pose"
+    load = f"tool of {mass:.3g} kg and up to {extra:.3g} kg beyond"
+    yield f"load: {load}; the standard: 100 % of the rated load"
+    yield "the arm stands still or probes slowly; the standard: 100 % of the rated speed before each pose"
     yield "orientations (AP a, b, c) are not part of these figures"

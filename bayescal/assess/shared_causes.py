@@ -10,14 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from bayescal.assess.groups import Group, groups_of
 from bayescal.distributions import chi2_sf, hypergeometric_log_sf
 from bayescal.estimate import Estimate, estimate
 from bayescal.model.block import ARM, Block
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 LEVEL = 0.005
 """Chance that outliers dealt at random are said to share a cause; each kind of group has its share of it."""
@@ -122,6 +125,8 @@ def shared(
 
 def _incidence(groups: Sequence[np.ndarray], count: int) -> csr_array:
     """Matrix (G, N) of ones where a group, a list of row numbers below N, holds a row."""
+    from scipy.sparse import csr_array  # slow to import, and without many outliers not needed
+
     ends = np.cumsum([0, *map(len, groups)])
     rows = np.concatenate(groups)
     return csr_array((np.ones(len(rows), np.int32), rows, ends), shape=(len(groups), count))

@@ -13,7 +13,9 @@ from bayescal.checking.missing import missing, model_of
 from bayescal.checking.odd import odd
 from bayescal.dataset import Certificate, Dataset
 from bayescal.dataset.read import read_parts
-from bayescal.gap.search.candidates import candidates
+from bayescal.effects import EFFECTS, Circumstances
+from bayescal.effects.selection import plain
+from bayescal.gap.search.candidates import Candidates, candidates, wide
 from bayescal.model.scene import Scene
 
 MODEL = ("geometry", "compliance")
@@ -69,7 +71,8 @@ def check(folder: Path | str, allow_xacro: bool = False) -> Check:
     dataset, table, document = read_parts(folder, allow_xacro)
     scene = Scene(dataset)
     model, modelled = model_of(scene, MODEL)
-    known = None if model is None else candidates(scene.circumstances(scene.rows("calibrate")), modelled)
+    circumstances = scene.circumstances(scene.rows("calibrate"))
+    known = None if model is None else candidates(circumstances, modelled)
     found = list(odd(dataset, table, document))
     posed = not any(f.code in UNPOSED for f in found)
     found += missing(scene, model, known, posed)
@@ -78,10 +81,16 @@ def check(folder: Path | str, allow_xacro: bool = False) -> Check:
         modelled=modelled,
         unknowns=0 if model is None else model.size,
         values=0 if model is None else sum(block.residuals for block in model.blocks),
-        assessed=() if known is None else tuple(known.variants),
+        assessed=() if known is None else _assessed(known, circumstances, modelled),
         not_assessed={} if known is None else dict(known.missing),
         findings=tuple(sorted(found, key=lambda f: KINDS.index(f.kind))),
     )
+
+
+def _assessed(known: Candidates, circumstances: Circumstances, modelled: tuple[str, ...]) -> tuple[str, ...]:
+    """Effects with candidates, and those whose many settings a diagnosis screens first."""
+    beyond = (e for e in EFFECTS.values() if e.name not in map(plain, modelled))
+    return tuple(e.name for e in beyond if e.name in known.variants or wide(e, circumstances))
 
 
 def check_record(of: Check) -> dict[str, Any]:

@@ -10,16 +10,16 @@ import sys
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from bayescal.cli.root import app
+    from bayescal.cli.commands import app
 
 __all__ = ["app", "main"]
 
 
 def __getattr__(name: str) -> object:
-    """`app`, imported when it is first used."""
+    """`app` with all commands, imported when it is first used."""
     if name != "app":
         raise AttributeError(f"module 'bayescal.cli' has no attribute '{name}'")
-    from bayescal.cli.root import app
+    from bayescal.cli.commands import app
 
     return app
 

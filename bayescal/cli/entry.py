@@ -8,7 +8,7 @@ import signal
 import sys
 
 from bayescal.errors import BayescalError
-from bayescal.stopping import Stopped, stoppable
+from bayescal.stopping import Stopped, leave, stoppable
 
 FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 """A full disk, a limit on the size of files, an exhausted quota: no defect of ours."""
@@ -33,14 +33,9 @@ def run() -> None:
         sys.stderr.write(f"bayescal: {error}\n")
         sys.exit(1)
     except KeyboardInterrupt:
-        _exit(Stopped(signal.SIGINT))
+        leave(Stopped(signal.SIGINT))
     except Stopped as stopped:
-        _exit(stopped)
-
-
-def _exit(stopped: Stopped) -> None:
-    stopped.report()
-    sys.exit(stopped.code)
+        leave(stopped)
 
 
 def _command() -> None:
@@ -50,22 +45,6 @@ def _command() -> None:
         os.getcwd()
     except OSError:
         raise BayescalError("it does not exist any more", "working directory", "change to another") from None
-    from bayescal.cli import (  # noqa: F401  (they register their commands)
-        blind,
-        budget,
-        check,
-        compare,
-        compensate,
-        export,
-        fit,
-        gap,
-        import_,
-        init,
-        plan,
-        report,
-        simulate,
-        verify,
-    )
-    from bayescal.cli.root import app
+    from bayescal.cli.commands import app
 
     app()

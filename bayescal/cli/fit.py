@@ -57,7 +57,8 @@ def fit(
     ] = False,
 ) -> None:
     """Calibrate an arm: its parameters with uncertainty, and the expected distance error in its workspace."""
-    from bayescal.beside import checkpoint_of
+    from bayescal.beside import CHECKPOINT, checkpoint_of
+    from bayescal.growing import remove
     from bayescal.public.functions import fit as run
     from bayescal.public.results import drawing_beside
 
@@ -82,10 +83,10 @@ def fit(
             checkpoint=checkpoint_of(folder),
             say=notify.say,
         )
-        notify("write", 1.0)
+        notify("write", 0.0)
         written = result.save(folder, pictures)
         if samples:
-            checkpoint_of(folder).unlink(missing_ok=True)
+            remove(checkpoint_of(folder), CHECKPOINT)
     show(result.report(verbose), folder, written)
     if not result.data.draws.converged:
         what = f"the sampler did not converge: {result.data.draws.complaint}"

@@ -58,7 +58,7 @@ def gap(
             allow_xacro=allow_xacro,
             progress=notify,
         )
-        notify("write", 1.0)
+        notify("write", 0.0)
         written = result.save(folder, pictures)
     show(result.report(), folder, written)
     if result.undecided and len(datasets) == 1:

@@ -74,6 +74,6 @@ def plan(
             allow_xacro=allow_xacro,
             progress=notify,
         )
-        notify("write", 1.0)
+        notify("write", 0.0)
         written = result.save(folder, [form.name for form in formats])
     show(result.report(), folder, written)

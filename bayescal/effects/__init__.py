@@ -122,6 +122,9 @@ def parameters_of(
 ) -> tuple[Parameter, ...]:
     """Parameters of a model: the tool's and those of the named effects, in order.
 
+    A parameter that an effect shares with one before it, as an offset of 'geometry' after 'joint', is there
+    once, with the prior of the first.
+
     Parameters
     ----------
     names : tuple of str
@@ -151,7 +154,8 @@ def parameters_of(
         asked = Selection.read(name)
         if effect.alternatives and not asked.sites:
             own = [p for p in own if p.site == own[0].site]
-        out += asked.of(own, f"--model '{name}'")
+        there = {p.name for p in out}
+        out += [p for p in asked.of(own, f"--model '{name}'") if p.name not in there]
     return (*out, *TOOL.at(circumstances))
 
 

@@ -1,8 +1,8 @@
 """Joint level: only zeros and scales of the joints; every length and twist is nominal.
 
 The first of the three levels of Mooring, Roth and Driels (Fundamentals of Manipulator Calibration, 1991):
-the relation of a joint's reading and its angle. It is part of `geometry` and `encoder-scale` and has their
-priors, so a model has either this level or these effects. A diagnosis does not name it.
+the relation of a joint's reading and its angle. It shares its parameters and their priors with `geometry` and
+`encoder-scale`. A diagnosis does not name it.
 """
 
 from __future__ import annotations

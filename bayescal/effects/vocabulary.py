@@ -212,11 +212,15 @@ class Scan:
 
 @dataclass(frozen=True)
 class Form:
-    """Another form of an effect, with the same cause; a model names a form as ``effect@name``."""
+    """Another form of an effect, with the same cause; a model names a form as ``effect@name``.
+
+    `odds` is its prior probability, relative to that of an equal share of the other forms.
+    """
 
     name: str
     words: str  # for a report: "by the readings shown"
     parameters: Callable[[Circumstances], list[Parameter]]
+    odds: float = 1.0
 
 
 Setting = float | str | tuple[tuple[Site, float], ...] | None
@@ -252,7 +256,7 @@ class Effect:
     requires : tuple of str
         Effects that must be in the model before a diagnosis can name this one: it acts through them.
     part_of : tuple of str
-        Effects with the same parameters; a model has either this effect or these.
+        Effects with which it shares parameters; a model has each of these once.
     sizes : mapping from str to Size
         How its parameters read as an amplitude, by their SI unit; others are told as they are.
     forms : tuple of Form
@@ -310,5 +314,10 @@ class Effect:
         if setting is None or self.scan is None:
             return ""
         if isinstance(setting, tuple):
-            return ", ".join(f"{self.scan.words.format(value)} at {site}" for site, value in setting)
+            sites: dict[float, list[str]] = {}
+            for site, value in setting:
+                sites.setdefault(value, []).append(str(site))
+            (first, *others) = sites.items()
+            told = [f"{self.scan.words.format(first[0])} at {' and '.join(first[1])}"]
+            return ", ".join(told + [f"{value:g} at {' and '.join(names)}" for value, names in others])
         return self.scan.words.format(setting)

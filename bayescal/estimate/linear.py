@@ -32,7 +32,9 @@ def linearise(model: Model, z: np.ndarray, weights: Weights) -> Linear:
         r, by_arm, by_target = block.linearise(values, z[own])
         whiten = weights.whitening(block)
         residual[mine] = r * whiten
-        jacobian[mine, arm] = by_arm * model.sd * whiten[:, None]
+        of_arm = jacobian[mine, arm]  # in place: of a large session each copy counts
+        np.multiply(by_arm, model.sd, out=of_arm)
+        of_arm *= whiten[:, None]
         jacobian[mine, own] = by_target * whiten[:, None]
         of_block[block.name] = mine
         at = mine.stop

@@ -20,6 +20,7 @@ from bayescal.dataset.write import write_files
 from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.fitted import FittedArm, Origin
+from bayescal.exporting.masses import MassErrors
 from bayescal.exporting.rows import SETTLED
 from bayescal.files import json_text
 from bayescal.folders import check_unchanged
@@ -71,6 +72,7 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
         "seed": arm.origin.seed,
         "parameters": parameters,
         "covariance_si": arm.covariance.tolist(),
+        "masses": None if arm.masses is None else arm.masses.record(),
         "targets_si": {name: state.tolist() for name, state in arm.states.items()},
         "rejected": list(arm.rejected),
         "doubts": list(arm.doubts),
@@ -181,4 +183,5 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
         ),
         tuple(record["doubts"]),
         tuple(record["notes"]),
+        MassErrors.read(record.get("masses"), len(values)),
     )

@@ -23,6 +23,7 @@ from bayescal.exporting.rows import state_row
 from bayescal.exporting.sidecar import SCHEMA, sidecar_of
 from bayescal.exporting.written import Options, Written, path_of
 from bayescal.files import json_text, write_together
+from bayescal.reading import content_of
 
 UM = 1e6
 
@@ -81,6 +82,9 @@ class Exported:
     def save(self, path: Path) -> tuple[Path, ...]:
         """Write the file, those beside it and the sidecar; an earlier export of that name is replaced.
 
+        The sidecar is put in place first, with the hashes of the earlier files (`replaces`), and last without
+        them. If the process is killed in between, no file is without a sidecar that knows it.
+
         Raises
         ------
         BayescalError
@@ -88,7 +92,9 @@ class Exported:
         """
         files = self.files(path)
         _check_free(path, files, self.options.into)
-        write_together(files)
+        sidecar = sidecar_of(path)
+        earlier = {p.name: _hash(p.read_bytes()) for p in files if p != sidecar and p.exists()}
+        write_together(files, {sidecar: json_text(self.record(path.name) | {"replaces": earlier})})
         return tuple(files)
 
 
@@ -196,16 +202,23 @@ def _check_free(path: Path, files: Iterable[Path], into: str) -> None:
         if into and own.exists() and file.samefile(own):
             what = "is the file to patch itself"
             raise BayescalError(what, str(file), "give another --out: it is not changed")
-        if file != sidecar and (not file.is_file() or known.get(file.name) != _hash(file.read_bytes())):
+        if file != sidecar and (
+            not file.is_file() or _hash(file.read_bytes()) not in known.get(file.name, ())
+        ):
             raise BayescalError("exists and is no unchanged export", str(file), "give another --out")
         if file == sidecar and not known:
             raise BayescalError("exists and is no sidecar of an export", str(file), "give another --out")
 
 
-def _earlier(sidecar: Path, name: str) -> dict[str, str]:
-    """Hashes of the files of an earlier export, by their names; none if the sidecar is of no export."""
+def _earlier(sidecar: Path, name: str) -> dict[str, set[str]]:
+    """Hashes of the files of an earlier export, by their names; none if the sidecar is of no export.
+
+    Where an export was interrupted, a file is the earlier or the new one.
+    """
     try:
-        record = json.loads(sidecar.read_text(encoding="utf-8"))
-        return {**record.get("beside", {}), name: record["sha256"]} if record["schema"] == SCHEMA else {}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        record = json.loads(content_of(sidecar).decode("utf-8"))
+        new = {**record.get("beside", {}), name: record["sha256"]} if record["schema"] == SCHEMA else {}
+        replaced = record.get("replaces", {})
+        return {key: {own, *([replaced[key]] if key in replaced else [])} for key, own in new.items()}
+    except (BayescalError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}

@@ -21,7 +21,9 @@ from bayescal.effects.selection import plain
 from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
+from bayescal.estimate.discrepancy import Inputs
 from bayescal.exporting import gate
+from bayescal.exporting.masses import MassErrors
 from bayescal.exporting.rows import Circumstance, posed_rows, standing_model
 from bayescal.model import ARM, Model
 
@@ -48,7 +50,8 @@ class Origin:
 class Poses:
     """C poses of an arm, in F0, SI.
 
-    `motion` is the motion of these rows, by deviations of the arm's P parameters.
+    `motion` is the motion of these rows, of `model`, by deviations of the arm's P parameters. `spread` is
+    their covariance without the part of the errors of masses, which move the points as well.
     """
 
     readings: np.ndarray  # (C, n) rad
@@ -57,6 +60,9 @@ class Poses:
     motion: Motion
     values: np.ndarray  # (P,)
     spread: np.ndarray  # (P, P)
+    model: Model
+    rows: np.ndarray  # (C,) of the model's scene
+    masses: MassErrors | None
 
     @cached_property
     def by_parameters(self) -> np.ndarray:
@@ -70,8 +76,15 @@ class Poses:
     @property
     def covariance(self) -> np.ndarray:
         """Covariance of each point by the stated uncertainty of the parameters, (C, 3, 3), m2."""
-        by = self.by_parameters
-        return by @ self.spread @ np.swapaxes(by, -1, -2)
+        return self.spread_by(self.by_parameters)
+
+    def spread_by(self, by: np.ndarray) -> np.ndarray:
+        """Covariance (C, 3, 3), m2, of points with derivatives (C, 3, P) by the parameters."""
+        out = by @ self.spread @ np.swapaxes(by, -1, -2)
+        if self.masses is not None and len(self.rows):
+            own = self.masses.at(self.model, self.values, self.rows) - by @ self.masses.shifts
+            out = out + own @ np.swapaxes(own, -1, -2)
+        return out
 
 
 @dataclass(frozen=True)
@@ -97,6 +110,8 @@ class FittedArm:
         Reasons of the fit not to hand out the arm.
     notes : tuple of str
         What a user should know of the choice of effects.
+    masses : MassErrors, optional
+        Errors of the stated masses, of which the covariance has a part.
     """
 
     model: Model
@@ -108,6 +123,7 @@ class FittedArm:
     origin: Origin = Origin()
     doubts: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    masses: MassErrors | None = None
 
     @property
     def against(self) -> tuple[str, ...]:
@@ -176,7 +192,10 @@ class FittedArm:
             frames(model.scene.chain, model.scene.q[rows], delta)[:, -1],
             motion,
             self.values,
-            self.covariance,
+            self.covariance if self.masses is None else self.masses.without(self.covariance),
+            model,
+            rows,
+            self.masses,
         )
 
     @property
@@ -204,8 +223,10 @@ class FittedArm:
         return replace(self, model=standing_model(self.model, values), values=values)
 
 
-def of_estimate(found: Estimate, covariance: np.ndarray, origin: Origin = Origin()) -> FittedArm:
-    """The arm of an estimate; `covariance` (D, D) is the stated one of its z."""
+def of_estimate(
+    found: Estimate, covariance: np.ndarray, origin: Origin = Origin(), inputs: Inputs | None = None
+) -> FittedArm:
+    """The arm of an estimate; `covariance` (D, D) is the stated one of its z, with errors of `inputs`."""
     model = found.model
     arm = model.slices[ARM]
     values = model.deviations(found.z[arm])
@@ -217,13 +238,14 @@ def of_estimate(found: Estimate, covariance: np.ndarray, origin: Origin = Origin
         {b.target: b.state(found.z[model.slices[b.target]]) for b in model.states},
         tuple(model.scene.dataset.measurements.ids[row] for row in found.rejected),
         origin,
+        masses=MassErrors.of(found, inputs),
     )
 
 
 def of_fit(fit: Fit) -> FittedArm:
     """The arm of a calibration."""
     origin = Origin("fit", fit.seed, fit.robust, fit.prior_width, fit.without)
-    arm = of_estimate(fit.final.estimate, fit.stated.limited, origin)
+    arm = of_estimate(fit.final.estimate, fit.stated.limited, origin, fit.stated.inputs)
     told = () if fit.acceptance.explains else (f"verdict of the fit: {fit.acceptance.verdict}",)
     return replace(arm, doubts=gate.of_fit(fit), notes=told)
 
@@ -241,7 +263,7 @@ def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> 
         for n in gap.verdict.named
         if not n.confirmed
     )
-    arm = of_estimate(gap.arm, gap.covariance, origin)
+    arm = of_estimate(gap.arm, gap.covariance, origin, gap.inputs)
     arm = replace(arm, doubts=gate.of_gap(gap), notes=left_out)
     return refitted(arm, with_, without) if with_ or without else arm
 

@@ -8,7 +8,7 @@ from bayescal.assess.budget import Basis, Input, Measurand
 from bayescal.assess.budget.inputs import READINGS
 from bayescal.assess.budget.measurand import POINT
 from bayescal.errors import BayescalError
-from bayescal.estimate.discrepancy import families, sized
+from bayescal.estimate.discrepancy import families, inputs, mixed, sized
 from bayescal.exporting.fitted import FittedArm, Poses
 from bayescal.exporting.lost_motion import lost_motion
 from bayescal.exporting.rows import Circumstance, posed_rows
@@ -44,9 +44,11 @@ def point(
     here = Circumstance.of(arm.dataset, 1, tool, payload_kg, None, None)
     posed, rows = posed_rows(arm.model, arm.values, here.source, here.changed(readings[None], None), True)
     wide = basis.stated.wide
-    functions = sized(
-        families(posed.scene.circumstances(posed.scene.rows("calibrate"))), basis.stated.variances
-    )
+    around = posed.scene.circumstances(posed.scene.rows("calibrate"))
+    functions = [
+        *sized(families(around), basis.stated.variances),
+        *mixed(inputs(basis.stated.plain, around), basis.stated.inputs.mixing),
+    ]
     count = wide.model.slices[ARM].stop
     if len(posed.parameters) + len(functions) != count:
         raise BayescalError("the model discrepancy differs at this pose", "--point", "choose another pose")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
@@ -42,6 +43,8 @@ class _Sidecar(BaseModel):
     """Entries of every sidecar; further ones are not read."""
 
     schema_: Literal["bayescal-export/1"] = Field(alias="schema")
+    sha256: str
+    beside: dict[str, str]
     format: str
     dataset: _Dataset
     robot: str
@@ -77,7 +80,8 @@ def read_sidecar(path: Path) -> Mapping[str, Any]:
     Raises
     ------
     BayescalError
-        If there is none, it is of another version, or an entry is missing or wrong.
+        If there is none, it is of another version, an entry is missing or wrong, or the export was
+        interrupted before all its files were in place.
     """
     beside = sidecar_of(path)
     record = read_record(beside, SCHEMA, AGAIN)
@@ -87,7 +91,18 @@ def read_sidecar(path: Path) -> Mapping[str, Any]:
         first = error.errors(include_url=False)[0]
         what = f"`{'.'.join(map(str, first['loc']))}`: {first['msg']}"
         raise BayescalError(what, str(beside), AGAIN) from None
+    if "replaces" in record:
+        _check_complete(path, record)
     return record
+
+
+def _check_complete(path: Path, record: Mapping[str, Any]) -> None:
+    """Refuse files of which one is still of the export before the one of the sidecar."""
+    for name, digest in {path.name: record["sha256"], **record["beside"]}.items():
+        file = path.parent / name
+        if not file.is_file() or sha256(file.read_bytes()).hexdigest() != digest:
+            what = f"the export was interrupted before {name} was in place"
+            raise BayescalError(what, str(path), AGAIN)
 
 
 def _entries(record: Mapping[str, Any]) -> type[_Sidecar]:

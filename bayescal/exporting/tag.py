@@ -52,6 +52,17 @@ def with_origins(text: str, origins: Mapping[str, Mapping[str, str]]) -> str:
     return data.decode("utf-8")
 
 
+def around(text: str) -> tuple[str, str]:
+    """The text before and behind the root element of an XML text."""
+    data, parser = text.encode("utf-8"), expat.ParserCreate("utf-8")
+    starts: list[int] = []
+    ends: list[int] = []
+    parser.StartElementHandler = lambda tag, attributes: starts.append(parser.CurrentByteIndex)
+    parser.EndElementHandler = lambda tag: ends.append(parser.CurrentByteIndex)
+    parser.Parse(data, True)
+    return data[: starts[0]].decode(), data[tag_end(data, ends[-1]) :].decode()
+
+
 def tag_end(data: bytes, at: int) -> int:
     """Position behind a tag that starts at `at`; a > in a quoted value does not end it."""
     quote = 0

@@ -9,8 +9,6 @@ own.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import yaml
 
@@ -22,7 +20,7 @@ from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.geometry import geometry_of, items, steps, zero_frames
 from bayescal.exporting.same_arm import FileArm, match
 from bayescal.exporting.written import Format, Options, Written, path_of
-from bayescal.reading import decoded
+from bayescal.files import read_document
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -74,13 +72,14 @@ def _check_is_ur(robot: Robot) -> None:
 def _read(into: str) -> tuple[FileArm, str, str]:
     """A given calibration file: its arm, its hash, its name."""
     path, _ = path_of(into)
-    text, _ = decoded(path)
+    data = read_document(path).data
     try:
-        data: Any = yaml.safe_load(text)
         each = data["kinematics"]
         values = np.array([[float(each[link][key]) for key in KEYS] for link in LINKS])
         label = str(each["hash"])
-    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        if not np.all(np.isfinite(values)):
+            raise ValueError("a number is not finite")
+    except (KeyError, TypeError, ValueError) as error:
         what = f"no calibration of ur_robot_driver: {error!r}"
         raise BayescalError(what, path.name, "give the file that ur_calibration wrote") from None
     pose, frames = np.eye(4), []

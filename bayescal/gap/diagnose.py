@@ -95,8 +95,8 @@ def diagnose(
     ]
     verdict = found.verdict
     arm = _confirmed(found, robust, prior_width, parts)
-    covariance = stated(arm).limited
-    of_final = covariance if arm is final else stated(final).limited
+    wide = stated(arm)
+    of_final = wide.limited if arm is final else stated(final).limited
     lacking = undetermined(final, identifiability(final))
     reduction = shrinkage(before, after, noise.sd, of_shrinkage, noise.dof) if changed else ()
     if not all(n.confirmed for n in verdict.named):
@@ -126,7 +126,9 @@ def diagnose(
         prior_width=prior_width,
         undecided=undecided(last),
         arm=arm,
-        covariance=covariance,
+        calibrated=first.fitted,
+        covariance=wide.limited,
+        inputs=wide.inputs,
         undetermined=lacking,
     )
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from bayescal.assess.shared_causes import SharedCause, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
+from bayescal.effects.masses import masses
 from bayescal.estimate import Estimate, calibrated, clusters
-from bayescal.gap.linear.known import with_compliances
-from bayescal.gap.linear.masses import masses
+from bayescal.estimate.compliances import with_compliances
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.shared_error import shared_variance, worth
 from bayescal.gap.linear.slopes import Slopes, of_certificate

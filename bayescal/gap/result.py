@@ -16,6 +16,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import Selection
 from bayescal.estimate import Estimate
+from bayescal.estimate.discrepancy import Inputs
 
 VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
 """Kinds of validation measurement, as reports name them."""
@@ -29,7 +30,7 @@ class Measured:
     what: str  # "validation contacts", "sphere distances", "validation points"
     count: int
     rms: float
-    predicted_rms: float  # median over the posterior predictive
+    predicted_rms: float  # root mean square over the posterior predictive
     predicted_interval95: tuple[float, float]
 
 
@@ -284,5 +285,7 @@ class Gap:
     prior_width: float = 1.0
     undecided: tuple[Pair, ...] = ()
     arm: Estimate | None = None  # with the named effects that are confirmed: what an export is made of
-    covariance: np.ndarray | None = None  # (D, D) of its z, with the model discrepancy
+    calibrated: Estimate | None = None  # of the baseline, before any refit
+    covariance: np.ndarray | None = None  # (D, D) of its z, with the model discrepancy and errors of masses
+    inputs: Inputs | None = None  # the latter
     undetermined: tuple[Undetermined, ...] = ()  # of the fullest model

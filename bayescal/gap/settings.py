@@ -15,7 +15,7 @@ from typing import Final
 
 @dataclass(frozen=True)
 class LinearSettings:
-    """The linear problem: outliers, noise, evidence of columns, mass errors."""
+    """The linear problem: outliers, noise, evidence of columns."""
 
     rounds: int = 30
     """Reweightings at most (cost)."""
@@ -35,15 +35,6 @@ class LinearSettings:
     """Mean worth of a residual from which on a shared error is not considered (cost)."""
     dependent: float = 0.05
     """Share of the largest singular value below which directions of one pose are dependent (assumed)."""
-    mass_share: float = 0.05
-    """Standard uncertainty of a link's mass, and of each coordinate of its centre, as a share (assumed)."""
-    load_share: float = 0.005
-    """Standard uncertainty of the mass of the load on the flange, as a share (assumed: it was weighed)."""
-    centre_off: float = 2e-4
-    """Standard uncertainty of a link's centre of mass beside the share of its coordinate, m (assumed)."""
-    load_off: float = 4e-3
-    """Standard uncertainty of each coordinate of the load's centre of mass, m (tuned: a tool is weighed, but
-    its centre is computed; with 10 mm small payloads are no longer named)."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +55,10 @@ class SearchSettings:
     """Gain, nats, from which on a single effect is fitted (cost)."""
     further_gain: float = 2.0
     """Gain, nats, from which on a further effect is fitted (cost)."""
+    large: float = 15.0
+    """Gain, nats, from which on the leading variants of an effect are fitted each (assumed)."""
+    fitted: int = 4
+    """Such variants beside the best (cost)."""
     width: int = 5
     """Hypotheses of one size that are extended (cost)."""
     largest: int = 6

@@ -15,7 +15,7 @@ import numpy as np
 from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Motion, Term
 from bayescal.dataset import Certificate as CertificateEntry
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.effects import MODELS, UNITS, Parameter, parameters_of
+from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.model.block import ARM, Block, Constraint, Turned
@@ -214,7 +214,7 @@ class Model:
 
 
 def check_asked(effects: tuple[str, ...], prior_width: float) -> None:
-    """Refuse priors without width, an effect named twice, and an effect that is part of another."""
+    """Refuse priors without width, and an effect named twice."""
     if not 0 < prior_width < float("inf"):
         raise BayescalError(
             "a model without priors would shrink the arm to fit its contacts",
@@ -225,10 +225,6 @@ def check_asked(effects: tuple[str, ...], prior_width: float) -> None:
     if len(asked) < len(effects):
         remedy = "name it once; for several sites: 'backlash at joint 2 and joint 3'"
         raise BayescalError("an effect is named twice", "--model", remedy)
-    for name in asked & MODELS.keys():
-        if others := asked.intersection(MODELS[name].part_of):
-            what = f"{name} is part of {' and of '.join(sorted(others))}"
-            raise BayescalError(what, "--model", f"leave {name} out")
 
 
 def build(

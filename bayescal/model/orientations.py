@@ -6,7 +6,6 @@ Pure functions of a session; `Scene` calls them if it is `oriented`.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Dataset
@@ -54,4 +53,6 @@ def tool_frames(dataset: Dataset, flange: np.ndarray) -> np.ndarray:
 
 def mean_rotation(matrices: np.ndarray) -> np.ndarray:
     """The rotation (3, 3) nearest to the mean of rotations (C, 3, 3)."""
+    from scipy.spatial.transform import Rotation  # slow to import, and many sessions need none
+
     return Rotation.from_matrix(matrices).mean().as_matrix()

@@ -11,6 +11,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.errors import BayescalError
+from bayescal.folders import check_unchanged
 from bayescal.gap.result import Pair, Side, Suspect
 from bayescal.reading import read_record
 
@@ -63,6 +64,7 @@ def continuation(dataset: Dataset, gap: Path | str) -> Continuation:
     if not path.exists():
         raise BayescalError("no such file", str(path), "give the run folder of bayescal gap")
     record = read_record(path, SCHEMA, AGAIN)
+    check_unchanged(path.parent, (path.name,))
     of = record.get("dataset")
     if not isinstance(of, dict) or of.get("sha256") != dataset.sha256:
         what = f"it is no diagnosis of the present files of {dataset.name}"

@@ -22,7 +22,7 @@ from bayescal.model.scene import Scene
 from bayescal.planning.candidates import candidates
 from bayescal.planning.pool import Setup
 from bayescal.simulation.options import GROUP, Options, stream
-from bayescal.simulation.record import key_of, parameters_record
+from bayescal.simulation.record import heading, key_of, parameters_record
 from bayescal.simulation.truth import draws
 
 SPARE = 1.3
@@ -35,7 +35,6 @@ CLOSED, STILL, PASSES = 1e-9, 1e-12, 30
 """m: residuals at which contacts are closed, of the deflection by gravity; passes to that."""
 CORRECTIONS = 20
 """Passes that bring the true targets into agreement with their certificates."""
-SCHEMA = "bayescal-truth/1"
 
 
 @dataclass(frozen=True)
@@ -204,11 +203,7 @@ def _truth(options: Options, model: Model, z: np.ndarray, noise: dict[str, np.nd
             states.append({"name": name, key: factor * float(value)})
     rms = float(np.sqrt(np.mean(np.concatenate([*noise.values()]) ** 2)))
     return {
-        "schema": SCHEMA,
-        "seed": options.seed,
-        "arm_seed": options.seed_of_arm,
-        "effects": list(options.effects),
-        "error_scale": options.error_scale,
+        **heading(options),
         "noise": {"rms_um": 1e6 * rms},
         "parameters": parameters_record(options, model),
         "states": states,

@@ -9,11 +9,11 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Circumstances, Parameter, named
+from bayescal.effects.masses import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, linearise, unit_weights
+from bayescal.estimate.compliances import with_compliances
 from bayescal.gap.design.blind_spots import Seat, seats
-from bayescal.gap.linear.known import with_compliances
-from bayescal.gap.linear.masses import masses
 from bayescal.gap.linear.slopes import problem
 from bayescal.gap.result import Side, Suspect
 from bayescal.gap.search.beam import COMPLIANCE

@@ -1,39 +1,45 @@
 """Checkpoint of a long sampling: an interrupted run continues with the draws of an uninterrupted one.
 
-A sampler is deterministic for a seed, and most of its time is spent on the density. A checkpoint therefore
-records the values of the density in the order in which they were computed. A resumed sampler repeats its
-proposals with the recorded values, and computes from the first one that is missing. Its state (random
-generators, chains, adaptation) is then computed as without an interruption.
+A sampler advances its ensembles in stretches of steps, in an order that follows from its inputs and the draws
+so far. A checkpoint records the steps of every stretch, with the state after them (random generator, counts
+of the moves), and the tests of convergence. A resumed sampler takes over what is recorded, and computes from
+the first step that is missing.
 
-The file grows by blocks with a checksum; an incomplete last block is ignored. Values are bound to their
-points by a checksum, and the first and the last recorded values are computed again and compared bit by bit:
-a record of other data, another model, seed, version or machine is not used.
+The first line of the file contains a checksum of the starting points and of the density there, which are
+computed again: a record of other data, another model, seed, version or machine is not used.
 """
 
 from __future__ import annotations
 
-import json
-import struct
+import io
 import time
-import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from os import fsync
+from hashlib import sha256
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import numpy as np
 
 from bayescal import __version__
-from bayescal.stopping import keeping
+from bayescal.beside import CHECKPOINT
+from bayescal.growing import block, first_line, read, remove, write
+from bayescal.stopping import completed, keeping
 
-SCHEMA = "bayescal-checkpoint/1"
+if TYPE_CHECKING:
+    from bayescal.posterior.ensemble import Ensemble
+
+SCHEMA = f"{CHECKPOINT}/2"
 EVERY = 4.0
 """Seconds of sampling between two writes; a shorter run writes none."""
-HEAD = struct.Struct("<III")
-"""Of a block: number of values, checksum of their points, checksum of the values."""
-Values = Callable[[np.ndarray], np.ndarray]
+NEVER = float("inf")
+LIBRARIES = ("numpy", "scipy", "emcee")
+"""Draws follow from the inputs and from the versions of these."""
+Kept = dict[str, np.ndarray]
+"""Steps of an ensemble and the state after them (`Ensemble.kept`), or results; with their number."""
 
 
 @dataclass(frozen=True)
@@ -45,137 +51,172 @@ class Checkpoint:
     path : Path
         The file; it is removed by `remove` when the results are saved.
     say : callable
-        Called with a text, if an earlier run is continued or cannot be.
+        Called with a text, if an earlier run is continued, or nothing can be kept.
     """
 
     path: Path
     say: Callable[[str], None] = lambda text: None
 
     @contextmanager
-    def of(self, density: Values, **inputs: Any) -> Iterator[Values]:
-        """Yield a density with the same values that records them, and repeats recorded ones.
+    def of(self, ensembles: Sequence[Ensemble], **inputs: Any) -> Iterator[Record]:
+        """Yield a record that advances ensembles, or takes over what an earlier run has recorded.
 
         Parameters
         ----------
-        density : callable
-            Values (W,) of points (W, D); the sampler calls it in a reproducible order.
+        ensembles : sequence of Ensemble
+            Those with which the sampling begins, before their first step.
         **inputs
-            What determines this order, for example the seed.
+            What else determines the draws, for example the seed.
         """
-        head = {"schema": SCHEMA, "bayescal": __version__, "numpy": np.__version__, **inputs}
-        line = json.dumps(head, sort_keys=True).encode() + b"\n"
-        record = _Record(self, density, line, *_read(self.path, line))
+        starts = sha256()
+        for ensemble in ensembles:
+            starts.update(np.ascontiguousarray(ensemble.state.coords).tobytes())
+            starts.update(np.ascontiguousarray(ensemble.state.log_prob).tobytes())
+        libraries = {name: version(name) for name in LIBRARIES}
+        line = first_line(SCHEMA, bayescal=__version__, starts=starts.hexdigest(), **libraries, **inputs)
+        record = Record(self, line)
+        record.find()
         with keeping(record.kept):
             yield record
         record.write()
+        if record.draws:
+            completed(record.kept())  # until the results are
 
     def remove(self) -> None:
         """Remove the file."""
-        with suppress(OSError):
-            self.path.unlink(missing_ok=True)
-
-
-Blocks = list[tuple[int, np.ndarray]]
-"""Checksums of points, and values."""
-
-
-def _read(path: Path, line: bytes) -> tuple[Blocks | None, int]:
-    """Complete blocks of a file, None if it is of other inputs, and their end in it."""
-    try:
-        content = path.read_bytes()
-    except OSError:
-        return [], 0
-    if not content.startswith(line):
-        return None, 0
-    out, at = [], len(line)
-    while at + HEAD.size <= len(content):
-        count, points, values = HEAD.unpack_from(content, at)
-        block = content[at + HEAD.size : at + HEAD.size + 8 * count]
-        if len(block) < 8 * count or zlib.crc32(block) != values:
-            break
-        out.append((points, np.frombuffer(block, "<f8").astype(float)))
-        at += HEAD.size + len(block)
-    return out, at
-
-
-def _block(points: int, values: np.ndarray) -> bytes:
-    content = np.asarray(values, "<f8").tobytes()
-    return HEAD.pack(len(values), points, zlib.crc32(content)) + content
+        remove(self.path, CHECKPOINT)
 
 
 @dataclass
-class _Record:
-    """A density that repeats its recorded values first."""
+class Record:
+    """Stretches of steps, recorded as they are taken; those of an earlier run are not taken again."""
 
     owner: Checkpoint
-    density: Values
     line: bytes
-    recorded: Blocks | None
-    end: int  # of the complete blocks in the file
-    place: int = 0
-    unwritten: list[bytes] = field(default_factory=list)
-    written: int = 0  # draws in the file
+    recorded: list[tuple[Kept, int]] = field(default_factory=list)  # and the place after them in the file
+    number: int = -1  # of the present stretch or result
+    steps: int = 0
+    first: int = 0  # step of the ensemble that is not in the file
+    ensemble: Ensemble | None = None
+    unwritten: list[Kept] = field(default_factory=list)
+    draws: int = 0  # in the file
+    end: int = 0  # of what is valid in the file
     last: float = field(default_factory=time.monotonic)
-    begun: bool = False  # whether the file is ours
 
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        points = zlib.crc32(np.ascontiguousarray(x).tobytes())
-        if self.recorded is None or self.place < len(self.recorded):
-            if (known := self._known(x, points)) is not None:
-                return known
-            self._renew()
-        values = self.density(x)
-        self.unwritten.append(_block(points, values))
-        if time.monotonic() - self.last > EVERY:
-            self.write()
-        return values
+    def find(self) -> None:
+        """Read what an interrupted run has left."""
+        try:
+            blocks, self.end = read(self.owner.path, self.line)
+        except OSError as error:
+            self._give_up(error)
+            return
+        if blocks is None:
+            self.owner.say(
+                "the checkpoint of an interrupted run is of other inputs or another version: it starts afresh"
+            )
+        for content, place in blocks or ():
+            if (kept := _unpacked(content)) is None:
+                break
+            self.recorded.append((kept, place))
+        if self.recorded:
+            self.draws = sum(_draws(kept) for kept, _ in self.recorded)
+            self.owner.say(f"sampling continues after {self.draws:,} draws of an interrupted run")
 
-    def _known(self, x: np.ndarray, points: int) -> np.ndarray | None:
-        """The recorded values of the next points, or None if the record is of other inputs."""
-        if self.recorded is None or self.recorded[self.place][0] != points:
+    def advance(self, ensemble: Ensemble, steps: int) -> Iterator[None]:
+        """Advance an ensemble by a number of steps; control returns after each that is computed."""
+        self.number, self.steps, self.ensemble = self.number + 1, steps, ensemble
+        begin = len(ensemble)
+        while kept := self._next(steps):
+            ensemble.restore(kept)
+        self.first = len(ensemble)
+        if self.first == begin + steps:
+            return
+        self._drop()
+        for _ in ensemble.run(begin + steps - self.first):
+            if time.monotonic() - self.last > EVERY:
+                self.write()
+            yield
+        self._collect()
+        self.ensemble = None
+
+    def once(self, compute: Callable[[], Kept]) -> Kept:
+        """The results of a computation; those of an earlier run are not computed again."""
+        self.number += 1
+        if kept := self._next():
+            return kept
+        self._drop()
+        found = compute()
+        if self.last != NEVER:
+            self.unwritten.append(found | {"number": np.array(self.number)})
+        return found
+
+    def _next(self, steps: int = 0) -> Kept | None:
+        """Take what is recorded next, if it is of the present number; `steps`: of its stretch."""
+        if not self.recorded:
             return None
-        values = self.recorded[self.place][1]
-        ends = self.place in (0, len(self.recorded) - 1)
-        if ends and not np.array_equal(self.density(x), values):
+        kept, place = self.recorded[0]
+        if int(kept["number"]) != self.number or int(kept.get("steps", 0)) != steps:
             return None
-        if not self.place:
-            self.written = sum(len(own) for _, own in self.recorded)
-            self.owner.say(f"sampling continues after {self.written:,} draws of an interrupted run")
-        self.place += 1
-        self.begun = True
-        return values.copy()
+        self.end = place
+        del self.recorded[0]
+        return kept
 
-    def _renew(self) -> None:
-        """Drop a record of other inputs; values that were used of it are kept."""
-        used = (self.recorded or [])[: self.place]
-        found = f"only {sum(len(own) for _, own in used):,} draws are used" if used else "it starts afresh"
-        self.owner.say(f"the checkpoint of an interrupted run is of other inputs or another version: {found}")
-        self.unwritten = [_block(*own) for own in used]
-        self.recorded, self.written, self.end, self.begun = [], 0, 0, False
+    def _drop(self) -> None:
+        """Drop what is recorded but does not follow."""
+        self.draws -= sum(_draws(kept) for kept, _ in self.recorded)
+        self.recorded.clear()
+
+    def _collect(self) -> None:
+        """Add the steps of the present stretch that are not in the file to those that will be written."""
+        if self.ensemble is None or len(self.ensemble) == self.first or self.last == NEVER:
+            return
+        kept = self.ensemble.kept(self.first)
+        self.first = len(self.ensemble)
+        self.unwritten.append(kept | {"number": np.array(self.number), "steps": np.array(self.steps)})
 
     def write(self) -> None:
         """Append what is not yet in the file; without space there is no checkpoint."""
-        if not self.unwritten or (not self.begun and time.monotonic() - self.last <= EVERY):
+        if not self.end and time.monotonic() - self.last <= EVERY:
             return
-        content = b"".join([*([] if self.begun else [self.line]), *self.unwritten])
+        self._collect()
+        if not self.unwritten:
+            return
+        content = b"".join([b"" if self.end else self.line, *(block(_packed(own)) for own in self.unwritten)])
         try:
-            with self.owner.path.open("r+b" if self.begun else "wb") as file:
-                file.seek(self.end)
-                file.write(content)
-                file.truncate()
-                file.flush()
-                fsync(file.fileno())
+            write(self.owner.path, self.line, content, self.end)
         except OSError as error:
             self.owner.remove()
-            self.owner.say(f"no checkpoint is kept: {error.strerror}")
-            self.written, self.begun, self.last = 0, False, float("inf")
+            self._give_up(error)
             return
-        self.written += sum((len(block) - HEAD.size) // 8 for block in self.unwritten)
+        self.draws += sum(map(_draws, self.unwritten))
         self.end += len(content)
-        self.unwritten, self.begun, self.last = [], True, time.monotonic()
+        self.unwritten, self.last = [], time.monotonic()
+
+    def _give_up(self, error: OSError) -> None:
+        self.owner.say(f"no checkpoint is kept: {error.strerror}")
+        self.unwritten, self.draws, self.end, self.last = [], 0, 0, NEVER
 
     def kept(self) -> str:
         """What is kept if the process is stopped."""
-        if not self.written:
+        if not self.draws:
             return "nothing was written"
-        return f"{self.written:,} draws are kept; the same command continues"
+        return f"{self.draws:,} draws are kept; the same command continues"
+
+
+def _draws(kept: Kept) -> int:
+    return kept["log_density"].size if "log_density" in kept else 0
+
+
+def _packed(kept: Kept) -> bytes:
+    content = io.BytesIO()
+    np.savez(content, allow_pickle=False, **kept)
+    return content.getvalue()
+
+
+def _unpacked(content: bytes) -> Kept | None:
+    """The arrays of a block; None if it is not one of ours."""
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            return dict(arrays)
+    except (OSError, ValueError, EOFError, BadZipFile):
+        return None

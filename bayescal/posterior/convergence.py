@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 from scipy.special import ndtri
 
 TAILS = (0.05, 0.95)
@@ -80,9 +79,10 @@ def _rhat(chains: np.ndarray) -> np.ndarray:
 def _ess(chains: np.ndarray) -> np.ndarray:
     """Effective sample size (D,) of chains (M, N, D), by Geyer's initial monotone sequence."""
     m, n, size = chains.shape
-    spectrum = rfft(chains - chains.mean(axis=1, keepdims=True), n=next_fast_len(2 * n), axis=1)
+    long = 1 << (2 * n - 1).bit_length()  # a power of two; `scipy.fft` is slow to import
+    spectrum = np.fft.rfft(chains - chains.mean(axis=1, keepdims=True), n=long, axis=1)
     power = np.mean(spectrum.real**2 + spectrum.imag**2, axis=0)
-    covariance = irfft(power, n=next_fast_len(2 * n), axis=0)[:n] / n
+    covariance = np.fft.irfft(power, n=long, axis=0)[:n] / n
     within = covariance[0] * n / (n - 1.0)
     variance = covariance[0] + (chains.mean(axis=1).var(axis=0, ddof=1) if m > 1 else 0.0)
     still = np.ptp(chains, axis=(0, 1)) < np.finfo(float).resolution

@@ -7,18 +7,20 @@ are accepted in the burn-in, half of the steps are of either kind.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
+from itertools import chain
 
 import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
-from bayescal.posterior.checkpoint import Checkpoint, Values
+from bayescal.imports import without_scipy_stats
+from bayescal.posterior.checkpoint import Checkpoint, Kept
 from bayescal.posterior.convergence import Convergence, convergence, split_rhat
 from bayescal.posterior.density import Density
 from bayescal.posterior.draws import CHAINS, Draws, scale_names
-from bayescal.posterior.imports import without_scipy_stats
+from bayescal.posterior.ensemble import Ensemble, Evolution, Independence
 from bayescal.posterior.linearised import Linearised
 
 with without_scipy_stats():
@@ -33,38 +35,7 @@ GROWTH = 1.5  # largest increase of the number of steps between two tests of con
 TAUS = 10  # smallest length of a run in autocorrelation times, for a reliable estimate of them
 MAX_STEPS = 10_000
 LARGEST_RHAT = 1.01
-
-
-class _Counted:
-    """A move that counts its accepted proposals."""
-
-    proposed = 0
-    accepted = 0
-
-    def propose(self, model: Any, state: Any) -> Any:
-        state, accepted = super().propose(model, state)  # type: ignore[misc]
-        self.proposed += len(accepted)
-        self.accepted += int(np.sum(accepted))
-        return state, accepted
-
-    @property
-    def rate(self) -> float:
-        return self.accepted / max(self.proposed, 1)
-
-
-class Independence(_Counted, emcee.moves.MHMove):
-    """Proposals drawn from the linearised posterior, independent of the current point."""
-
-    def __init__(self, linearised: Linearised) -> None:
-        def propose(x: np.ndarray, rng: np.random.RandomState) -> tuple[np.ndarray, np.ndarray]:
-            new = linearised.draw(len(x), rng)
-            return new, linearised(x) - linearised(new)
-
-        super().__init__(propose)
-
-
-class Evolution(_Counted, emcee.moves.DEMove):
-    """Differential evolution among the walkers."""
+NEARLY = 0.99  # the largest progress before the last test of convergence
 
 
 def sample(
@@ -101,47 +72,57 @@ def sample(
             "the number of samples must be positive", "--samples", "0 stops at the Gaussian approximation"
         )
     density = Density(estimate)
+    linearised = Linearised.of(density)
+    walkers = 2 * (density.size + 1)
+    moves = [(Independence(linearised), Evolution()) for _ in range(CHAINS)]
+    burning = []
+    for pair, seeds in zip(moves, np.random.SeedSequence(seed).spawn(CHAINS), strict=True):
+        rng = np.random.RandomState(np.random.MT19937(seeds))
+        start = emcee.State(linearised.draw(walkers, rng, spread=2.0), random_state=rng.get_state())
+        burning.append(Ensemble(density, pair, LEAST_SHARE, start))
     if checkpoint is None:
-        return _sample(density, density, effective, seed, progress, max_steps)
-    with checkpoint.of(density, effective=effective, seed=seed, max_steps=max_steps) as values:
-        return _sample(density, values, effective, seed, progress, max_steps)
+        return _sample(
+            density, burning, effective, progress, max_steps, Ensemble.run, lambda compute: compute()
+        )
+    with checkpoint.of(burning, effective=effective, seed=seed, max_steps=max_steps) as record:
+        return _sample(density, burning, effective, progress, max_steps, record.advance, record.once)
 
 
 def _sample(
     density: Density,
-    values: Values,
+    burning: Sequence[Ensemble],
     effective: int,
-    seed: int,
     progress: Callable[[float], None],
     max_steps: int,
+    advance: Callable[[Ensemble, int], Iterator[None]],
+    once: Callable[[Callable[[], Kept]], Kept],
 ) -> Draws:
-    """As `sample`; `values` are those of the density."""
-    linearised = Linearised.of(density)
-    walkers = 2 * (density.size + 1)
-    moves = [(Independence(linearised), Evolution()) for _ in range(CHAINS)]
-    states = []
-    for pair, seeds in zip(moves, np.random.SeedSequence(seed).spawn(CHAINS), strict=True):
-        rng = np.random.RandomState(np.random.MT19937(seeds))
-        start = emcee.State(linearised.draw(walkers, rng, spread=2.0), random_state=rng.get_state())
-        states.append(_ensemble(values, walkers, pair, LEAST_SHARE, start).run_mcmc(start, BURN))
+    """As `sample`, from ensembles at their starts; `advance` takes steps, `once` computes results."""
+    expected = more = max(int(np.ceil(effective / (YIELD * CHAINS * burning[0].walkers))), TAUS)
+
+    def advance_all(ensembles: Sequence[Ensemble], count: int, before: int) -> None:
+        """Advance each of the ensembles; `before`: steps that earlier ones have taken."""
+        for ensemble in ensembles:
+            for _ in advance(ensemble, count):
+                done = before + sum(map(len, ensembles)) / CHAINS
+                progress(min(done / (BURN + expected), NEARLY))
+
+    advance_all(burning, BURN, 0)
+    moves = [ensemble.moves for ensemble in burning]
     share = float(np.clip(np.mean([pair[0].rate for pair in moves]), LEAST_SHARE, LARGEST_SHARE))
-    samplers = [
-        _ensemble(values, walkers, pair, share, state) for pair, state in zip(moves, states, strict=True)
-    ]
-    for pair in moves:
-        for move in pair:
-            move.proposed = move.accepted = 0
+    ensembles = [Ensemble(density, e.moves, share, e.state) for e in burning]
+    for move in chain.from_iterable(moves):
+        move.proposed = move.accepted = 0
     steps, first, thin = 0, 0, 1
-    more = max(int(np.ceil(effective / (YIELD * CHAINS * walkers))), TAUS)
     while True:
         more = min(more, max_steps - steps)
-        for k, sampler in enumerate(samplers):
-            states[k] = sampler.run_mcmc(states[k], more)
-            progress((steps + (k + 1) / CHAINS * more) / (steps + more))
+        advance_all(ensembles, more, BURN)
         steps += more
-        chains = np.stack([s.get_chain(discard=first, thin=thin) for s in samplers])  # (M, T, W, D + G)
+        chains = np.stack([e.chain(first, thin) for e in ensembles])  # (M, T, W, D + G)
         ends = _walkers_end_to_end(chains)
-        found, drift = convergence(ends), _drift(chains)
+        tests = once(lambda: vars(convergence(ends)) | {"drift": np.array(_drift(chains))})  # noqa: B023
+        drift = float(tests["drift"])
+        found = Convergence(*(tests[f.name] for f in fields(Convergence)))
         tau = thin * chains[..., 0].size / float(found.ess_bulk.min())
         enough = min(float(found.ess.min()) / effective, (steps - first) / (TAUS * tau))
         if (enough >= 1.0 and drift <= LARGEST_RHAT) or steps >= max_steps:
@@ -151,7 +132,9 @@ def _sample(
         thin = max(int(tau / 2.0), 1)  # closer draws are nearly identical
         growth = min(MARGIN / enough if enough < 1.0 else GROWTH, GROWTH)
         more = max(int(np.ceil((steps - first) * (growth - 1.0))), first - steps // 2, 1)
-    lp = np.stack([s.get_log_prob(discard=first, thin=thin) for s in samplers])
+        expected = min(max(first + int((steps - first) * MARGIN / enough), steps + more), max_steps)
+    progress(1.0)
+    lp = np.stack([e.log_density(first, thin) for e in ensembles])
     names, size = (*density.model.names, *scale_names(density.groups)), density.model.size
     complaint = _complaint(names, found, drift, effective, steps, tau)
     acceptance = {
@@ -163,20 +146,8 @@ def _sample(
         found.ess_bulk, found.ess_tail, found.rhat, acceptance,
         f"{100 * share:.0f} % independent proposals from the linearised posterior, the others differential "
         "evolution",
-        steps - first, walkers, not complaint, complaint,
+        steps - first, burning[0].walkers, not complaint, complaint,
     )  # fmt: skip
-
-
-def _ensemble(
-    values: Values, walkers: int, moves: tuple[Independence, Evolution], share: float, state: emcee.State
-) -> emcee.EnsembleSampler:
-    """A sampler that uses the first of two moves in `share` of its steps, with a given random state."""
-    weighed = list(zip(moves, (share, 1.0 - share), strict=True))
-    sampler = emcee.EnsembleSampler(walkers, state.coords.shape[1], values, moves=weighed, vectorize=True)
-    sampler.log_prob_fn = values  # emcee's wrapper prints every exception, also that of a stop
-    # the ensemble uses the generator of the sampler for its proposals: set its state too
-    sampler._random.set_state(state.random_state)
-    return sampler
 
 
 def _walkers_end_to_end(chains: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from bayescal.arm.motion import Motion
 from bayescal.estimate import Estimate
-from bayescal.estimate.discrepancy import EFFECT
+from bayescal.estimate.discrepancy import EFFECT, MASSES
 from bayescal.estimate.flatness import FORM
 from bayescal.model.block import ARM
 from bayescal.predict.elsewhere import elsewhere, joint_range
@@ -27,8 +27,6 @@ SMALLEST = 0.01
 """m, assumed: points that are all nearer to each other give no distance; the range of all joints counts."""
 RANGE_SEED = 40
 """Of the poses in it."""
-DRAWS = 400
-"""Number of posterior draws for this prediction."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +66,9 @@ class Forecast:
     """Predicted distance errors, and the shares of their variance.
 
     Of the variance predicted over the workspace, `prior_share` is from the prior (manufacturing tolerances
-    that the data did not reduce), `discrepancy_share` from the model discrepancy, `unexplained_share` from
-    errors of single points that neither noise nor parameters explain. The rest is from measurement noise.
+    that the data did not reduce), `discrepancy_share` from the model discrepancy, `masses_share` from errors
+    of the stated masses, `unexplained_share` from errors of single points that neither noise nor parameters
+    explain. The rest is from measurement noise.
     `prior_rms` (m) is the square root of the first part.
     """
 
@@ -79,6 +78,7 @@ class Forecast:
     prior_share: float
     unexplained_share: float
     discrepancy_share: float = 0.0
+    masses_share: float = 0.0
 
     @property
     def lead(self) -> DistanceErrors:
@@ -114,17 +114,23 @@ def forecast(
         return Forecast(tuple(d for d in held if d is not None), workspace, 0.0, 0.0, float(excess > 0))
     arm = drawn.model.slices[ARM]
     total = float(np.mean(np.sum(by @ drawn.covariance[arm, arm] * by, axis=1))) + 2.0 * excess**2
-    functions = [k for k, p in enumerate(drawn.model.parameters) if p.effect == EFFECT]
-    of_discrepancy = float(np.mean(np.sum((by @ drawn.covariance[arm, functions]) ** 2, axis=1)))
+    functions = {
+        name: [k for k, p in enumerate(drawn.model.parameters) if p.effect == name]
+        for name in (EFFECT, MASSES)
+    }
+    of_functions = {
+        name: float(np.mean(np.sum((by @ drawn.covariance[arm, own]) ** 2, axis=1)))
+        for name, own in functions.items()
+    }
     # C = C J'J C + C C because the prior of z is standard normal: part of the noise, part of the priors
-    known = np.setdiff1d(np.arange(arm.stop), functions)
+    known = np.setdiff1d(np.arange(arm.stop), functions[EFFECT] + functions[MASSES])
     spread = by[:, known] @ fitted.covariance[fitted.model.slices[ARM]]
     own = [k for k, p in enumerate(fitted.model.parameters) if p.effect != FORM]
     prior = float(np.mean(np.sum(spread[:, own] ** 2, axis=1)))
     total = max(total, 1e-30)
     return Forecast(
         tuple(d for d in held if d is not None), workspace, float(np.sqrt(prior)), prior / total,
-        2.0 * excess**2 / total, of_discrepancy / total,
+        2.0 * excess**2 / total, of_functions[EFFECT] / total, of_functions[MASSES] / total,
     )  # fmt: skip
 
 
@@ -153,7 +159,7 @@ def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
         pairs = far_pairs(at)
         true = lengths(at, pairs)
         if np.max(true, initial=0.0) >= SMALLEST:
-            predicted = lengths(at + p.predicted[evenly(len(p.predicted), DRAWS)][..., pick], pairs) - true
+            predicted = lengths(at + p.predicted[..., pick], pairs) - true
             parts.append((true, predicted, lengths(at + p.residuals[:, pick], pairs) - true))
     if not parts:
         return None
@@ -204,7 +210,7 @@ def _workspace(
     """Distances between positions of the same tool, and their slopes (K, P) by z of the arm, m."""
     model, space = fitted.model, workspace(fitted)
     true = lengths(space.motion.points(space.values), space.pairs)
-    drawn = space.motion.points(model.deviations(z[evenly(len(z), DRAWS), model.slices[ARM]]))
+    drawn = space.motion.points(model.deviations(z[:, model.slices[ARM]]))
     if excess:
         drawn = drawn + excess * rng.standard_normal(drawn.shape)
     found = DistanceErrors(

@@ -5,6 +5,7 @@ The search is damped and uses several starting points.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -38,16 +39,9 @@ class States:
     left: np.ndarray  # (S,) length of the remaining Newton step, posterior standard deviations
     information: np.ndarray  # (S, m, m) of the unknowns over their prior standard deviations
 
-    def only(self, k: int) -> States:
-        """The solution with this index."""
-        one = slice(k, k + 1)
-        return States(self.x[one], self.tool[one], self.cost[one], self.left[one], self.information[one])
-
-    def joined(self, other: States) -> States:
-        """These solutions and others of the same problem."""
-        return States(
-            *(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(States))
-        )
+    def some(self, places: Sequence[int] | np.ndarray) -> States:
+        """The solutions with these indices."""
+        return States(*(getattr(self, f.name)[places] for f in fields(States)))
 
 
 def search(
@@ -103,26 +97,29 @@ def search(
         j = (np.concatenate(slopes, axis=-1) * inverse_sigma[..., None]).reshape(*r.shape, len(sd)) * sd
         gradient = np.einsum("sri,sr->si", j, r) + y
         cost = 0.5 * (np.sum(r**2, axis=1) + np.sum(y**2, axis=1))
-        return cost, gradient, np.swapaxes(j, 1, 2) @ j + np.eye(len(sd))
+        return cost, gradient, np.swapaxes(j, 1, 2) @ j + identity
 
+    identity = np.eye(len(sd))
     y = np.zeros((count, len(sd)))
     if start is not None:
         y[:, :size] = np.broadcast_to(start, (count, len(kind.sd)))[:, free] / sd[:size]
     cost, gradient, information = at(y)
     damping = np.full(count, DAMPING)
     for k in range(ITERATIONS + 1):
-        newton = np.linalg.solve(information, gradient[..., None])[..., 0]
+        diagonal = np.einsum("sii->si", information) * damping[:, None]
+        damped = information + diagonal[:, :, None] * identity
+        newton, step = np.linalg.solve(np.stack([information, damped]), gradient[..., None])[..., 0]
         left = np.sqrt(np.sum(gradient * newton, axis=1))
         active = left > RESTS
-        if k == ITERATIONS or not np.any(active):
+        if k == ITERATIONS or not active.any():
             break
-        diagonal = np.einsum("sii->si", information) * damping[:, None]
-        damped = information + diagonal[:, :, None] * np.eye(len(sd))
-        step = np.linalg.solve(damped, gradient[..., None])[..., 0]
         trial = y - np.where(active[:, None], step, 0.0)
         cost_there, gradient_there, information_there = at(trial)
         good = cost_there <= cost * (1 + 1e-12)
-        damping = np.clip(damping * np.where(good, EASED, RAISED), 1e-12, 1e12)
+        damping = np.minimum(np.maximum(damping * np.where(good, EASED, RAISED), 1e-12), 1e12)
+        if good.all():
+            y, cost, gradient, information = trial, cost_there, gradient_there, information_there
+            continue
         y = np.where(good[:, None], trial, y)
         cost = np.where(good, cost_there, cost)
         gradient = np.where(good[:, None], gradient_there, gradient)
@@ -164,17 +161,13 @@ def locate(
         If the search does not converge, or another position explains the rows equally well.
     """
     begin = starts(kind, p)
-
-    def searched(keep: np.ndarray, begin: np.ndarray) -> States:
-        every = np.broadcast_to(p, (len(begin), *p.shape))
-        return search(kind, every, keep / sigma, None, tool_slopes, tool_sd, begin)
+    every = np.broadcast_to(p, (len(begin), *p.shape))
 
     def best(keep: np.ndarray) -> tuple[States, States]:
-        found = searched(keep, begin[:1])
-        others = _plausible(kind, found, begin[1:])
-        if len(others):
-            found = found.joined(searched(keep, others))
-        return found, found.only(int(np.nanargmin(found.cost)))
+        found = search(kind, every, keep / sigma, None, tool_slopes, tool_sd, begin)
+        others = 1 + np.flatnonzero(_plausible(kind, found.some([0]), begin[1:]))
+        found = found.some([0, *others])
+        return found, found.some([int(np.nanargmin(found.cost))])
 
     keep = np.ones(p.shape[1])
     found, chosen = best(keep)
@@ -187,18 +180,18 @@ def locate(
 
 
 def _plausible(kind: Kind, first: States, begin: np.ndarray) -> np.ndarray:
-    """Starts (K, size) that are worth a search after that from the stated place.
+    """Which (K,) of further starts count beside that from the stated place.
 
     All where that did not converge. Else those from which half the way to the stated place has a log prior
     that could make a rival: a stated place with a small uncertainty leaves none. A start beside the
     solution would find it again.
     """
     if not (first.left[0] < LARGEST_STEP and np.isfinite(first.cost[0])):
-        return begin
+        return np.ones(len(begin), bool)
     free = kind.sd > 0
     nearest = 0.5 * begin[:, free] / kind.sd[free]
     rivals = 0.5 * np.sum(nearest**2, axis=1) < first.cost[0] + RIVAL
-    return begin[rivals & (_apart(kind, first, begin) > APART)]
+    return np.asarray(rivals & (_apart(kind, first, begin) > APART))
 
 
 def _apart(kind: Kind, at: States, x: np.ndarray) -> np.ndarray:

@@ -144,7 +144,7 @@ def fit(
     found = run(session, effects, *options, checkpoint=kept)
     if not session.sessions:
         return FitResult(found)
-    progress("compare", 1.0)
+    progress("compare", 0.0)
     return FitResult(found, agreement(found.final.estimate, effects, prior_width, robust))
 
 
@@ -198,7 +198,7 @@ def diagnose(
     found = run(session, effects, seed, robust, prior_width, progress, names(without))
     if not session.sessions:
         return GapResult(found)
-    progress("compare", 1.0)
+    progress("compare", 0.0)
     together = calibrated(Scene(session), effects, prior_width, robust)
     return GapResult(found, agreement(together, effects, prior_width, robust))
 

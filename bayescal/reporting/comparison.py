@@ -22,6 +22,11 @@ COMPARE = "compare.json"
 SCHEMA = "bayescal-compare/1"
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
 
+LOCATED = (
+    "targets are located by the stated noise; fit estimates the noise of each model: its nominal differs"
+)
+"""Why the errors of the nominal arm are not those of a fit."""
+
 
 def rms(values: np.ndarray) -> float:
     """Root mean square; nan of nothing."""
@@ -39,12 +44,12 @@ def mean(values: np.ndarray) -> float:
 
 
 COLUMNS: dict[str, tuple[str, Callable[[Result], float]]] = {
-    "planes_rms_um": ("planes rms", lambda r: rms(r.planes)),
-    "distances_rms_um": ("distances rms", lambda r: rms(r.distances)),
-    "distances_max_um": ("max", lambda r: largest(r.distances)),
+    "planes_rms_um": ("contacts RMS", lambda r: rms(r.planes)),
+    "distances_rms_um": ("distances RMS", lambda r: rms(r.distances)),
+    "distances_max_um": ("maximum", lambda r: largest(r.distances)),
     "predicted_distance_sd_um": ("predicted u", lambda r: r.distance_sd),
     "points_mean_um": ("points mean", lambda r: mean(r.points)),
-    "points_max_um": ("max", lambda r: largest(r.points)),
+    "points_max_um": ("maximum", lambda r: largest(r.points)),
 }
 """Key, heading and value, m, of what is compared."""
 
@@ -61,6 +66,7 @@ def comparison_summary(comparison: Comparison) -> RenderableType:
     table = plain_table("validation (µm)", *headings, "parameters", "seconds")
     for row in comparison.rows:
         _add(table, row, shown)
+    table.caption = LOCATED
     notes = [(row.method.name, row.why, "dim") for row in comparison.rows if row.result is None]
     held = [(row.method.name, text, "dim") for row in comparison.rows if (text := _held(row))]
     parts: list[RenderableType] = [title, table]

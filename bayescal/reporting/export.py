@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import shlex
+
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from bayescal.effects.selection import plain
 from bayescal.effects.tool import TOOL
 from bayescal.exporting.export import Exported
 from bayescal.reporting.shared.text import facts, model_label, plain_table, um
@@ -33,8 +36,22 @@ def export_summary(export: Exported) -> RenderableType:
         table.add_row("all of these", um(export.rest.rms), um(export.rest.maximum))
         parts += ["", table, ""]
         parts.append(facts([(missing.effect, missing.why, "dim") for missing in export.missing]))
+        parts.append(facts(_alternative(export)))
     else:
         parts.append(Text("the file holds the complete model of the arm", "green"))
     if export.notes:
         parts.append(facts([("note", note, "yellow") for note in export.notes]))
     return Group(*parts)
+
+
+def _alternative(export: Exported) -> list[tuple[str, str, str]]:
+    """The model that the file can hold: fitted without the missing effects, it has the smaller error."""
+    lacking = {missing.effect for missing in export.missing}
+    less = [name for name in export.arm.effects if plain(name) in map(plain, lacking)]
+    if not less or len(less) == len(export.arm.effects):
+        return []
+    words = (
+        f"--without {shlex.quote(','.join(less))} fits the session again: the rest of the model then takes "
+        "up what it can of these effects, and the file has smaller errors"
+    )
+    return [("alternative", words, "")]

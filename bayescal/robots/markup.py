@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 from bayescal.errors import BayescalError
@@ -12,6 +13,11 @@ from bayescal.robots.xacro_file import expanded
 
 NETWORK = re.compile(r"\s*(?:(?!(?:package|model|file):)[a-z][a-z0-9+.-]*://|//|\\\\)", re.IGNORECASE)
 """What is fetched from another machine. Meshes may say ``package://``: they are never opened."""
+
+DEEPEST, MOST = 200, 50_000
+"""Levels and elements of an XML file; a scene of ten arms has some thousand elements."""
+LARGEST = 2**26
+"""Bytes of an XML file, without the meshes."""
 
 
 def read_markup(path: Path, allow_xacro: bool = False) -> tuple[ElementTree.Element, bytes]:
@@ -26,7 +32,7 @@ def read_markup(path: Path, allow_xacro: bool = False) -> tuple[ElementTree.Elem
         xacro file that may not or cannot be expanded.
     """
     is_xacro = path.suffix.lower() == ".xacro"
-    content = expanded(path, allow_xacro) if is_xacro else decoded(path)[1]
+    content = expanded(path, allow_xacro) if is_xacro else decoded(path, LARGEST)[1]
     return parse_markup(content, path.name), content
 
 
@@ -38,18 +44,48 @@ def refuse_network(reference: str, where: str) -> None:
         )
 
 
-def parse_markup(content: bytes, name: str) -> ElementTree.Element:
-    """The root element of safe XML; `name` is the file, for messages."""
-    from defusedxml import DefusedXmlException
-    from defusedxml.ElementTree import ParseError, fromstring
+def parse_markup(content: str | bytes, name: str, comments: bool = False) -> ElementTree.Element:
+    """The root element of safe XML of bounded size; `name` is the file, for messages.
 
+    Raises
+    ------
+    BayescalError
+        If it is no XML, has a DOCTYPE, names a file on the network, or has too many elements or levels.
+    """
+    from defusedxml import DefusedXmlException
+    from defusedxml.ElementTree import DefusedXMLParser
+
+    parser = DefusedXMLParser(target=_Bounded(name, comments), forbid_dtd=True)
     try:
-        root: ElementTree.Element = fromstring(content, forbid_dtd=True)
+        parser.feed(content)
+        root: ElementTree.Element = parser.close()
     except DefusedXmlException:
         raise BayescalError("has a DOCTYPE or entities", name, "write the values out") from None
-    except ParseError as error:
+    except ElementTree.ParseError as error:
         where = f"{name}:{error.position[0]}"
         raise BayescalError(f"not XML: {error}", where, "check tags, quotes and namespaces") from None
+    except (ValueError, LookupError) as error:  # of the encoding that its first line states
+        raise BayescalError(f"not XML: {error}", f"{name}:1", "save the file as UTF-8") from None
     for element in root.iter():
         refuse_network(element.get("filename", ""), name)
     return root
+
+
+class _Bounded(ElementTree.TreeBuilder):
+    """Builds a tree, and refuses one that functions which descend into it could not end."""
+
+    def __init__(self, name: str, comments: bool) -> None:
+        super().__init__(insert_comments=comments)
+        self._name, self._depth, self._count = name, 0, 0
+
+    def start(self, tag: str, attrs: Any, /) -> ElementTree.Element:
+        self._depth += 1
+        self._count += 1
+        if self._depth > DEEPEST or self._count > MOST:
+            what = f"{DEEPEST} levels" if self._depth > DEEPEST else f"{MOST} elements"
+            raise BayescalError(f"more than {what}", self._name, "check its tags")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ElementTree.Element:
+        self._depth -= 1
+        return super().end(tag)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
 from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
@@ -9,9 +10,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, listed
 
 TURNING = ("revolute", "continuous")
+MOST = 4000
+"""Links and joints of a URDF; a cell with several arms has some hundred."""
+FEWER = "give the URDF of the arm alone"
 KEPT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "robot": (("name", "version"), ("link", "joint")),
     "link": (("name",), ("inertial",)),
@@ -82,10 +86,13 @@ def read_tree(root: ElementTree.Element, file: str) -> Tree:
 
     if root.tag != "robot":
         raise BayescalError(f"begins with <{root.tag}>, not with <robot>", file, "give a URDF")
-    text = ElementTree.tostring(_pruned(root, file))
+    pruned = _pruned(root, file)
+    if len(pruned) > MOST:
+        raise BayescalError(f"has {len(pruned)} links and joints, at most {MOST} are read", file, FEWER)
+    text = ElementTree.tostring(pruned)
     try:
         parsed = URDF.from_xml_string(text)
-    except (ParseError, ValueError, AssertionError, TypeError) as error:
+    except (ParseError, ValueError, AssertionError, TypeError, AttributeError) as error:
         raise BayescalError(f"not a URDF: {error}", file, "check it with `check_urdf`") from None
     bodies = {link.name: _body(link, file) for link in parsed.links}
     joints = {joint.child: _joint(joint, file) for joint in parsed.joints}
@@ -96,11 +103,11 @@ def read_tree(root: ElementTree.Element, file: str) -> Tree:
         for link in (joint.parent, joint.child):
             if link not in bodies:
                 raise BayescalError(
-                    f"joint {joint.name} names a link {link} that is not there", file, "add it"
+                    f"joint `{joint.name}` names a link `{link}` that is not there", file, "add it"
                 )
     roots = [link for link in bodies if link not in joints]
     if len(roots) != 1:
-        told = f"links with no joint above: {', '.join(roots)}" if roots else "the joints form a ring"
+        told = f"links with no joint above: {listed(roots)}" if roots else "the joints form a ring"
         raise BayescalError(told, file, "a URDF is one tree from one root")
     tree = Tree(parsed.name, file, roots[0], bodies, joints)
     _check_reached(tree)
@@ -120,15 +127,13 @@ def tip_of(tree: Tree, asked: str) -> str:
     tips = sorted(set(tree.bodies) - {joint.parent for joint in tree.joints.values()})
     if asked:
         if asked not in tree.bodies:
-            raise BayescalError(f"no link is called {asked}", tree.file, f"chains end at: {', '.join(tips)}")
+            raise BayescalError(f"no link is called `{asked}`", tree.file, f"chains end at: {listed(tips)}")
         return asked
     length = {tip: _length(tree.above(tip)) for tip in tips}
     best = [tip for tip in tips if length[tip] == max(length.values())]
     if len(best) > 1:
         remedy = f"write `robot: {tree.file}#{best[0]}`, or another link, to say where the tool is mounted"
-        raise BayescalError(
-            f"several chains are the longest; they end at {', '.join(best)}", tree.file, remedy
-        )
+        raise BayescalError(f"several chains are the longest; they end at {listed(best)}", tree.file, remedy)
     return best[0]
 
 
@@ -158,30 +163,30 @@ def _numbers(values: Any, what: str, file: str) -> np.ndarray:
 def _frame(origin: Any, what: str, file: str) -> np.ndarray:
     if origin is None:
         return np.eye(4)
-    xyz, rpy = (_numbers(v, f"the origin of {what}", file) for v in (origin.xyz, origin.rpy))
+    xyz, rpy = (_numbers(v, f"the origin of `{what}`", file) for v in (origin.xyz, origin.rpy))
     return rigid(rpy_matrix(rpy), xyz)
 
 
 def _body(link: Any, file: str) -> Body:
     if link.inertial is None:
         return Body(0.0, np.zeros(3))
-    mass = float(_numbers(link.inertial.mass, f"the mass of {link.name}", file))
+    mass = float(_numbers(link.inertial.mass, f"the mass of `{link.name}`", file))
     if mass < 0.0:
-        raise BayescalError(f"the mass of {link.name} is {mass:g} kg", file, "must be at least 0")
+        raise BayescalError(f"the mass of `{link.name}` is {mass:g} kg", file, "must be at least 0")
     return Body(mass, _frame(link.inertial.origin, link.name, file)[:3, 3])
 
 
 def _joint(joint: Any, file: str) -> Joint:
     # exporters write 0 0 0 for a joint that has no axis
     moves = joint.type != "fixed"
-    axis = _numbers((joint.axis if moves else None) or (1.0, 0.0, 0.0), f"the axis of {joint.name}", file)
+    axis = _numbers((joint.axis if moves else None) or (1.0, 0.0, 0.0), f"the axis of `{joint.name}`", file)
     size = float(np.linalg.norm(axis))
     if size == 0.0:
-        raise BayescalError(f"the axis of {joint.name} is zero", file, "write its direction")
+        raise BayescalError(f"the axis of `{joint.name}` is zero", file, "write its direction")
     limits = None
     if joint.limit is not None:
         limits = (float(joint.limit.lower), float(joint.limit.upper))
-        _numbers(limits, f"a limit of {joint.name}", file)
+        _numbers(limits, f"a limit of `{joint.name}`", file)
     place = _frame(joint.origin, joint.name, file)
     return Joint(
         joint.name, joint.type, joint.parent, joint.child, place, axis / size, limits, joint.mimic is not None
@@ -189,19 +194,21 @@ def _joint(joint: Any, file: str) -> Joint:
 
 
 def _check_names(names: list[str], what: str, file: str) -> None:
-    twice = {name for name in names if names.count(name) > 1}
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
-        raise BayescalError(f"several {what} are called {sorted(twice)[0]}", file, "rename or remove one")
+        raise BayescalError(f"several {what} are called `{twice[0]}`", file, "rename or remove one")
 
 
 def _check_reached(tree: Tree) -> None:
     """Refuse links that hang in a ring, away from the root."""
+    below = defaultdict(list)
+    for joint in tree.joints.values():
+        below[joint.parent].append(joint.child)
     reached, front = {tree.root}, [tree.root]
     while front:
         link = front.pop()
-        below = [joint.child for joint in tree.joints.values() if joint.parent == link]
-        reached |= set(below)
-        front += below
+        reached |= set(below[link])
+        front += below[link]
     apart = sorted(set(tree.bodies) - reached)
     if apart:
-        raise BayescalError(f"the joints around {apart[0]} form a ring", tree.file, "a URDF is one tree")
+        raise BayescalError(f"the joints around `{apart[0]}` form a ring", tree.file, "a URDF is one tree")

@@ -73,7 +73,9 @@ def _robot(tree: Tree, tip: str) -> Robot:
         _check_kind(joint, tree.file)
     moving = [joint for joint in chain if joint.kind in TURNING]
     if not moving:
-        raise BayescalError(f"no joint turns between {tree.root} and {tip}", tree.file, "choose another tip")
+        raise BayescalError(
+            f"no joint turns between `{tree.root}` and `{tip}`", tree.file, "choose another tip"
+        )
     n = len(moving)
     between = _between(chain)
     alpha, a, beta, offset, d = np.zeros((5, n))
@@ -171,16 +173,18 @@ def _check_kind(joint: Joint, file: str) -> None:
         remedy = (
             f"only joints that turn are known: choose a tip before it, as in `robot: {file}#{joint.parent}`"
         )
-        raise BayescalError(f"joint {joint.name} {what}", file, remedy)
+        raise BayescalError(f"joint `{joint.name}` {what}", file, remedy)
 
 
 def _limits(joint: Joint, file: str) -> tuple[float, float]:
     if joint.kind == "continuous":
         return -2.0 * np.pi, 2.0 * np.pi
     if joint.limits is None or not joint.limits[0] < joint.limits[1]:
-        raise BayescalError(f"joint {joint.name} has no limits in order", file, "state lower and upper, rad")
+        raise BayescalError(
+            f"joint `{joint.name}` has no limits in order", file, "state lower and upper, rad"
+        )
     if max(map(abs, joint.limits)) > WIDEST:
-        raise BayescalError(f"the limits of joint {joint.name} are too wide", file, "write them in rad")
+        raise BayescalError(f"the limits of joint `{joint.name}` are too wide", file, "write them in rad")
     return joint.limits
 
 

@@ -6,6 +6,7 @@ to the standard error. It knows nothing of the package.
 """
 
 import json
+import os
 import sys
 
 
@@ -36,8 +37,13 @@ def main() -> None:
     import xacro
     from defusedxml import minidom
 
-    # the first file and every included one: no DOCTYPE, no entities
-    xacro.parse = lambda _, filename: minidom.parse(filename, forbid_dtd=True)
+    def parse(_: object, filename: str) -> object:
+        """The first file and every included one: regular, without DOCTYPE and entities."""
+        if os.path.exists(filename) and not os.path.isfile(filename):
+            raise OSError(f"{filename} is not a regular file")
+        return minidom.parse(filename, forbid_dtd=True)
+
+    xacro.parse = parse
     try:
         text = xacro.process_file(asked["file"], verbosity=0).toxml(encoding="utf-8")
     except Exception as error:  # a xacro file is a program: it fails in any way it likes

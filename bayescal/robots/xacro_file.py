@@ -18,8 +18,8 @@ from pathlib import Path
 
 from bayescal.errors import BayescalError
 
-SECONDS = 20
-"""Of processor time, and of waiting. The largest descriptions of arms take one or two."""
+SECONDS, WAITING = 8, 40
+"""Of processor time, and of waiting on a busy machine. The largest descriptions of arms take one or two."""
 
 BYTES = 2**30
 """Of memory. The interpreter and xacro take some 30 MB."""
@@ -65,7 +65,7 @@ def expanded(path: Path, allowed: bool) -> bytes:
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=err,
-                timeout=SECONDS,
+                timeout=WAITING,
             ).returncode
         except subprocess.TimeoutExpired:
             code = -1

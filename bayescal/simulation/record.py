@@ -58,6 +58,17 @@ def parameters_record(options: Options, model: Model) -> list[dict[str, Any]]:
     return arm
 
 
+def heading(options: Options) -> dict[str, Any]:
+    """What truth.json states of the options from which a session follows."""
+    return {
+        "schema": SCHEMA,
+        "seed": options.seed,
+        "arm_seed": options.seed_of_arm,
+        "effects": list(options.effects),
+        "error_scale": options.error_scale,
+    }
+
+
 def document(
     options: Options,
     dataset: Dataset,
@@ -85,11 +96,7 @@ def document(
         for pair, error in errors.items()
     ]
     return {
-        "schema": SCHEMA,
-        "seed": options.seed,
-        "arm_seed": options.seed_of_arm,
-        "effects": list(options.effects),
-        "error_scale": options.error_scale,
+        **heading(options),
         "noise": {"contact_um": 1e6 * options.noise, "joint_deg": float(np.degrees(options.joint_noise))},
         "outliers": [dataset.measurements.ids[i] for i in gross],
         "parameters": parameters_record(options, model),

@@ -158,20 +158,14 @@ def record(design, seed):
     }  # fmt: skip
 
 
-def test_page_and_table(tmp_path, capsys):
+def test_page_and_table(tmp_path, capsys, renewed):
     name = DESIGNS[0].name
     lines = [record(name, seed) for seed in range(1, 21)] + [{"design": name, "seed": 21, "refused": "no"}]
     raw = tmp_path / run.RAW
     raw.write_text("".join(json.dumps(r) + "\n" for r in lines), encoding="utf-8")
-    target = tmp_path / "page.md"
-    target.write_text(f"before\n{page.BEGIN}\nold\n{page.END}\nafter\n", encoding="utf-8")
-    run.main(["--again", "--out", str(tmp_path), "--page", str(target)])
-    text = target.read_text(encoding="utf-8")
-    assert text.startswith("before\n")
-    assert text.endswith("\nafter\n")
-    assert "\nold\n" not in text
+    renewed(page, lambda path: run.main(["--again", "--out", str(tmp_path), "--page", str(path)]))
     assert f"| {name} | {DESIGNS[0].summary} | 20 | 1 to 21 | 1 |" in capsys.readouterr().out
-    table = target.with_suffix(".csv").read_text(encoding="utf-8").splitlines()
+    table = (tmp_path / "page.csv").read_text(encoding="utf-8").splitlines()
     assert table[0] == "design,figure,of,level,value,low,high"
     assert any(line.startswith(f'{name},coverage,"parameters, stated",0.95,') for line in table)
 

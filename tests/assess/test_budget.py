@@ -19,7 +19,7 @@ from bayescal.assess.budget import (
     volume,
 )
 from bayescal.assess.budget.budget import Component
-from bayescal.assess.budget.inputs import CERTIFICATE, NOISE, PRIOR, READINGS, Input
+from bayescal.assess.budget.inputs import CERTIFICATE, MASSES, NOISE, PRIOR, READINGS, Input
 from bayescal.assess.budget.measurand import Measurand
 from bayescal.assess.budget.readings import readings
 from bayescal.calibration import fit
@@ -64,6 +64,20 @@ def test_inputs_add_up_to_the_stated_covariance(fitted):
     assert {p.input.name for p in inputs if p.input.group == "model discrepancy"} == {
         f"model discrepancy: {name}" for name in fitted.stated.families
     }
+
+
+def test_errors_of_masses_are_an_input_of_a_fit_with_compliance(plain_session):
+    """Beside all others, so that the sum is again what is stated."""
+    basis = Basis(stated(calibrated(Scene(plain_session, oriented=True), MODEL)))
+    covariance = basis.stated.wide.covariance
+    sd = np.sqrt(np.diag(covariance))
+    total = sum(p.by @ p.by.T for p in basis.propagated)
+    np.testing.assert_allclose(total / np.outer(sd, sd), covariance / np.outer(sd, sd), atol=1e-5)
+    of_masses = component(budget(basis, parameter(basis, "compliance J3")), MASSES)
+    assert of_masses.input.evaluation == "B"
+    k = basis.stated.plain.model.names.index("compliance J3")
+    u = basis.stated.plain.model.sd[k] * basis.stated.inputs.variances[k] ** 0.5
+    assert of_masses.contribution == pytest.approx(u, rel=1e-6)
 
 
 def test_contributions_add_up(fitted):

@@ -61,6 +61,7 @@ def test_contacts_and_distances():
     assert largest.u_certified < figures["AD"].u_max < np.std(largest.predicted)
     assert "AP" not in figures
     assert figures["AP n"].maximum <= max(np.abs(p.residuals).max() for p in found.final.validation.planes)
+    assert figures["AP n"].words == "pose accuracy, component along the normal of the surface"
     assert any("normal" in text for text in iso9283(found.basis).differs)
 
 

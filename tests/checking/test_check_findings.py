@@ -249,6 +249,7 @@ def test_effects_that_need_a_column(tmp_path, good):
     assert {"backlash", "latency"} <= set(result.not_assessed)
     assert "j1_degps" in result.not_assessed["backlash"]
     assert "eccentricity" in result.assessed
+    assert "gear-mesh" in result.assessed  # its ratio is not stated: many are screened
 
 
 def test_command_line_and_api(tmp_path, good):

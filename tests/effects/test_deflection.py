@@ -8,10 +8,9 @@ import pytest
 from bayescal.arm.chain import link_angles
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.effects import parameters_of
+from bayescal.effects.masses import MASS_SHARE, masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
-from bayescal.gap.linear.masses import masses
-from bayescal.gap.settings import LINEAR
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
 from bayescal.simulation.touch import World
@@ -103,7 +102,7 @@ def test_an_error_of_a_mass_moves_every_compliant_site(cube):
     rigid = {f"compliance {name}": 0.0 for name in c.robot.joint_names}
     q = link_angles(c.robot, c.readings)
     heavier = c.robot.masses.copy()
-    heavier[2] *= 1 + LINEAR.mass_share
+    heavier[2] *= 1 + MASS_SHARE
 
     def moments(kilograms):
         robot = replace(c.robot, masses=kilograms)
@@ -113,7 +112,7 @@ def test_an_error_of_a_mass_moves_every_compliant_site(cube):
     for site, frame, axis in (("base-compliance x", 0, "rx"), ("bending J2 bearing", 2, "ry")):
         now = replace(c, stance=stance, compliances=rigid | {site: 2e-5})
         (p,) = (p for p in masses(now) if p.name == "mass of link 3")
-        driver = {(t.frame, t.axis): t.driver for t in p.terms}[frame, axis]
+        driver = {(t.frame, t.axis): p.sd * t.driver for t in p.terms}[frame, axis]
         component = "xyz".index(axis[1])
         np.testing.assert_allclose(driver, 2e-5 * added[:, frame, component], atol=1e-12, err_msg=site)
         assert np.max(np.abs(driver)) > 1e-8

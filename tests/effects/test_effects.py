@@ -12,6 +12,7 @@ from bayescal.arm.statics import gravity_loads
 from bayescal.arm.transforms import AXES
 from bayescal.dataset import Noise, Tool
 from bayescal.effects import EFFECTS, UNITS, Effect, confusable, parameters_of
+from bayescal.effects.location import joint
 from bayescal.errors import BayescalError
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
@@ -262,6 +263,12 @@ def test_gear_mesh_without_reductions_needs_a_ratio(cube):
     each = parameters_of(("gear-mesh@100/50 at joint 5 and joint 1",), c)
     found = {(str(p.site), p.driver.order) for p in each if p.effect == "gear-mesh"}
     assert found == {("joint 5", 100), ("joint 5", 200), ("joint 1", 50), ("joint 1", 100)}
+
+
+def test_settings_of_several_sites_are_told_once_each():
+    setting = ((joint(1), 26.0), (joint(2), 26.0), (joint(3), 23.0))
+    words = EFFECTS["gear-mesh"].words(setting)
+    assert words == "26 motor revolutions per joint revolution at joint 1 and joint 2, 23 at joint 3"
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import pytest
 from bayescal.arm.statics import torques_on_links
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.join import joined
+from bayescal.effects.masses import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.gap.design.interventions import widened
-from bayescal.gap.linear.masses import masses
 from bayescal.gap.search.cells import cells
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate

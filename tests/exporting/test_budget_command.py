@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 from io import StringIO
 
@@ -29,7 +30,7 @@ def fitted():
 @pytest.fixture(scope="module")
 def run(fitted, tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / "fit"
-    fitted.save(folder)
+    fitted.save(folder, pictures=False)
     return folder
 
 
@@ -77,6 +78,9 @@ def test_the_command(fitted, run, command):
     assert "U = k u" not in text
     assert "parameter theta4" in text
     assert max(map(len, text.splitlines())) <= 80
+    shares = [int(n) for n in re.findall(r"(\d+) %$", text.partition("smaller components")[0], re.MULTILINE)]
+    assert shares == sorted(shares, reverse=True)  # the largest first
+    assert len(shares) > 2
 
 
 def test_csv_has_all_components_and_the_sum(run, command):

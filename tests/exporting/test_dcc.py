@@ -32,7 +32,7 @@ item: {name: robot, manufacturer: FANUC, model: LR Mate 200iC, serial_number: E1
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / "fit"
     session = bc.simulate(contacts=90, later=10, repeats=5, spheres=2, placements=1, seed=1)
-    bc.fit(session, samples=0).save(folder)
+    bc.fit(session, samples=0).save(folder, pictures=False)
     return folder
 
 

@@ -2,6 +2,8 @@
 
 import json
 from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from export_arms import fake, session_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
 from bayescal.exporting.robot import robot_text
+from bayescal.exporting.sidecar import read_sidecar
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +49,56 @@ def test_an_unchanged_export_is_replaced_and_a_changed_one_is_kept(table, tmp_pa
     with pytest.raises(BayescalError, match=r"arm\.json: exists and is no unchanged export"):
         table.save(tmp_path / "arm.csv")
     assert contents(tmp_path) == before
+
+
+class Killed(BaseException):
+    """The process is gone."""
+
+
+@pytest.mark.parametrize("earlier", [False, True])
+@pytest.mark.parametrize("after", range(5))
+def test_no_file_is_without_its_sidecar_after_a_kill(table, arm, tmp_path, monkeypatch, earlier, after):
+    """Killed after each of the four renames: two files, and the sidecar before and after them."""
+    path, other = tmp_path / "arm.csv", export(arm, "dh-csv", force=True, name="other")
+    other = replace(other, written=replace(other.written, content="other", beside={".json": "other"}))
+    if earlier:
+        other.save(path)
+    own, calls = Path.replace, []
+
+    def renamed(part, target):
+        calls.append(target)
+        if len(calls) > after:
+            raise Killed
+        return own(part, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", renamed)
+        if after < 4:
+            with pytest.raises(Killed):
+                table.save(path)
+        else:
+            table.save(path)
+    assert calls[0].name == "arm.csv.bayescal.json"
+    files = {file.name for file in table.files(path)}
+    there = contents(tmp_path)
+    assert "arm.csv.bayescal.json" in there or not there
+    if there:
+        known = json.loads(there["arm.csv.bayescal.json"])
+        listed = {"arm.csv": known["sha256"], **known["beside"]}
+        replaced = known.get("replaces", {})
+        for name in there.keys() - {"arm.csv.bayescal.json"}:
+            assert sha256(there[name]).hexdigest() in {listed[name], replaced.get(name)}
+        complete = all(sha256(there.get(n, b"")).hexdigest() == d for n, d in listed.items())
+        if complete:
+            read_sidecar(path)
+        else:
+            with pytest.raises(
+                BayescalError, match=r"the export was interrupted before arm\.\w+ was in place"
+            ):
+                read_sidecar(path)
+    table.save(path)
+    assert contents(tmp_path).keys() == files
+    assert "replaces" not in read_sidecar(path)
 
 
 def test_the_file_to_patch_is_none_of_the_written_ones(table, tmp_path):

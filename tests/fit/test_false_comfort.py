@@ -9,9 +9,10 @@ import pytest
 from rich.console import Console
 
 from bayescal.assess.acceptance import EXPLAINED
+from bayescal.assess.budget.main import usual
 from bayescal.assess.directions import BARELY, directions
-from bayescal.assess.findings import Assessed, findings
-from bayescal.calibration import fit
+from bayescal.assess.findings import Assessed, findings, negative
+from bayescal.calibration import VALIDATION_DRAWS, fit
 from bayescal.dataset import read_dataset
 from bayescal.model import build
 from bayescal.model.scene import Scene
@@ -177,6 +178,25 @@ def test_more_than_was_predicted_is_said(fits, times, lacks):
         )
     )  # fmt: skip
     assert [f.code for f in said] == ["distances"] * lacks
+
+
+def test_the_budget_and_the_summary_state_one_uncertainty(fits):
+    """Of distances in the probed volume, where a single direction may hold most of the variance."""
+    found = fits["good"]
+    budgets = {b.measurand.name: b for b in usual(found.basis)}
+    of_volume = next(b for name, b in budgets.items() if "probed volume" in name)
+    assert found.forecast.workspace.rms == pytest.approx(of_volume.u, rel=0.05)
+    assert len(found.forecast.workspace.draws) == VALIDATION_DRAWS  # 400 are 5 % off on the example
+
+
+def test_a_negative_value_is_judged_by_the_stated_uncertainty(fits):
+    found = fits["good"].final.estimate
+    k, p = next((k, p) for k, p in enumerate(found.model.parameters) if p.positive)
+    z = found.z.copy()
+    z[k] = (-3.0 * found.sd[k] * p.sd - p.centre) / p.sd
+    below = replace(found, z=z)
+    assert any("negative by more than 2 u" in words for words in negative(below))
+    assert any("negative by less than 2 u" in words for words in negative(below, 2.0 * found.sd))
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="the shared sessions are not here")

@@ -2,17 +2,17 @@
 
 import json
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from bayescal.assess.acceptance import EXPLAINED
 from bayescal.assess.identifiability import identifiability
 from bayescal.calibration import fit
+from bayescal.cli import app
 from bayescal.dataset import Certificate, read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import check_converged, estimate, linearise
@@ -27,25 +27,34 @@ ROOT = Path(__file__).resolve().parents[2]
 CUBE = ROOT / "data" / "lrmate200ic-cube"
 SHARED = ROOT.parent / "shared" / "data"
 FULL = ("geometry", "compliance")
-
-
-def run(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "bayescal.cli", *arguments],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        check=False,
-    )
+LEVELS = ("nominal", "joint offsets", "geometry", "geometry + compliance")
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """One run of the command on the dataset that comes with the project."""
     folder = tmp_path_factory.mktemp("run") / "fit"
-    done = run("fit", str(CUBE), "--samples", "600", "--out", str(folder))
-    assert done.returncode == 0, done.stderr
+    arguments = ["fit", str(CUBE), "--samples", "600", "--out", str(folder)]
+    done = CliRunner().invoke(app, arguments, env={"COLUMNS": "100"}, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
     return folder, done.stdout, json.loads((folder / "fit.json").read_text())
+
+
+def test_the_readme_shows_this_session(written):
+    """Its levels, errors and estimates are those that the command prints (u is of another sampling)."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    shown = readme[readme.index("$ bayescal fit data/lrmate200ic-cube") : readme.index("    ...\n")]
+    errors = r"^ *({}) {{2,}}([\d.]+) +([\d.]+) +([\d.]+) "
+    for name in map(re.escape, LEVELS):
+        (there,) = re.findall(errors.format(name), shown, re.MULTILINE)
+        assert there == re.search(errors.format(name), written[1], re.MULTILINE).groups()
+    for error in re.findall(r"maximum [a-z]+ error .*", shown):
+        assert error in " ".join(written[1].split())
+    values = re.findall(r"^ +(\w+(?: J\d)?) +[-.\d]+ +([-.\d]+)\(", shown, re.MULTILINE)
+    assert len(values) > 3
+    for name, value in values:
+        estimate = next(p["estimate"] for p in written[2]["parameters"] if p["name"] == name)
+        assert float(value) == pytest.approx(estimate, abs=0.6 * 10.0 ** -len(value.partition(".")[2]))
 
 
 def test_command_writes_the_contract(written):

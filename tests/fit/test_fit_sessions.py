@@ -6,13 +6,14 @@ from dataclasses import replace
 import pytest
 from typer.testing import CliRunner
 
-from bayescal.cli import app, fit, gap  # noqa: F401  (they register their commands)
+from bayescal.cli import app
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.simulation import Options, simulate
 from bayescal.simulation.folder import write
 
 LITTLE = {"contacts": 100, "later": 8, "repeats": 3, "placements": 1, "spheres": 2, "sphere_contacts": 8}
+QUICK = ("--samples", "0", "--no-pictures")
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def run(*arguments):
 @pytest.fixture(scope="module")
 def together(folders):
     out = folders / "run"
-    done = run("fit", folders / "may", folders / "june", "--samples", "0", "--out", out)
+    done = run("fit", folders / "may", folders / "june", *QUICK, "--out", out)
     assert done.exit_code == 0, done.output
     return done.output, json.loads((out / "fit.json").read_text()), out
 
@@ -66,7 +67,7 @@ def test_record_and_table_tell_how_the_sessions_agree(together):
 
 def test_sessions_of_two_arms_are_flagged(folders):
     out = folders / "mixed"
-    done = run("fit", folders / "may", folders / "twin", "--samples", "0", "--out", out)
+    done = run("fit", folders / "may", folders / "twin", *QUICK, "--out", out)
     assert done.exit_code == 0, done.output
     record = json.loads((out / "fit.json").read_text())
     assert record["agreement"]["pairs"][0]["disagree"]
@@ -79,7 +80,7 @@ def test_another_drawing_is_refused_and_nothing_written(folders, tmp_path):
     longer = replace(june, robot=replace(june.robot, d=june.robot.d + 1e-3))
     write_dataset(longer, tmp_path / "longer")
     with pytest.raises(BayescalError, match=r"not the robot of may: d of J1 0\.001, not 0"):
-        run("fit", folders / "may", tmp_path / "longer", "--samples", "0", "--out", tmp_path / "run")
+        run("fit", folders / "may", tmp_path / "longer", *QUICK, "--out", tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
@@ -96,6 +97,6 @@ def test_gap_takes_several_sessions(folders):
 def test_the_joint_level_of_two_sessions_is_compared(folders, tmp_path):
     """`joint` is a level and no cause, and still a model whose sessions are compared."""
     out = tmp_path / "run"
-    done = run("fit", folders / "may", folders / "june", "--model", "joint", "--samples", "0", "--out", out)
+    done = run("fit", folders / "may", folders / "june", "--model", "joint", *QUICK, "--out", out)
     assert done.exit_code == 0, done.output
     assert json.loads((out / "fit.json").read_text())["agreement"]["pairs"]

@@ -7,11 +7,10 @@ import pytest
 
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.calibration import fit
-from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.exporting.robot import calibrated_robot
 from bayescal.gap.diagnose import diagnose
-from bayescal.model import ARM, check_asked
+from bayescal.model import ARM, build, check_asked
 from bayescal.model.scene import Scene
 
 FULL = ("geometry", "compliance")
@@ -79,18 +78,26 @@ def test_zeros_and_scales_are_found(misread):
 
 
 @pytest.mark.parametrize(
-    "effects", [("joint", "geometry"), ("geometry", "joint"), ("encoder-scale", "joint")]
+    ("effects", "whole"),
+    [
+        (("joint", "geometry"), ("geometry", "encoder-scale")),
+        (("geometry", "joint"), ("geometry", "encoder-scale")),
+        (("encoder-scale", "joint"), ("joint",)),
+    ],
 )
-def test_a_part_beside_its_whole_is_refused(effects):
-    """In one line that states what to leave out."""
-    with pytest.raises(BayescalError, match="joint is part of") as caught:
-        check_asked(effects, 1.0)
-    assert caught.value.remedy == "leave joint out"
+def test_a_parameter_of_two_effects_is_in_the_model_once(split, effects, whole):
+    """Twice it would have twice the variance, and which of the two a fit means would be open."""
+    check_asked(effects, 1.0)
+    names = build(Scene(split), effects).names
+    assert len(set(names)) == len(names)
+    assert set(names) == set(build(Scene(split), whole).names)
 
 
 def test_gap_takes_the_first_level(split):
     """Joint offsets leave the errors of the geometry; the level itself is no cause to name."""
     found = diagnose(split, ("joint", "compliance"))
     assert found.baseline == ("joint", "compliance")
+    assert "encoder-scale" not in {*found.verdict.probability, *found.verdict.missing}
+    check_asked(found.refit, 1.0)
     assert "joint" not in found.verdict.probability
     assert [n.effect for n in found.verdict.named][:1] == ["geometry"]

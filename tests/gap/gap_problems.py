@@ -8,9 +8,9 @@ import numpy as np
 from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.dataset import Dataset, Noise, Target
 from bayescal.effects import Circumstances
+from bayescal.effects.masses import masses
 from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.gap.linear.evidence import project
-from bayescal.gap.linear.masses import masses
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.slopes import Slopes, of_certificate
 from bayescal.gap.linear.state import State, fit_state

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayescal.errors import BayescalError
 from bayescal.gap.search.gate import confirmed, gain, share
 from bayescal.predict.crossvalidation import VALIDATED
 from bayescal.predict.distances import CentreDistances
@@ -64,6 +65,34 @@ def test_a_name_that_costs_beside_another_that_helps_is_withheld():
     assert gain(errors(20e-6), errors(20e-6), refit(("play", "drift"))[1]) > 3
     found = confirmed(("play", "drift"), refit, errors(20e-6))
     assert found.members == ("play",)
+
+
+def unfitted(refit, refused):
+    """The refits, except of sets that cannot be fitted."""
+
+    def some(members):
+        if refused(members):
+            raise BayescalError("gravity moves the arm", "compliance", "check masses")
+        return refit(members)
+
+    return some
+
+
+def test_an_effect_without_which_the_others_cannot_be_fitted_is_kept():
+    refit, _ = judged({"drift": 60e-6}, {"play": 8e-6, "scale": 7e-6})
+    names = ("play", "scale", "drift")
+    found = confirmed(names, unfitted(refit, lambda m: "play" not in m), errors(20e-6))
+    assert found.members == ("play", "scale")
+
+
+def test_of_effects_that_cannot_be_fitted_together_the_last_is_withheld():
+    """Even a certain one: there is no refit that has it."""
+    refit, _ = judged({}, {"play": 8e-6, "scale": 7e-6})
+    broken = unfitted(refit, lambda m: "scale" in m)
+    found = confirmed(("play", "scale"), broken, errors(20e-6), lambda member: True)
+    assert (found.members, found.fitted, found.unclaimed) == (("play",), "play", ())
+    (aside,) = found.withheld
+    assert aside.words == "explains the calibration rows but cannot be fitted (gravity moves the arm)"
 
 
 def test_two_that_spoil_are_both_withheld():

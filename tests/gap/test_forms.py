@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gap_problems import BASELINE, Bench
 
-from bayescal.arm.motion import Term
+from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects import Parameter, location, named, parameters_of
 from bayescal.gap.search.candidates import candidates
 from bayescal.gap.search.cells import cells
@@ -55,6 +55,33 @@ def test_the_side_of_a_coupled_axis_is_found(bench, effect, joint, side):
     np.testing.assert_allclose(
         columns, member.scale * bench.problem.pool[:, member.variant.columns], atol=1e-12
     )
+
+
+def elevated(c, name):
+    """A wide elevation off the middle of a face."""
+    face = next(f for f in c.faces if f.name == name)
+    far = np.sum(((face.place - [0.3, -0.1]) / [0.5, 0.7]) ** 2, axis=1)
+    height = np.exp(-far / 2) * face.rows
+    return Parameter("truth", "m", (Term(CONTACT, "normal", -height),), 1e-5)
+
+
+def test_an_elevation_of_a_face_is_no_wrong_certificate(bench):
+    """It changes the mean height and the slopes of the face, which contradicts the certified ones."""
+    c = bench.circumstances
+    name = c.faces[1].name
+    column = bench.slopes.columns([elevated(c, name)])
+    decision, _ = bench.decided(bench.made_up(1, bench.visible(column, 150.0, 1)))
+    found = [(m.effect, m.variant.site, m.variant.setting) for m in decision.members]
+    assert (decision.kind, found) == ("named", [("plane-form", name, "raised")])
+    assert decision.probability["artefact"] < 0.05
+
+
+def test_a_form_that_contradicts_a_certificate_has_a_fifth_of_the_prior_of_a_form(bench):
+    share = {}
+    for v in bench.known.variants["plane-form"]:
+        share[v.setting] = share.get(v.setting, 0.0) + np.exp(v.log_prior)
+    assert share["raised"] == pytest.approx(0.2 * SEARCH.other_forms)
+    assert sum(share.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("joint", [4, 5])

@@ -11,10 +11,10 @@ from scipy.stats import multivariate_normal
 
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.effects import EFFECTS, parameters_of
+from bayescal.effects import masses as mass_errors
 from bayescal.effects.compliance import expected
 from bayescal.effects.location import joint
 from bayescal.estimate import STATED_WORTH, linearise
-from bayescal.gap.linear import masses as mass_errors
 from bayescal.gap.linear.evidence import SCALES, log_bayes, project
 from bayescal.gap.linear.noise_integral import gain
 from bayescal.gap.linear.problem import Problem, without_nuisance
@@ -23,7 +23,6 @@ from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.candidates import candidates
 from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.screen import screened
-from bayescal.gap.settings import LINEAR
 from bayescal.model import ARM, ORIENTATION, Turned, with_parameters
 from bayescal.model.scene import Scene
 
@@ -362,16 +361,16 @@ def test_columns_of_masses_are_differences_of_gravity_moments(cube):
         axis = "xyz".find(words[-1])
         if words[2] == "load":
             if axis < 0:
-                after = torque(load=c.load_mass * (1 + LINEAR.load_share))
+                after = torque(load=c.load_mass * (1 + mass_errors.LOAD_SHARE))
             else:
                 after = torque(at=c.load_centre + 4e-3 * np.eye(3)[axis])  # as well as a tool is drawn
         else:
             i = int(words[3]) - 1
             masses, centres = robot.masses.copy(), robot.centres_of_mass.copy()
             if axis < 0:
-                masses[i] *= 1 + LINEAR.mass_share
+                masses[i] *= 1 + mass_errors.MASS_SHARE
             else:
-                centres[i, axis] += LINEAR.mass_share * abs(centres[i, axis]) + LINEAR.centre_off
+                centres[i, axis] += mass_errors.MASS_SHARE * abs(centres[i, axis]) + mass_errors.CENTRE_OFF
             after = torque(masses, centres)
         turns = np.zeros((24, 6))
         for term in p.terms:

@@ -31,3 +31,13 @@ def test_errors_that_increase_in_rows_of_large_uncertainty_only():
     (told,) = increased(errors(3.0, 10.0), errors(1.0, 20.0))
     assert "but so does their log density" in told
     assert "do not use them" not in told
+
+
+def test_an_increase_within_its_uncertainty_is_no_reason_to_drop_the_effects():
+    """Errors of other rows by other amounts, in the sum a little larger."""
+    change = np.where(np.arange(60) % 2, 1.4, 0.7)
+    more = replace(errors(1.0, 1.0), residual=errors(1.0, 1.0).residual * change)
+    (told,) = increased(errors(1.0, 1.0), more)
+    assert told.startswith("validation errors do not decrease with the named effects (from ")
+    assert "within its uncertainty" in told
+    assert "do not use them" not in told

@@ -30,19 +30,13 @@ def record(sort: str, **distances: float | None):
     return {"sort": sort, "methods": methods}
 
 
-def test_page_pools_sessions_and_keeps_the_rest(tmp_path):
+def test_page_pools_sessions_and_keeps_the_rest(renewed):
     done = [
         record("clean", normals=3.0, bayescal=3.0),
         record("clean", normals=None, bayescal=4.0),
         {"sort": "clean", "seed": 3, "refused": "no place"},
     ]
-    path = tmp_path / "page.md"
-    path.write_text(f"before\n{page.BEGIN}\nold\n{page.END}\nafter\n")
-    page.update(path, done)
-    text = path.read_text()
-    assert text.startswith("before\n")
-    assert text.endswith("after\n")
-    assert "old" not in text
+    text = renewed(page, lambda path: page.update(path, done))
     assert "clean (2)" in text
     assert "| normals | 3.0 |" in text
     assert "| bayescal | 3.5 |" in text  # root of the mean of 9 and 16

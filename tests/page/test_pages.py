@@ -18,6 +18,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
+from bayescal.reporting.page import compare
 from bayescal.reporting.page.arm import marked_sites, pose
 from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.numbers import length
@@ -54,14 +55,35 @@ def words(page: str) -> str:
     return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", bare)))
 
 
+def test_the_verdict_is_said_once(found):
+    text = words(run_page(Run("gap", record_of(found, "null"), "runs/x")))
+    assert text.count("No effect above noise") == 1
+    assert "No effect above noise The model explains these data" in text
+
+
+def test_a_diagnosis_shows_the_residuals_that_it_explains(found):
+    """Drawings and tables of a page are of one model: that before the refit; the other is beside it."""
+    record = record_of(found, "named")
+    rows = record["rows"]
+    rows["residual_before_um"] = [None if r is None else r + 1000.0 for r in rows["residual_um"]]
+    rows["rejected_before"] = [False] * len(rows["id"])
+    page = run_page(Run("gap", record, "runs/x"))
+    first = max(range(len(rows["id"])), key=lambda k: rows["residual_before_um"][k] or -1.0)
+    before, after = rows["residual_before_um"][first], rows["residual_um"][first]
+    assert f"{rows['target'][first]} fitted {before:.1f} {after:.1f}" in words(page)
+    drawn = json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
+    assert drawn["rows"]["residual_um"] == rows["residual_before_um"]
+
+
 @pytest.mark.parametrize("kind", SETS)
 def test_every_verdict_has_a_page(found, kind):
     record = record_of(found, kind)
     page = run_page(Run("gap", record, "runs/x"))
     text = words(page)
     for line in record["words"]:
-        assert line in text
+        assert line.rpartition(": ")[2].lower() in text.lower()
     assert len(page) < 3_000_000
+    assert ("before the refit" in text) == bool(record["named"])
     assert ("In the workshop" in text) == (kind != "null")
     unmodelled = kind in ("unknown", "named+unexplained")
     assert ("Inspect the location that is marked, correct it" in text) == unmodelled
@@ -163,6 +185,28 @@ def test_names_from_files_are_inert(found):
     assert EVIL in words(page)
     data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert json.loads(data[1])["rows"]["target"][0] == EVIL
+
+
+def test_runs_without_certified_centres_are_compared_too(found):
+    """By the readings of their instrument and the lengths of the errors of points."""
+    expected = {
+        "over": "readings of the instrument", "count": 720, "predicted_rms_um": 22.2,
+        "measured_rms_um": 20.1, "lengths_mm": [268, 1334],
+    }  # fmt: skip
+    record = {
+        "predicted_distance": expected,
+        "validation": {"distances": []},
+        "ladder": [{"model": ["geometry"], "points_rms_um": 26.5}],
+    }
+    diagnosis = record_of(found, "named")
+    diagnosis["lengths"] |= {"of": "validation points"}
+    diagnosis["ladder"] = [{"model": ["geometry"], "heldout_rms_um": 15.3, "point_length_rms_um": 26.6}]
+    runs = [Run("fit", record, "a"), Run("gap", diagnosis, "b")]
+    (table,) = compare.distances(runs).context["blocks"]
+    assert table.rows[0][1:] == ("readings of the instrument", "22", "44", "20.1", "-", "720")
+    (table,) = compare.levels(runs).context["blocks"]
+    assert table.headings == ("points, 1", "points, 2")
+    assert table.rows == (("geometry", "26.5", "26.6"),)  # 15.3 is per coordinate
 
 
 def test_the_budget_is_shown_where_the_folder_has_one(found):

@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 
 import bayescal as bc
 from bayescal.cli import app
-from bayescal.cli import report as _command  # noqa: F401  (registers the command)
 from bayescal.errors import BayescalError
 from bayescal.reporting.page import build, pdf
 
@@ -27,7 +26,7 @@ def runs(tmp_path_factory):
     options = {"effects": "geometry", "contacts": 60, "later": 8, "repeats": 5, "spheres": 2, "arm_seed": 1}
     for seed in (1, 2):
         session = bc.simulate(seed=seed, **options)
-        bc.fit(session, "geometry", samples=0).save(folder / f"run{seed}")
+        bc.fit(session, "geometry", samples=0).save(folder / f"run{seed}", pictures=False)
     return folder
 
 

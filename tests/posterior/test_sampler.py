@@ -17,8 +17,9 @@ from bayescal.posterior import Density, gaussian
 from bayescal.posterior import density as density_module
 from bayescal.posterior import sample as sampling
 from bayescal.posterior.convergence import convergence
+from bayescal.posterior.ensemble import Evolution, Independence
 from bayescal.posterior.linearised import Linearised
-from bayescal.posterior.sample import Evolution, Independence, sample
+from bayescal.posterior.sample import sample
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +126,10 @@ def test_the_noise_of_a_small_group_is_as_uncertain_as_its_contacts(grouped):
     assert grouped.dof["contact of A"] < 0.5 * grouped.dof["contact"]
 
 
+STEPS = {"independence": {2: 2500, 12: 1000, 40: 600}, "evolution": {2: 2500, 12: 2000, 40: 2500}}
+"""Ensembles of each run: steps of independence are nearly independent draws, those of evolution are not."""
+
+
 @pytest.mark.parametrize("size", [2, 12, 40])
 @pytest.mark.parametrize("kind", ["independence", "evolution"])
 def test_moves_leave_a_normal_as_it_is(size, kind):
@@ -147,7 +152,7 @@ def test_moves_leave_a_normal_as_it_is(size, kind):
         walkers, size, lambda x: -0.5 * np.sum((x / scale) ** 2, axis=1), moves=move, vectorize=True
     )
     sampler._random.seed(1)
-    steps = 4000 if size < 40 else 6000
+    steps = STEPS[kind][size]
     sampler.run_mcmc(scale * rng.standard_normal((walkers, size)), steps)
     chain = sampler.get_chain(discard=200) / scale
     times = emcee.autocorr.integrated_time(chain, quiet=True, tol=0)
@@ -232,6 +237,15 @@ def test_a_run_too_short_says_so(fitted):
 def test_no_samples_is_refused(fitted):
     with pytest.raises(BayescalError, match="samples"):
         sample(fitted, 0)
+
+
+def test_scipy_is_imported_without_unused_numpy():
+    """A fifth of a second of every command; both modules are there where they are used."""
+    code = (
+        "import sys, bayescal.distributions; assert not {'numpy.f2py', 'numpy.testing'} & {*sys.modules};"
+        "import numpy as np; np.testing.assert_equal(1, 1); assert callable(np.f2py.run_main)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_emcee_is_imported_without_scipy_stats():

@@ -13,7 +13,7 @@ from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.predict import validate
 from bayescal.predict.crossvalidation import validation_errors
-from bayescal.predict.locate import locate, search
+from bayescal.predict.locate import locate
 from factors.cylinder import Cylinder
 from factors.distance import Distance
 from factors.instrument import Instrument
@@ -164,20 +164,16 @@ def test_a_ball_bar_and_a_pin_stated_far_off():
     np.testing.assert_allclose(pin.describe(at.x[0])["point"][:2], TRUE[:2], atol=1e-5)
 
 
-def test_a_closely_stated_place_takes_one_search(monkeypatch):
-    """Other starts are searched from only where the prior lets a second place compete."""
-    rng, begun = np.random.default_rng(7), []
+def test_a_closely_stated_place_has_no_rivals(monkeypatch):
+    """Other starts count only where the prior lets a second place compete; all are searched from at once."""
+    rng, counted = np.random.default_rng(7), []
     p, sigma = touched(from_above(rng), SIGMA, rng), np.full((1, 11), SIGMA)
 
-    def counted(kind, p, *others):
-        begun.append(len(p))
-        return search(kind, p, *others)
+    def check(name, found, *others):
+        counted.append(len(found.x))
 
-    monkeypatch.setattr("bayescal.predict.locate.search", counted)
+    monkeypatch.setattr("bayescal.predict.locate._check", check)
     for prior in (np.full(4, 1e-4), LOOSE):
-        begun.append("|")
         at, _ = locate("ball", Sphere(TRUE + 5e-5, DIAMETER, np.full(11, RADIUS), prior), p, sigma)
         assert np.linalg.norm(TRUE + 5e-5 + at.x[0, :3] - TRUE) < 0.1e-3
-    assert begun[:2] == ["|", 1]
-    assert begun[2] == "|"
-    assert sum(begun[3:]) > 1
+    assert counted[0] == 1 < counted[1]

@@ -82,7 +82,7 @@ def test_two_places_that_the_tool_makes_up_for_are_one(alike, refused):
     kind = FixedPoint(np.zeros(3), np.ones(3))
     if refused:
         with pytest.raises(BayescalError, match=r"two places 80 mm apart"):
-            _check("socket", found, found.only(0), kind, strict=True)
+            _check("socket", found, found.some([0]), kind, strict=True)
     else:
-        _check("socket", found, found.only(0), kind, strict=True)
-    _check("socket", found, found.only(0), kind, strict=False)  # a level that only serves for comparison
+        _check("socket", found, found.some([0]), kind, strict=True)
+    _check("socket", found, found.some([0]), kind, strict=False)  # a level that only serves for comparison

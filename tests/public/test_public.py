@@ -117,7 +117,7 @@ def test_parameters_are_those_of_the_estimate(result):
 
 
 def test_a_fit_comes_back(result, tmp_path):
-    names = result.save(tmp_path / "run")
+    names = result.save(tmp_path / "run", pictures=False)
     assert {p.name for p in (tmp_path / "run").iterdir() if not p.name.startswith(".")} >= set(names)
     saved = bc.load(tmp_path / "run")
     for table in ("parameters", "levels", "distances"):

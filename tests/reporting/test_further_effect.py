@@ -13,3 +13,8 @@ def test_the_further_effect_is_stated_by_name_where_names_are_more_probable(unkn
     probability = {"latency": 0.99, "hardening": 0.33, "hysteresis": 0.13, "null": 0.0, "unknown": unknown}
     credible = ("latency", "hardening", "hysteresis", "unknown", "null")
     assert possible(probability, credible, ("latency",)) == names
+
+
+def test_improbable_effects_are_not_proposed_for_inspection():
+    probability = {"latency": 0.99, "hardening": 0.33, "hysteresis": 0.04, "unknown": 0.03}
+    assert possible(probability, ("latency", "hardening", "hysteresis"), ("latency",)) == ("hardening",)

@@ -105,13 +105,13 @@ SPOILT = [
         ),
         "is on the network",
     ),
-    (PLAIN.replace('"continuous"', '"prismatic"'), r"joint lift is prismatic; .* `robot: arm.urdf#arm`"),
-    (PLAIN.replace('"continuous"', '"floating"'), "joint lift is floating"),
+    (PLAIN.replace('"continuous"', '"prismatic"'), r"joint `lift` is prismatic; .* `robot: arm.urdf#arm`"),
+    (PLAIN.replace('"continuous"', '"floating"'), "joint `lift` is floating"),
     (
         PLAIN.replace("</joint></robot>", '<mimic joint="turn"/></joint></robot>').replace(
             '"fixed"', '"revolute"'
         ),
-        "joint mount follows another joint",
+        "joint `mount` follows another joint",
     ),
     (PLAIN.replace('"continuous"', '"hinge"'), "not a URDF"),
     (
@@ -119,26 +119,26 @@ SPOILT = [
         "lift has several <axis>",
     ),
     (PLAIN.replace(' effort="1"', "", 1), "joint.*turn.*effort"),
-    (PLAIN.replace('lower="-2"', 'lower="-170"', 1), "limits of joint turn are too wide; write them in rad"),
-    (PLAIN.replace('lower="-2"', 'lower="5"', 1), "joint turn has no limits in order"),
+    (PLAIN.replace('lower="-2"', 'lower="-170"', 1), "limits of joint `turn` are too wide"),
+    (PLAIN.replace('lower="-2"', 'lower="5"', 1), "joint `turn` has no limits in order"),
     (PLAIN.replace("0.4", "400", 1), "add up to 40.* a URDF is in metres"),
-    (PLAIN.replace("0.4", "nan", 1), "origin of turn is not finite"),
-    (PLAIN.replace("0.0 0.0 1.0", "0 0 0", 1), "axis of turn is zero"),
-    (PLAIN.replace('value="2.0"', 'value="-2.0"'), "mass of arm is -2 kg"),
-    (PLAIN.replace('child link="tool0"', 'child link="elsewhere"'), "names a link elsewhere"),
-    (PLAIN.replace("</robot>", link("hand") + "</robot>"), "several links are called hand"),
+    (PLAIN.replace("0.4", "nan", 1), "origin of `turn` is not finite"),
+    (PLAIN.replace("0.0 0.0 1.0", "0 0 0", 1), "axis of `turn` is zero"),
+    (PLAIN.replace('value="2.0"', 'value="-2.0"'), "mass of `arm` is -2 kg"),
+    (PLAIN.replace('child link="tool0"', 'child link="elsewhere"'), "names a link `elsewhere`"),
+    (PLAIN.replace("</robot>", link("hand") + "</robot>"), "several links are called `hand`"),
     (PLAIN.replace("</robot>", link("loose") + "</robot>"), "links with no joint above: base, loose"),
     (
         PLAIN.replace(
             "</robot>", link("a") + link("b") + joint("x", "a", "b") + joint("y", "b", "a") + "</robot>"
         ),
-        "joints around a form a ring",
+        "joints around `a` form a ring",
     ),
     (
         PLAIN.replace("</robot>", SECOND + "</robot>"),
         r"they end at left, right, tool0; write `robot: arm.urdf#left`",
     ),
-    (robot(link("base")), "no joint turns between base and base"),
+    (robot(link("base")), "no joint turns between `base` and `base`"),
 ]
 
 
@@ -155,5 +155,5 @@ def test_references(tmp_path):
         load_robot("https://host/arm.urdf")
     with pytest.raises(BayescalError, match="no such file"):
         load_robot("nowhere.urdf", tmp_path)
-    with pytest.raises(BayescalError, match="no link is called flange; chains end at: tool0"):
+    with pytest.raises(BayescalError, match="no link is called `flange`; chains end at: tool0"):
         read(tmp_path, PLAIN, "arm.urdf#flange")

@@ -66,7 +66,7 @@ def test_no_expression_runs_unasked(tmp_path, place):
 
 
 def test_every_command_refuses_and_takes_the_option(tmp_path):
-    from bayescal.cli import app, blind, compare, fit, gap, import_, simulate  # noqa: F401
+    from bayescal.cli import app
 
     folder = shutil.copytree(SESSION, tmp_path / "set")
     settings = (folder / "dataset.yaml").read_text()

@@ -1,7 +1,8 @@
 """Sources of error of a calibration, and how each changes its unknowns.
 
 The error of the unknowns z of a fit is linear in independent errors: of the poses, of the certificates, of
-the prior values, and of the functions of the model discrepancy (`estimate.discrepancy.Stated`). With a factor
+the prior values, of the stated masses, and of the functions of the model discrepancy
+(`estimate.discrepancy.Stated`). With a factor
 B_i for each source, the covariance that the fit states is the sum of B_i B_i', without a remainder.
 """
 
@@ -24,7 +25,8 @@ from bayescal.predict.rows import Prepared, prepared
 
 NOISE, READINGS, CERTIFICATE, PRIOR = "noise", "joint readings", "certificate", "prior value"
 DISCREPANCY, UNEXPLAINED, PROBING = "model discrepancy", "unexplained error", "location of the measurand"
-GROUPS = (NOISE, READINGS, CERTIFICATE, PRIOR, DISCREPANCY, UNEXPLAINED, PROBING)
+MASSES = "masses and centres of mass"
+GROUPS = (NOISE, READINGS, CERTIFICATE, PRIOR, MASSES, DISCREPANCY, UNEXPLAINED, PROBING)
 """Groups of components."""
 NORMAL = "normal"
 """Distribution of every input: certificates and priors are stated by a standard uncertainty."""
@@ -108,7 +110,7 @@ def propagated(stated: Stated) -> tuple[Propagated, ...]:
         return out
 
     plain = (*_noise(stated), *_certificates(stated.plain), *_priors(stated.plain))
-    return (*(replace(p, by=wide(p.by)) for p in plain), *_discrepancy(stated))
+    return (*(replace(p, by=wide(p.by)) for p in plain), *_functions(stated))
 
 
 def reading_shares(found: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
@@ -216,8 +218,8 @@ def _priors(found: Estimate) -> Iterator[Propagated]:
         yield Propagated(stated, found.covariance[:, [k]])
 
 
-def _discrepancy(stated: Stated) -> Iterator[Propagated]:
-    """The functions of every family, with the biases of the parameters that they cause."""
+def _functions(stated: Stated) -> Iterator[Propagated]:
+    """The functions of every family, then masses, with the biases of the parameters that they cause."""
     extra = np.setdiff1d(np.arange(len(stated.wide.z)), stated.own)
     for name in stated.families:
         count = stated.slopes[name].shape[1]
@@ -228,3 +230,5 @@ def _discrepancy(stated: Stated) -> Iterator[Propagated]:
         yield Propagated(
             Input(DISCREPANCY, f"model discrepancy: {name}", "A", p.unit, 0.0, p.sd, stated.dof[name]), by
         )
+    if len(extra):
+        yield Propagated(Input(MASSES, MASSES, "B", "1", None, None), stated.wide.covariance[:, extra])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.transforms import rpy_matrix
@@ -43,5 +42,7 @@ def check(dataset: Dataset, table: Table) -> None:
 
 def _from_row_to_row(turns: np.ndarray) -> np.ndarray:
     """Angles (C - 1,), rad, between successive rotations (C, 3, 3)."""
+    from scipy.spatial.transform import Rotation  # slow to import, and many sessions need none
+
     rotations = Rotation.from_matrix(turns)
     return np.asarray((rotations[1:] * rotations[:-1].inv()).magnitude())

@@ -7,6 +7,9 @@ whitened columns of the parameters and of the functions of `families`, and Lambd
     C P0 C + w S + A Lambda A'            stated covariance of the parameters
     (G - J A) Lambda (G - J A)'           of a prediction: the function and the parameters that it biased
 
+Errors of stated masses act in the same way, by columns of known variance: `inputs`. A family has a variance
+only where the residuals show more than masses within their uncertainty could do.
+
 S is the scatter over the poses in place of C J' J C, so that rows of one pose do not count as independent,
 and w the share of the residual variance that the discrepancy leaves. Where w S + A Lambda A' is less than
 C J' J C, it is raised to it: no uncertainty is stated smaller than the solver's. An estimate with the
@@ -23,6 +26,7 @@ import numpy as np
 from bayescal.effects import Parameter
 from bayescal.estimate.clusters import poses
 from bayescal.estimate.discrepancy.families import Family, families
+from bayescal.estimate.discrepancy.inputs import MASSES, Inputs, inputs, mixed
 from bayescal.estimate.discrepancy.poses import complement, scatter_factor
 from bayescal.estimate.discrepancy.size import AT_ONCE, CHANCE, LIKELY, UNSEEN, degrees_of_freedom, variances
 from bayescal.estimate.estimate import Estimate
@@ -32,6 +36,10 @@ from bayescal.model import ARM, Model, with_parameters
 
 LEAST_WHITE = 0.1
 """Smallest share of the residual variance that stays noise (assumed)."""
+
+
+MOST_VALUES = 500_000
+"""Values of the columns of functions computed at a time: the model of all takes several times more memory."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +55,7 @@ class Stated:
     noise: np.ndarray  # (D, M) changes of the unknowns by independent errors of poses: w S is noise noise'
     noise_rows: np.ndarray  # (M,) a row of the session of each of these errors
     dof: Mapping[str, float]  # effective degrees of freedom of the variances
+    inputs: Inputs  # errors of masses: the last parameters of the wide model's arm, mixed to unit variance
 
     @property
     def families(self) -> tuple[str, ...]:
@@ -59,10 +68,14 @@ class Stated:
 
     @property
     def parameter_shares(self) -> Mapping[str, float]:
-        """Mean share of the stated variances of the arm's parameters by family, the largest first."""
+        """Mean share of the stated variances of the arm's parameters by family, masses too, largest first."""
         arm = self.plain.model.slices[ARM]
         total = np.diag(self.covariance)[arm]
-        mean = {name: float(np.mean(self.share(name)[arm] / total)) for name in self.families if len(total)}
+        if not len(total):
+            return {}
+        mean = {name: float(np.mean(self.share(name)[arm] / total)) for name in self.families}
+        if self.inputs.names:
+            mean[MASSES] = float(np.mean(self.inputs.variances[arm] / total))
         return dict(sorted(mean.items(), key=lambda item: -item[1]))
 
     @property
@@ -129,9 +142,10 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     model = fitted.model
     if functions is None:
         functions = families(model.scene.circumstances(model.scene.rows("calibrate")))
-    every = [p for f in functions for p in f.parameters]
+    smooth = [p for f in functions for p in f.parameters]
+    held = inputs(fitted)
     family = np.repeat(np.arange(len(functions)), np.array([len(f.parameters) for f in functions], int))
-    j, g, e, rows = _linearised(fitted, every)
+    j, g, e, rows = _linearised(fitted, [*smooth, *held])
     pose = poses(model.scene.dataset.measurements, rows)
     c = fitted.covariance
     by = j @ c
@@ -139,9 +153,12 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     for start in range(0, len(g), AT_ONCE):
         part = slice(start, start + AT_ONCE)
         g[part] -= j[part] @ a
-    h = g  # in place: of a large session the columns are the largest array
+    errors = Inputs.of([p.name for p in held], a[:, len(smooth) :], g[:, len(smooth) :], e)
+    a = a[:, : len(smooth)]
+    # in place: of a large session the columns are the largest array
+    h, left = errors.without(g[:, : len(smooth)], g[:, len(smooth) :], e)
     level = LIKELY if unexplained(fitted).excess else CHANCE / max(len(functions), 1)
-    shown = variances(h, e, pose, family, len(e) - float(np.sum(by * j)), level)
+    shown = variances(h, left, pose, family, len(e) - float(np.sum(by * j)) - errors.dof, level)
     explained = float(np.einsum("rk,rk->k", h, h) @ shown[family]) / len(h) if len(family) else 0.0
     white = 1.0 - min(explained, 1.0 - LEAST_WHITE)
     size = UNSEEN * shown
@@ -149,7 +166,13 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     sd = np.sqrt(size[family[kept]])
     names = [f.name for f in functions]
     sizes = dict(zip(names, size.tolist(), strict=True))
-    further = sized(functions, sizes)
+    dof = {
+        name: degrees_of_freedom(h[:, family == k])
+        for k, (name, own_size) in enumerate(zip(names, size, strict=True))
+        if own_size > 0
+    }
+    further = [*sized(functions, sizes), *mixed(held, errors.mixing)]
+    del functions, smooth, held, g, h  # of a large session more than all that follows
     wide, own, extra = _with(model, further)
     z, covariance = np.zeros(wide.size), np.zeros((wide.size, wide.size))
     z[own] = fitted.z
@@ -158,6 +181,7 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     noise = np.sqrt(white) * noise
     least = complement(by, noise @ noise.T + bias @ bias.T)
     noise, of = np.concatenate([noise, least], axis=1), np.concatenate([of, np.arange(len(j))])
+    bias = np.concatenate([bias, errors.slopes @ errors.mixing], axis=1)
     covariance[np.ix_(own, own)] = c - by.T @ by + noise @ noise.T + bias @ bias.T
     covariance[np.ix_(own, extra)] = -bias
     covariance[np.ix_(extra, own)] = -bias.T
@@ -171,11 +195,8 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
         white,
         noise,
         rows[of],
-        {
-            name: degrees_of_freedom(h[:, family == k])
-            for k, (name, own_size) in enumerate(zip(names, size, strict=True))
-            if own_size > 0
-        },
+        dof,
+        errors,
     )
 
 
@@ -194,17 +215,19 @@ def _linearised(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Whitened columns of the unknowns and of further parameters, residuals, rows; without outliers."""
     model = fitted.model
-    wide, own, extra = _with(model, every)
-    z = np.zeros(wide.size)
-    z[own] = fitted.z
-    linear = linearise(wide, z, fitted.weights)
     rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in model.blocks])
     used = np.concatenate([np.tile(fitted.weights.row[b.name], b.kind.rows) for b in model.blocks]) > 0
-    jacobian, residual = linear.jacobian[: len(used)], linear.residual[: len(used)]
-    jacobian = jacobian if np.all(used) else jacobian[used]
-    first = model.slices[ARM].stop
-    columns = jacobian[:, first : first + len(extra)]  # a view
-    return jacobian[:, own], columns, residual[used], rows[used]
+    columns = np.empty((int(np.sum(used)), len(every)))
+    at_once = max(MOST_VALUES // len(used), 1)
+    for start in range(0, max(len(every), 1), at_once):
+        some = slice(start, start + at_once)
+        wide, own, extra = _with(model, every[some])
+        z = np.zeros(wide.size)
+        z[own] = fitted.z
+        linear = linearise(wide, z, fitted.weights)
+        columns[:, some] = linear.jacobian[: len(used)][used][:, extra]
+    mine = linear.jacobian[: len(used)][used][:, own]
+    return mine, columns, linear.residual[: len(used)][used], rows[used]
 
 
 def _with(model: Model, further: Sequence[Parameter]) -> tuple[Model, np.ndarray, np.ndarray]:

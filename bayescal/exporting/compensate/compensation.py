@@ -61,13 +61,13 @@ class Compensation:
             If one of them exists with another content.
         """
         contents: dict[Path, bytes] = {out: self.text}
-        if self.positions is not None:
-            contents[out.with_name(out.name + LIST)] = self.positions
+        if self.positions is not None:  # first: no corrected program is without it, also after a kill
+            contents = {out.with_name(out.name + LIST): self.positions, **contents}
         for path, content in contents.items():
             if path.exists() and not (path.is_file() and path.read_bytes() == content):
                 raise BayescalError("exists with another content", str(path), "give another --out")
         write_together(contents)
-        return tuple(path.name for path in contents)
+        return tuple(path.name for path in reversed(contents))
 
 
 def compensate_file(

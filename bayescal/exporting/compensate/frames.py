@@ -38,7 +38,7 @@ class Frame:
             return poses.covariance
         by_arm, own = self._carried(poses.points)
         by = poses.by_parameters - by_arm
-        return by @ poses.spread @ np.swapaxes(by, 1, 2) + own
+        return poses.spread_by(by) + own
 
     def _carried(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives (C, 3, P) of points fixed to the target by the arm, and their own covariance."""

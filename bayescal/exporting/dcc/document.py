@@ -101,7 +101,7 @@ def _results(parent: Element, lang: str, basis: Basis) -> None:
     if found.figures:
         method = add(methods, "usedMethod")
         text(method, "name", "figures of ISO 9283", "en")
-        text(method, "description", "differs from the norm: " + "; ".join(found.differs), "en")
+        text(method, "description", "differs from the standard: " + "; ".join(found.differs), "en")
         add(method, "norm", "ISO 9283:1998")
     results = add(parent, "results")
     each = [budget(basis, distance(basis, pair)) for pair in certified_distances(basis)]

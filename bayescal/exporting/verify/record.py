@@ -69,12 +69,12 @@ def report(v: Verification) -> RenderableType:
         parts.append(Text(f"passed: the simulator has the fitted arm{rest}"))
     else:
         what = f"FAILED: {worst.name} differs by up to {1e6 * worst.maximum:.3g} µm"
-        parts.append(Text(f"{what} (limit {1e6 * worst.limit:.3g} µm, rms 1 µm)", style="red"))
+        parts.append(Text(f"{what} (limit {1e6 * worst.limit:.3g} µm, RMS 1 µm)", style="red"))
     return Group(*parts)
 
 
 def _levels(v: Verification) -> FigureTable:
-    table = FigureTable("simulator against model", "rms µm", "max µm", "limit µm")
+    table = FigureTable("simulator against model", "RMS (µm)", "maximum (µm)", "limit (µm)")
     for level in v.levels:
         figures = (level.rms, level.maximum, level.limit)
         table.add_row(level.name, *(f"{1e6 * x:.2g}" if x else "0" for x in figures))
@@ -85,8 +85,8 @@ def _gap(v: Verification) -> FigureTable:
     g = v.gap
     assert g is not None
     table = FigureTable(
-        "simulator against measured rows", "count", f"before ({g.before_is}) rms µm", "after rms µm",
-        "run: before µm", "run: after µm",
+        "simulator against measured rows: RMS (µm)", "count", f"before ({g.before_is})", "after",
+        "run: before", "run: after",
     )  # fmt: skip
     for kind in g.after:
         values = (g.before[kind], g.after[kind], *g.predicted[kind])

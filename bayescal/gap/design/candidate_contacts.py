@@ -15,10 +15,10 @@ from bayescal.arm.statics import Stance
 from bayescal.effects import EFFECTS, Circumstances, Parameter, Setting, parameters_of
 from bayescal.effects.selection import in_proportion
 from bayescal.estimate import Estimate
+from bayescal.estimate.compliances import with_compliances
 from bayescal.gap.design.blind_spots import located
 from bayescal.gap.design.interventions import Intervention, widened
 from bayescal.gap.linear.evidence import project
-from bayescal.gap.linear.known import with_compliances
 from bayescal.gap.search.beam import Hypothesis, Member
 from bayescal.gap.search.candidates import Candidates
 from bayescal.gap.settings import DESIGN

@@ -145,6 +145,7 @@ def _spheres(held: ValidationErrors, factor: float, noise: NoiseFloor, rng: np.r
 
 
 def _measured(what: str, count: int, error: np.ndarray, simulated: np.ndarray) -> Measured:
+    """Measured RMS, and the one to expect: by mean squares, as a fit states it (its double is U, k = 2)."""
     low, high = interval95(simulated)
-    rms, middle = float(np.sqrt(np.mean(error**2))), float(np.median(simulated))
-    return Measured(what, count, rms, middle, (float(low), float(high)))
+    rms, expected = float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean(simulated**2)))
+    return Measured(what, count, rms, expected, (float(low), float(high)))

@@ -84,7 +84,7 @@ def _noise(fitted: Estimate, held: ValidationErrors) -> np.ndarray:
 
 
 def increased(first: ValidationErrors, last: ValidationErrors) -> Iterator[str]:
-    """Whether validation errors increase with the named effects, and if so whether their density rises too.
+    """Whether validation errors increase with the named effects, and if so whether their density falls too.
 
     The RMS weights all rows alike, the log density each by its predicted uncertainty.
     """
@@ -95,7 +95,12 @@ def increased(first: ValidationErrors, last: ValidationErrors) -> Iterator[str]:
     density, block = log_predictive(last)
     nats, se = difference(density - log_predictive(first)[0], block)
     sizes = f"from {1e6 * old:.3g} to {1e6 * new:.3g} µm RMS per coordinate"
-    if nats > OUTCOME.risen * se:
+    if abs(nats) <= OUTCOME.risen * se:
+        yield (
+            f"validation errors do not decrease with the named effects ({sizes}); the change of their log "
+            f"density, {nats:+.1f} nats, is within its uncertainty of {se:.1f}"
+        )
+    elif nats > 0:
         was, now = _rms(first.sd[fair]), _rms(last.sd[fair])
         yield (
             f"validation errors increase with the named effects, {sizes}, but so does their log density, by "
@@ -129,11 +134,16 @@ def warnings(
         out += increased(first, last)
     if first.how == LEFT_OUT:
         out.append("too few validation rows: leave-one-out cross-validation is used instead")
-    gross = int(np.sum(~fair))
-    if gross:
-        out.append(f"{gross} validation residuals were excluded as gross outliers under both models")
+    if gross := len(np.unique(first.rows[~fair])):
+        every = len(np.unique(first.rows))
+        was = "were" if gross > 1 else "was"
+        out.append(
+            f"{gross} of {every} validation rows {was} excluded as gross under both models; "
+            "a fit counts them in its validation errors"
+        )
     if count := len(after.rejected):
-        out.append(f"{count} calibration {'rows were' if count > 1 else 'row was'} excluded as outliers")
+        was = "rows were excluded as outliers" if count > 1 else "row was excluded as an outlier"
+        out.append(f"{count} calibration {was}")
     out += negative(after)
     out += [u.words for u in lacking if u.matters]
     if not before.model.knows_length:

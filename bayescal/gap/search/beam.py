@@ -57,6 +57,7 @@ class Scored:
 
     member: Member
     gain: float  # nats, averaged
+    others: tuple[Member, ...] = ()  # the best scale of each of the other leading variants, without averaging
 
 
 @dataclass
@@ -106,7 +107,11 @@ class Search:
             i, k = np.unravel_index(int(np.argmax(table)), table.shape)
             gain = float(log_sum(table))
             best = float(table[i, k] - own[i].log_prior - SCALE_PRIOR[k])
-            out[name] = Scored(Member(own[i], float(SCALES[k]), gain - best), gain)
+            order = np.argsort(-np.max(table, axis=1))[: SEARCH.fitted + 1]
+            others = tuple(
+                Member(own[o], float(SCALES[int(np.argmax(table[o]))]), 0.0) for o in order.tolist() if o != i
+            )
+            out[name] = Scored(Member(own[i], float(SCALES[k]), gain - best), gain, others)
         return out
 
     def _bank(self) -> Bank:
@@ -141,11 +146,37 @@ class Search:
             if not tried:
                 continue
             best = max(tried, key=lambda h: h.log_evidence)
+            if best.log_evidence - base.log_evidence >= SEARCH.large:
+                best = self._refitted(base, best, found[0][0][name].others)
             known = self.hypotheses.get(key)
             if known is None or best.log_evidence > known.log_evidence:
                 self.hypotheses[key] = best
             out.append(self.hypotheses[key])
         return out
+
+    def _refitted(self, base: Hypothesis, best: Hypothesis, others: Sequence[Member]) -> Hypothesis:
+        """The best variant and scale of the last effect of a hypothesis, each by a fit of its own.
+
+        The gains of `additions` hold for the noise and the row weights without the effect: for a large effect
+        they misjudge how well a variant fits what is left.
+        """
+        start = best.state.weight
+        last = best.members[-1]
+        fits = {id(m): (m, self._alone(base, m, start)) for m in (last, *others)}
+        lead = max(fits.values(), key=lambda pair: _weight(*pair))[0]
+        at = int(np.argmin(np.abs(np.log(SCALES / lead.scale))))
+        near = [replace(lead, scale=float(SCALES[k])) for k in (at - 1, at + 1) if 0 <= k < len(SCALES)]
+        fits |= {id(m): (m, self._alone(base, m, start)) for m in near}
+        member, state = max(fits.values(), key=lambda pair: _weight(*pair))
+        total = float(log_sum(np.array([_weight(*pair) for pair in fits.values()])))
+        chosen = replace(member, averaging=total - state.log_evidence)
+        members = (*base.members, chosen)
+        evidence = state.log_evidence + sum(m.averaging for m in members)
+        return Hypothesis(members, state, evidence, self.prior(len(members)))
+
+    def _alone(self, base: Hypothesis, member: Member, start: np.ndarray) -> State:
+        """The fit of a hypothesis with one more member."""
+        return self.hypothesis((*base.members, member), (None, start)).state
 
     def _leave_out_unseen(self, state: State) -> None:
         """Effects that are not detectable at any plausible amplitude are not candidates."""
@@ -175,3 +206,9 @@ class Search:
             level = [h for h in level if h.score > top - SEARCH.below_best]
             if not level:
                 break
+
+
+def _weight(member: Member, state: State) -> float:
+    """Log evidence of a variant and scale, with their prior within the effect."""
+    at = int(np.argmin(np.abs(np.log(SCALES / member.scale))))
+    return state.log_evidence + member.variant.log_prior + float(SCALE_PRIOR[at])

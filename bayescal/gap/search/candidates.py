@@ -12,9 +12,19 @@ from math import comb
 
 import numpy as np
 
-from bayescal.effects import EFFECTS, Circumstances, Effect, Parameter, Setting, named, parameters_of
+from bayescal.effects import (
+    EFFECTS,
+    MODELS,
+    Circumstances,
+    Effect,
+    Parameter,
+    Setting,
+    named,
+    parameters_of,
+)
 from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import in_proportion, plain
+from bayescal.effects.vocabulary import Form
 from bayescal.gap.search.alias import ALIASED, unaliased
 from bayescal.gap.settings import SEARCH
 from bayescal.model.parts import Part
@@ -59,6 +69,9 @@ def candidates(
 ) -> Candidates:
     """List the candidates for a baseline model, except wide scans, which are screened first."""
     modelled = {plain(name) for name in baseline}
+    has = {p.name for p in parameters_of(baseline, circumstances, lenient=True)}
+    shared = {name for effect in modelled for name in MODELS[effect].part_of}
+    modelled |= {name for name in shared if has >= {p.name for p in EFFECTS[name].at(circumstances)}}
     out = Candidates((), {}, {})
     for effect in EFFECTS.values():
         if effect.name in modelled or wide(effect, circumstances):
@@ -120,7 +133,7 @@ def extended(
     missing = known.missing | {f"{effect.name} at {site}": ALIASED for site in sites if site not in seen}
     count = max(len(found), 0 if effect.scan is None else len(effect.scan.values(c)))
     forms = [] if lacks else _other_forms(effect, c)
-    usual = float(np.log(1.0 - SEARCH.other_forms)) if forms else 0.0
+    usual = float(np.log1p(-sum(form.odds for form, _, _ in forms) * SEARCH.other_forms / max(len(forms), 1)))
     pool, variants = list(known.pool), []
     for value, parameters in found:
         joined = in_proportion(effect.name, parameters)
@@ -135,9 +148,9 @@ def extended(
             for _ in joined
         ]
         pool += joined
-    for name, parameters, others in forms:
-        weight = float(np.log(SEARCH.other_forms / len(forms)))
-        variants += _subsets(effect, name, parameters, len(pool), weight, others)
+    for form, parameters, others in forms:
+        weight = float(np.log(form.odds * SEARCH.other_forms / len(forms)))
+        variants += _subsets(effect, form.name, parameters, len(pool), weight, others)
         pool += parameters
     every = known.variants | {effect.name: tuple(variants)}
     return replace(known, pool=tuple(pool), variants=every, missing=missing)
@@ -189,15 +202,15 @@ def with_own_settings(known: Candidates, effect: Effect, own: Sequence[Single], 
     return replace(known, variants=known.variants | {effect.name: tuple(shared)})
 
 
-def _other_forms(effect: Effect, c: Circumstances) -> list[tuple[str, list[Parameter], set[Site]]]:
-    """Other forms of an effect in a session: name, parameters, sites that differ from the usual form."""
+def _other_forms(effect: Effect, c: Circumstances) -> list[tuple[Form, list[Parameter], set[Site]]]:
+    """Other forms of an effect in a session, their parameters, and sites that differ from the usual form."""
     usual = {p.name: p for p in effect.at(c)} if effect.forms else {}
     out = []
     for form in effect.forms:
         parameters = effect.at(c, form.name)
         sites = {p.site for p in parameters if p.name not in usual or not _same_motion(p, usual[p.name])}
         if sites:
-            out.append((form.name, parameters, sites))
+            out.append((form, parameters, sites))
     return out
 
 

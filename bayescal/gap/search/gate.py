@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bayescal.distributions import chi2_sf, f_sf
+from bayescal.errors import BayescalError
 from bayescal.gap.outcome.levels import log_predictive
 from bayescal.gap.settings import GATE
 from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED
@@ -34,6 +35,10 @@ class Share:
         return self.value < GATE.half and 1.0 - self.value > GATE.sure * self.u
 
 
+UNTESTED = Share(1.0, np.inf)
+"""Of a change that the validation contacts do not show."""
+
+
 @dataclass(frozen=True)
 class Aside(Generic[M]):
     """An effect that fails a test by validation data."""
@@ -42,15 +47,18 @@ class Aside(Generic[M]):
     cost: float  # nats that the validation data lose by it
     share: Share
     how: str = VALIDATED  # as of `ValidationErrors`
+    refused: str = ""  # why it cannot be fitted
 
     @property
     def words(self) -> str:
         """The failed test."""
+        if self.refused:
+            return f"explains the calibration rows but cannot be fitted ({self.refused})"
         text, blocked = "explains the calibration rows but ", self.how == BLOCKED
         if self.cost > GATE.loss or not self.share.missing:
             data = "blocks of poses and time that are left out" if blocked else "the validation data"
             return f"{text}makes {data} less probable, by {self.cost:.1f} nats"
-        found = f"{self.share.value:.2f} +- {self.share.u:.2f}"
+        found = f"{self.share.value:.2f} ± {self.share.u:.2f}"
         contacts = "contacts of blocks that are left out" if blocked else "validation contacts"
         return f"{text}{contacts} show {found} of the change that it predicts"
 
@@ -78,13 +86,16 @@ def confirmed(
     predicts is `missing`; the one that costs most is withheld first. Where only all of them together cost as
     much, it is the one whose removal helps most. A certain effect stays a member, because the calibration
     data prove it: it only does not extrapolate to the validation data. The others are then tested without it.
+    An effect without which the others cannot be fitted passes. Where all of them cannot be fitted, the last
+    is withheld.
 
     Parameters
     ----------
     members : sequence
         Named effects.
     refit : callable
-        Fits some of them, and returns the fit with its validation errors.
+        Fits some of them, and returns the fit with its validation errors; raises `BayescalError` where they
+        cannot be fitted.
     before : ValidationErrors
         Without any of them.
     certain : callable
@@ -92,26 +103,45 @@ def confirmed(
     """
     tested: tuple[M, ...] = tuple(members)
     aside: list[Aside[M]] = []
-    _, errors = refit(tested)
     while tested:
+        errors = _errors(refit, tested)
+        if isinstance(errors, BayescalError):
+            aside.append(Aside(tested[-1], np.inf, UNTESTED, refused=errors.what))
+            tested = tested[:-1]
+            continue
         rest = [tested[:k] + tested[k + 1 :] for k in range(len(tested))]
-        without = [refit(own)[1] for own in rest]
-        alone = [
-            Aside(m, -gain(before, other, errors), share(other, errors), errors.how)
-            for m, other in zip(tested, without, strict=True)
-        ]
+        alone = [_alone(m, before, _errors(refit, own), errors) for m, own in zip(tested, rest, strict=True)]
         all_of_them = -gain(before, before, errors)
         failing = [k for k, a in enumerate(alone) if a.cost > GATE.loss or a.share.missing]
         if not failing and all_of_them <= GATE.loss:
             break
         k = max(failing or range(len(alone)), key=lambda k: alone[k].cost)
         aside.append(alone[k] if failing else replace(alone[k], cost=all_of_them))
-        tested, errors = rest[k], without[k]
-    withheld = tuple(a for a in aside if not certain(a.member))
-    unclaimed = tuple(a for a in aside if certain(a.member))
+        tested = rest[k]
+    withheld = tuple(a for a in aside if a.refused or not certain(a.member))
+    unclaimed = tuple(a for a in aside if not a.refused and certain(a.member))
     kept = tuple(m for m in members if all(m is not a.member for a in withheld))
     fitted, errors = refit(kept)
     return Confirmed(kept, fitted, errors, withheld, unclaimed)
+
+
+def _errors(
+    refit: Callable[[Sequence[M]], tuple[F, ValidationErrors]], members: Sequence[M]
+) -> ValidationErrors | BayescalError:
+    """Validation errors of a refit, or why these effects cannot be fitted."""
+    try:
+        return refit(members)[1]
+    except BayescalError as error:
+        return error
+
+
+def _alone(
+    member: M, before: ValidationErrors, less: ValidationErrors | BayescalError, more: ValidationErrors
+) -> Aside[M]:
+    """What an effect costs, and the share of its predicted change that is there."""
+    if isinstance(less, BayescalError):  # the others are fitted with it only
+        return Aside(member, -np.inf, UNTESTED, more.how)
+    return Aside(member, -gain(before, less, more), share(less, more), more.how)
 
 
 def gain(before: ValidationErrors, less: ValidationErrors, more: ValidationErrors) -> float:
@@ -163,7 +193,7 @@ def share(less: ValidationErrors, more: ValidationErrors) -> Share:
     _, block = np.unique(less.block[use], return_inverse=True)
     count = len(np.unique(block))
     if less.how == LEFT_OUT or count < GATE.blocks or size < GATE.visible:
-        return Share(1.0, np.inf)
+        return UNTESTED
     value = float(change @ r) / size
     scores = np.bincount(block, change * (r - value * change))
     return Share(value, float(np.sqrt(scores @ scores * count / (count - 1))) / size)

@@ -97,7 +97,9 @@ def _start() -> subprocess.Popen[bytes]:
 
 def answer() -> None:
     """Read a record, and write its figures: what the second process does."""
-    import matplotlib.backends.backend_agg  # noqa: F401  (the longest import, ahead of the record)
+    import matplotlib.backends.backend_agg  # noqa: F401  (the longest imports, ahead of the record)
+
+    import bayescal.reporting.figures.output  # noqa: F401
 
     asked = sys.stdin.buffer.read()
     if asked:  # else the first process has ended

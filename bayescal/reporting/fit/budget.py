@@ -147,14 +147,15 @@ def rounded(value: float | None, u: float) -> tuple[str | None, str]:
 
 
 def budget_table(budget: Budget) -> RenderableType:
-    """The components of a budget, its sum and its expanded uncertainty."""
+    """The components of a budget, the largest first, its sum and its expanded uncertainty."""
     m = budget.measurand
     length = m.unit == "m"
     unit, factor = ("um", 1e6) if length else UNITS[m.unit]
     table = plain_table(
         "component", "type", "u", "sensitivity", f"contribution ({unit_label(unit) or '1'})", "share"
     )
-    shown = [c for c in budget.components if c.contribution**2 >= SHOWN * budget.u**2]
+    ranked = sorted(budget.components, key=lambda c: -abs(c.contribution))
+    shown = [c for c in ranked if c.contribution**2 >= SHOWN * budget.u**2]
     for c in shown:
         table.add_row(
             c.input.name,
@@ -164,7 +165,7 @@ def budget_table(budget: Budget) -> RenderableType:
             two_digits(factor * c.contribution),
             percent(c.contribution**2 / budget.u**2),
         )
-    small = [c for c in budget.components if c not in shown]
+    small = ranked[len(shown) :]
     if small:
         rest = float(np.sqrt(sum(c.contribution**2 for c in small)))
         share = percent(rest**2 / budget.u**2)

@@ -30,7 +30,7 @@ def iso9283_record(found: Iso9283) -> dict[str, Any]:
 
 
 def iso9283_table(found: Iso9283) -> RenderableType:
-    """The figures, and what differs from the procedure of the norm."""
+    """The figures, and what differs from the procedure of the standard."""
     if not found.figures:
         return Group()
     table = plain_table("ISO 9283 (validation rows)", "number", "mean (µm)", "u", "max (µm)", "u")

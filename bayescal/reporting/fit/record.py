@@ -153,7 +153,7 @@ def _noise(level: ModelLevel) -> dict[str, Any]:
 
 
 def _discrepancy(fit: Fit) -> dict[str, Any]:
-    """Shares of the variance of residuals, and of the stated variances of the arm's parameters by family."""
+    """Shares of the variance of residuals, and of stated variances of parameters by family, masses too."""
     return {
         "residual_share": 1.0 - fit.stated.white,
         "families": [
@@ -209,6 +209,7 @@ def _forecast(forecast: Forecast) -> dict[str, Any]:
         "prior_rms_um": UM * forecast.prior_rms,
         "unexplained_share": forecast.unexplained_share,
         "discrepancy_share": forecast.discrepancy_share,
+        "masses_share": forecast.masses_share,
         "all": every,
     }
 
@@ -351,6 +352,7 @@ def _level(level: ModelLevel) -> dict[str, Any]:
     planes = [p.residuals for p in v.planes]
     distances = np.array([d.error for d in v.distances])
     predicted = np.array([d.predicted for d in v.distances])
+    points = [np.linalg.norm(p.residuals, axis=0) for p in v.points]
     return {
         "model": list(level.effects),
         "noise_estimated_um": UM * level.unexplained.fitted,
@@ -359,8 +361,6 @@ def _level(level: ModelLevel) -> dict[str, Any]:
         "distance_rms_um": UM * _rms(distances) if len(distances) else None,
         "worst_distance_um": _or_none(UM * v.maximum_distance_error),
         "predicted_distance_interval95_um": ends(predicted.ravel(), UM) if len(distances) else None,
-        "points_mean_um": UM
-        * float(np.mean(np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])))
-        if v.points
-        else None,
+        "points_mean_um": UM * float(np.mean(np.concatenate(points))) if points else None,
+        "points_rms_um": UM * _rms(np.concatenate(points)) if points else None,
     }

@@ -13,6 +13,7 @@ from bayescal.assess.conformance import COVERAGE, FAIL, PASS, Tolerance
 from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.calibration import Fit
+from bayescal.estimate.discrepancy import MASSES
 from bayescal.predict import DistanceErrors, Validation, inside95
 from bayescal.reporting.fit.iso9283 import iso9283_table
 from bayescal.reporting.fit.tables import distance_table, level_table, parameter_table, tolerance_table
@@ -159,6 +160,8 @@ def _details(fit: Fit, verbose: bool) -> Facts:
     if left.repeats is not None:
         repeats = f", repeated {left.group}s {UM * left.repeats:.1f} µm ({left.repeats_dof} d.o.f.)"
     what = "residual s.d." if left.group == "contact" else "single-point residual s.d."
+    if any(b.group == left.group and b.kind.rows > 1 for b in found.model.states):
+        what += " per coordinate"
     yield "noise", f"{what} {UM * left.fitted:.1f} µm, stated {UM * left.stated:.1f} µm{repeats}", ""
     yield from _discrepancy(fit)
     if len(found.rejected):
@@ -176,13 +179,16 @@ def _details(fit: Fit, verbose: bool) -> Facts:
 
 
 def _discrepancy(fit: Fit) -> Facts:
-    """How much of the stated uncertainty is model discrepancy, by family."""
-    shares = fit.stated.parameter_shares
+    """How much of the stated uncertainty is from stated masses, and from model discrepancy by family."""
+    shares, what = dict(fit.stated.parameter_shares), "of the variance of a distance in the probed volume"
+    if of_masses := shares.pop(MASSES, 0.0):
+        yield "masses in error", f"{percent(fit.forecast.masses_share)} {what}", ""
+        yield "", f"{percent(of_masses)} of that of a parameter, in the mean", ""
     if shares:
         named = ", ".join(f"{name} {percent(share)}" for name, share in [*shares.items()][:MOST_FAMILIES])
-        words = f"{percent(fit.forecast.discrepancy_share)} of the variance of a predicted distance"
-        yield "discrepancy", words, ""
-        yield "", f"of the variance of a parameter: {percent(sum(shares.values()))} ({named})", ""
+        share = percent(fit.forecast.discrepancy_share)
+        yield "discrepancy", f"{share} {what}", ""
+        yield "", f"{percent(sum(shares.values()))} of that of a parameter, in the mean ({named})", ""
 
 
 def _identifiable(fit: Fit) -> Facts:

@@ -95,6 +95,12 @@ def gap_record(gap: Gap) -> dict[str, Any]:
     }
     if gap.arm is not None:
         record["rows"] = rows_record(gap.arm)
+        if gap.calibrated is not None:
+            before = rows_record(gap.calibrated)
+            record["rows"] |= {
+                "residual_before_um": before["residual_um"],
+                "rejected_before": before["rejected"],
+            }
     return {key: plain(value) for key, value in record.items()}
 
 

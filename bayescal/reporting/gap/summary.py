@@ -235,7 +235,7 @@ def _levels(gap: Gap) -> Table:
         cells += [um(step.distance_rms)] if distances else []
         cells += [um(length("points", step.point_rms))] if points else []
         gain = f"{step.delta_elpd:+.0f}" if k and np.isfinite(step.delta_elpd) else ""
-        gain += f" +- {step.delta_elpd_se:.0f}" if gain and np.isfinite(step.delta_elpd_se) else ""
+        gain += f" ± {step.delta_elpd_se:.0f}" if gain and np.isfinite(step.delta_elpd_se) else ""
         table.add_row(level_label(step.model, before), *cells, gain)
         before = step.model
     return table
@@ -261,7 +261,7 @@ def _blind(gap: Gap) -> Table:
     for b in largest[:BLIND]:
         does = f"{um(b.distance_error)} µm" if np.isfinite(b.distance_error) else "-"
         least = size(b.smallest, b.unit) if b.smallest < NEVER * b.plausible else "not detectable"
-        table.add_row(f"{b.effect}, {b.site}", size(b.plausible, b.unit), least, does)
+        table.add_row(f"{b.effect}, {b.site.text}", size(b.plausible, b.unit), least, does)
     return table
 
 

@@ -84,9 +84,10 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
 
     None for a record without an arm.
     """
-    arm, rows = run.record.get("arm"), run.record.get("rows")
-    if not arm or not rows or not rows["id"]:
+    arm = run.record.get("arm")
+    if not arm or not run.record.get("rows", {}).get("id"):
         return None
+    rows = run.rows
     sites = marked_sites(run)
     row = typical(rows)
     points = np.array(rows["point_mm"], float)

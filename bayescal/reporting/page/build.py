@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from bayescal import __version__
@@ -75,8 +76,9 @@ def write_report(folders: Sequence[Path], out: Path | None, pdf: bool) -> tuple[
     if out is None:
         return _in_place(folders[0], runs[0], pdf)
     _check_replaceable(out, pdf)
-    text = run_page(runs[0]) if len(runs) == 1 else runs_page(runs)
-    plain = run_page(runs[0], scripts=False) if len(runs) == 1 else text
+    with _complete(runs):
+        text = run_page(runs[0]) if len(runs) == 1 else runs_page(runs)
+        plain = run_page(runs[0], scripts=False) if len(runs) == 1 else text
     out.parent.mkdir(parents=True, exist_ok=True)
     files: dict[Path, str | bytes] = {out: text}
     if pdf:
@@ -85,13 +87,25 @@ def write_report(folders: Sequence[Path], out: Path | None, pdf: bool) -> tuple[
     return tuple(files)
 
 
+@contextmanager
+def _complete(runs: Sequence[Run]) -> Iterator[None]:
+    """Refuse records with entries that are missing or of another kind, which a list of files did not show."""
+    try:
+        yield
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        where = ", ".join(run.folder for run in runs)
+        raise BayescalError(f"incomplete record: {error!r}", where, "repeat the command") from error
+
+
 def _in_place(folder: Path, run: Run, pdf: bool) -> tuple[Path, ...]:
     """Write the page into the run folder: a copy of the folder with it replaces the folder."""
     name = PAGES[run.kind]
     names = [name]
     with whole(folder, f"{run.kind}.json") as stage:
         shutil.copytree(folder, stage, symlinks=True, dirs_exist_ok=True, ignore=shutil.ignore_patterns(LIST))
-        (stage / name).write_text(run_page(run), encoding="utf-8")
+        with _complete([run]):
+            text = run_page(run)
+        (stage / name).write_text(text, encoding="utf-8")
         if pdf:
             names.append(Path(name).with_suffix(".pdf").name)
             (stage / names[-1]).write_bytes(pdf_of(run_page(run, scripts=False)))

@@ -19,6 +19,13 @@ LEAST = 0.01
 """Least probability, in any run, of an effect that is listed."""
 
 NONE = (None, None, None, None)
+CENTRES, VALIDATION_CONTACTS = "certified centres", "validation contacts"
+ERRORS = {
+    "contacts": ("heldout_planes_rms_um", "heldout_rms_um"),
+    "distances": ("distance_rms_um",),
+    "points": ("points_rms_um", "point_length_rms_um"),
+}
+"""Errors of model levels, and their keys in the records of fits and diagnoses."""
 
 Runs = Sequence[Run]
 
@@ -58,19 +65,24 @@ def distances(runs: Runs) -> Section | None:
     """Distance errors, expected and measured."""
     entries = []
     cells: tuple[float | None, float | None, float | None, int | None]
+    over = MISSING
     for label, run in zip(labels(runs), runs, strict=True):
         if run.kind == "fit":
             expected, checked = run.record["predicted_distance"], run.record["validation"]["distances"]
-            errors = [abs(d["calibrated_error_um"]) for d in checked]
-            rms = float(np.sqrt(np.mean(np.square(errors)))) if errors else None
-            cells = (expected["predicted_rms_um"], rms, max(errors) if errors else None, len(errors))
+            largest, over = (
+                max((abs(d["calibrated_error_um"]) for d in checked), default=None),
+                expected["over"],
+            )
+            cells = (expected["predicted_rms_um"], expected["measured_rms_um"], largest, expected["count"])
         else:
             found = {m["what"]: m for m in run.record["gap"]["measured"]}.get("sphere distances")
             cells = (found["predicted_rms_um"], found["rms_um"], None, found["count"]) if found else NONE
+            over = CENTRES if found else MISSING
         rms_expected, rms, largest, count = cells
         entries.append(
             (
                 label,
+                over,
                 uncertainty(rms_expected),
                 uncertainty(None if rms_expected is None else 2.0 * rms_expected),
                 length(rms),
@@ -78,8 +90,10 @@ def distances(runs: Runs) -> Section | None:
                 str(count or MISSING),
             )
         )
-    headings = ("expected RMS (µm)", "U, k = 2 (µm)", "measured RMS (µm)", "maximum (µm)", "distances")
-    return blocks("distances", "Distance errors", Sheet("run", headings, tuple(entries)))
+    headings = (
+        "between", "expected RMS (µm)", "U, k = 2 (µm)", "measured RMS (µm)", "maximum (µm)", "distances",
+    )  # fmt: skip
+    return blocks("distances", "Distance errors", Sheet("run", headings, tuple(entries), words=(1,)))
 
 
 def effects(runs: Runs) -> Section | None:
@@ -164,23 +178,33 @@ def _compared(name: str, each: Sequence[Mapping[str, Any] | None]) -> tuple[Any,
 
 def levels(runs: Runs) -> Section | None:
     """Validation errors of each model level in every run."""
-    keys = ("heldout_planes_rms_um", "heldout_rms_um"), ("distance_rms_um",)
     order = list(dict.fromkeys(tuple(step["model"]) for run in runs for step in run.record["ladder"]))
+    shown = [
+        what
+        for what in ERRORS
+        if any(_error(run, s, what) is not None for run in runs for s in run.record["ladder"])
+    ]
     entries = []
     for model in order:
         cells = []
-        for own in keys:
+        for what in shown:
             for run in runs:
                 step: Mapping[str, Any] = next(
                     (s for s in run.record["ladder"] if tuple(s["model"]) == model), {}
                 )
-                cells.append(length(next((step[key] for key in own if step.get(key) is not None), None)))
+                cells.append(length(_error(run, step, what)))
         entries.append((model_label(model), *cells))
     numbers = range(1, len(runs) + 1)
-    headings = (*(f"contacts, {k}" for k in numbers), *(f"distances, {k}" for k in numbers))
-    return blocks(
-        "levels", "Model levels", Sheet("model", headings, tuple(entries), "RMS of validation rows, µm")
-    )
+    headings = tuple(f"{what}, {k}" for what in shown for k in numbers)
+    caption = "RMS of validation rows, µm; of points the length of the error vector"
+    return blocks("levels", "Model levels", Sheet("model", headings, tuple(entries), caption))
+
+
+def _error(run: Run, step: Mapping[str, Any], what: str) -> float | None:
+    """RMS error, µm, of a model level; None where the run has no such rows."""
+    if what == "contacts" and run.kind == "gap" and run.record["lengths"]["of"] != VALIDATION_CONTACTS:
+        return None  # what the record states there is per coordinate
+    return next((step[key] for key in ERRORS[what] if step.get(key) is not None), None)
 
 
 def origins(runs: Runs) -> Section | None:

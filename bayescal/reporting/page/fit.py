@@ -39,7 +39,8 @@ def levels(run: Run) -> Section | None:
         ("contacts RMS", "heldout_planes_rms_um"),
         ("distances RMS", "distance_rms_um"),
         ("maximum", "worst_distance_um"),
-        ("points mean", "points_mean_um"),
+        ("points RMS (length)", "points_rms_um"),
+        ("mean", "points_mean_um"),
     )
     return blocks("levels", "Model levels", level_sheet(run.record["ladder"], columns))
 
@@ -49,12 +50,12 @@ def level_sheet(levels: Any, columns: tuple[tuple[str, str], ...], names: tuple[
     shown = [(h, key) for h, key in columns if any(step.get(key) is not None for step in levels)]
     sheet_rows = []
     for k, step in enumerate(levels):
-        cells: list[Any] = [length(step[key]) for _, key in shown]
+        cells: list[Any] = [length(step.get(key)) for _, key in shown]
         if shown:
-            every = [s[shown[0][1]] for s in levels]
+            every = [s.get(shown[0][1]) for s in levels]
             cells[0] = Bar(log_fraction(every[k], every), cells[0], marked=k == len(levels) - 1)
         sheet_rows.append((names[k] if names else model_label(step["model"]), *cells))
-    caption = "RMS errors of validation rows, µm; bars are logarithmic"
+    caption = "Errors of validation rows, µm; bars are logarithmic"
     return Sheet("model", tuple(h for h, _ in shown), tuple(sheet_rows), caption)
 
 
@@ -125,7 +126,7 @@ def distances(run: Run) -> Section | None:
 
 
 def iso9283(run: Run) -> Section | None:
-    """Figures of ISO 9283 from validation rows, and what differs from the procedure of the norm."""
+    """Figures of ISO 9283 from validation rows, and what differs from the procedure of the standard."""
     found = run.record.get("iso9283")
     if not found or not found["figures"]:
         return None
@@ -145,7 +146,7 @@ def iso9283(run: Run) -> Section | None:
         ),
         "Figures of ISO 9283 from validation rows; u: standard uncertainty of the measurement",
     )
-    lines = ("What differs from the procedure of the norm:", *found["differs_from_norm"])
+    lines = ("What differs from the procedure of the standard:", *found["differs_from_norm"])
     return blocks("iso9283", "ISO 9283", table, *texts(lines, "quiet"))
 
 

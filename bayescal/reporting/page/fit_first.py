@@ -31,6 +31,7 @@ def first(run: Run) -> Section:
         "sign": {"good": "✓", "warn": "?", "bad": "✗"}[tone],
         "word": verdict["words"][:1].upper() + verdict["words"][1:],
         "lines": () if good else [_why(run)],
+        "most": 1,
         "keys": _keys(record),
         "fault_title": "What is wrong: tests that fail",
         "faults": faults,

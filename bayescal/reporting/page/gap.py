@@ -11,12 +11,12 @@ from bayescal.reporting.page.gap_first import (
     NULL,
     OTHER,
     VALIDATION_POINTS,
-    amplitude_of,
     first,
     rms_of,
     share_of,
     site_of,
     size_of,
+    sizes_of,
     unexplained,
     words_of,
 )
@@ -41,7 +41,7 @@ def effects(run: Run) -> Section | None:
         own = [a for a in record["amplitudes"] if a["effect"] == name]
         clear = [a for a in own if a["significant"]] or own
         location = ", ".join(dict.fromkeys(site_of(a["site"]) for a in clear))
-        size, part = "; ".join(amplitude_of(a) for a in clear), share_of(record, name)
+        size, part = sizes_of(clear), share_of(record, name)
         if name == OTHER and (place := unexplained(record)):
             location, part = words_of(place), share(place["share"])
             size = size_of(record, place)
@@ -91,14 +91,13 @@ def effects(run: Run) -> Section | None:
 
 
 def _detectable(record: Mapping[str, Any]) -> dict[str, str]:
-    """Smallest detectable amplitude of each effect that may be missed, at the location listed first."""
+    """Smallest detectable amplitude of each effect that may be missed, with the location where it is."""
     out: dict[str, str] = {}
     for b in record["blind_spots"]:
         least, usual = b["smallest_nameable"]["value"], b["plausible"]["value"]
         never = least is None or (usual is not None and least >= NEVER * usual)
-        out.setdefault(
-            b["effect"], "not detectable" if never else quantity(least, b["smallest_nameable"]["unit"])
-        )
+        size = "not detectable" if never else quantity(least, b["smallest_nameable"]["unit"])
+        out.setdefault(b["effect"], f"{size}, {site_of(b['site'])}")
     return out
 
 
@@ -106,6 +105,7 @@ def where(run: Run) -> Section | None:
     """Locations of the error, the largest first."""
     record = run.record
     largest = max((w["rms_um"] or 0.0 for w in record["where"]), default=0.0) or 1.0
+    excess = record["verdict"] != NULL  # no share of nothing is stated
     entries = tuple(
         (
             words_of(w),
@@ -114,7 +114,7 @@ def where(run: Run) -> Section | None:
                 length(w["rms_um"]),
                 w["family_p_value"] is not None and w["family_p_value"] < SIGNIFICANT,
             ),
-            share(w["share"]),
+            share(w["share"]) if excess else MISSING,
             MISSING if w["family_p_value"] is None else p_value(w["family_p_value"]),
             w["explained_by"] or MISSING,
         )
@@ -134,7 +134,7 @@ def where(run: Run) -> Section | None:
 
 def margins(run: Run) -> tuple[Sheet, ...]:
     """Residuals by target, joint, region, time and direction."""
-    out = []
+    out, of = [], ", before the refit" if run.record["named"] else ""
     for key in MARGINS:
         groups = run.record["where_marginal"][key]
         largest = max((g["rms_um"] or 0.0 for g in groups), default=0.0) or 1.0
@@ -156,7 +156,7 @@ def margins(run: Run) -> tuple[Sheet, ...]:
                     )
                     for g in groups
                 ),
-                f"Residuals by {key}, before the refit",
+                f"Residuals by {key}{of}" + (": the largest groups of each joint" if key == "joint" else ""),
                 shown=8,
             )
         )

@@ -29,6 +29,8 @@ UNKNOWN = (
     "No effect of the vocabulary explains the error. Inspect the location first: bolts, cables and hoses "
     "that pull, covers that touch, the mounting. Then measure the contacts that are proposed."
 )
+LINES = 3
+"""Lines of the verdict that are seen at once; the effects of all follow with their sizes."""
 COVERAGE = 2.0
 NULL, OTHER = "null", "unknown"
 VALIDATION_POINTS, DISTANCES = "validation points", "sphere distances"
@@ -47,7 +49,8 @@ def first(run: Run) -> Section:
         "tone": tone,
         "sign": sign,
         "word": word,
-        "lines": record["words"],
+        "lines": _lines(word, record["words"]),
+        "most": LINES,
         "keys": _keys(record),
         "fault_title": "What is wrong, and what to look at",
         "faults": _faults(record),
@@ -57,6 +60,12 @@ def first(run: Run) -> Section:
         "warnings": record["warnings"],
     }
     return Section("result", "", "first.html.j2", context)
+
+
+def _lines(word: str, words: Sequence[str]) -> list[str]:
+    """The verdict without what its word says already: ``Effect found: joint 3 has ...`` after the first."""
+    rest = words[0].removeprefix(f"{word.partition(',')[0].partition(':')[0]}: ")
+    return [rest[:1].upper() + rest[1:], *words[1:]]
 
 
 def _faults(record: Mapping[str, Any]) -> list[Fault]:
@@ -70,7 +79,7 @@ def _faults(record: Mapping[str, Any]) -> list[Fault]:
                 "location",
                 ", ".join(dict.fromkeys(site_of(a["site"]) for a in clear)) or site_of(named["site"]),
             ),
-            ("size", "; ".join(amplitude_of(a) for a in clear)),
+            ("size", sizes_of(clear)),
             ("probability", probability(named["probability"])),
             ("share of the excess", share_of(record, named["effect"])),
         ]
@@ -134,6 +143,12 @@ def amplitude_of(a: Mapping[str, Any]) -> str:
     return text if a["significant"] else f"{text}, not significant alone"
 
 
+def sizes_of(some: Sequence[Mapping[str, Any]]) -> str:
+    """Amplitudes of an effect; with their locations, where there are several."""
+    several = len({a["site"] for a in some}) > 1
+    return "; ".join((f"{site_of(a['site'])}: " if several else "") + amplitude_of(a) for a in some)
+
+
 def site_of(site: str) -> str:
     """One or several sites of a record in words."""
     return " and ".join(Site.read(part).text for part in site.split(" and "))
@@ -145,9 +160,12 @@ def words_of(place: Mapping[str, Any]) -> str:
 
 
 def share_of(record: Mapping[str, Any], effect: str) -> str:
-    """Share of the excess variance at the largest location that an effect explains."""
+    """Share of the excess variance at the largest location that an effect explains, named among several."""
     own = [w for w in record["where"] if w["explained_by"] and effect in w["explained_by"].split(", ")]
-    return share(own[0]["share"]) if own and own[0]["share"] is not None else MISSING
+    if not own or own[0]["share"] is None:
+        return MISSING
+    several = len({w["site"] for w in own}) > 1
+    return share(own[0]["share"]) + (f" at {site_of(own[0]['site'])}" if several else "")
 
 
 def _keys(record: Mapping[str, Any]) -> list[tuple[str, str, str]]:

@@ -20,7 +20,7 @@ def plotly() -> tuple[str, str]:
     permits no other code.
     """
     source = files("plotly").joinpath("package_data", "plotly.min.js").read_bytes()
-    packed = gzip.compress(source, compresslevel=9, mtime=0)
+    packed = gzip.compress(source, compresslevel=4, mtime=0)  # 9: a twentieth less, twice the time
     return base64.b64encode(packed).decode("ascii"), csp_hash(source)
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from bayescal import __version__
 from bayescal.reporting.page.plotly_js import csp_hash, plotly
@@ -19,15 +20,22 @@ GENERATOR = '<meta name="generator" content="bayescal">'
 TEMPLATES = Path(__file__).parent / "templates"
 
 
-def environment(*folders: Path) -> Environment:
-    """The templates of pages, and those of further folders; values are escaped."""
-    return Environment(
-        loader=FileSystemLoader([*folders, TEMPLATES]),
+def environment() -> Environment:
+    """The templates of pages; values are escaped."""
+    made = Environment(
+        loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.filters["coded"] = coded
+    return made
+
+
+def coded(text: Any) -> Markup:
+    """A text, escaped, with what is between backticks as code."""
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 def script_json(value: Any) -> Markup:

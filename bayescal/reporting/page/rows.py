@@ -18,6 +18,8 @@ from bayescal.reporting.shared.text import two_digits, unit_label
 
 LARGEST, MOST = 12, 200
 """Rows that the table of residuals shows unfolded, and at most."""
+DRAWN = ("id", "target", "role", "time_s", "point_mm", "direction", "residual_um", "rejected")
+"""Quantities of the rows that interactive figures use as they are."""
 CLIP = 0.985
 """Quantile of the absolute residuals that a drawing covers."""
 
@@ -36,21 +38,24 @@ def noise(run: Run) -> float | None:
 
 def signed(run: Run) -> bool:
     """Whether residuals have a sign: those of contacts do, lengths of error vectors do not."""
-    return any((r or 0.0) < 0 for r in run.record["rows"]["residual_um"])
+    return any((r or 0.0) < 0 for r in run.rows["residual_um"])
 
 
 def interactive(run: Run) -> dict[str, Any] | None:
     """What the page's script draws; None for a record without rows."""
     if not drawable(run):
         return None
-    rows, sites = run.record["rows"], marked_sites(run)
+    rows, sites = run.rows, marked_sites(run)
     points = np.array(rows["point_mm"], float)
     base = np.array(run.record["arm"]["links_mm"][0])
     away = np.median(points[:, :2], axis=0) - base[:2]
     angle = float(np.arctan2(away[1], away[0])) - np.radians(65.0)  # the arm from the side
     kinds = {s.kind for s in sites}
     return {
-        "rows": {**rows, "angle_deg": np.round(rows["angle_deg"], 2).tolist()},
+        "rows": {
+            **{key: rows[key] for key in DRAWN},
+            "angle_deg": np.round(rows["angle_deg"], 2).tolist(),
+        },
         "arm": run.record["arm"],
         "typical": typical(rows),
         "eye": {"x": 1.5 * np.cos(angle), "y": 1.5 * np.sin(angle), "z": 0.65},
@@ -80,7 +85,8 @@ def residuals(run: Run, *tables: Block | None) -> Section | None:
         return blocks("residuals", "Residuals", *tables)
     some = [t for t in tables if t is not None and not (isinstance(t, Sheet) and not t.rows)]
     parts = [_drawings(run), Text(_legend(run), "quiet"), *some, _largest(run)]
-    return Section("residuals", "Residuals", "residuals.html.j2", {"blocks": parts})
+    title = "Residuals before the refit" if run.refitted else "Residuals"
+    return Section("residuals", title, "residuals.html.j2", {"blocks": parts})
 
 
 def _legend(run: Run) -> str:
@@ -90,7 +96,7 @@ def _legend(run: Run) -> str:
 
 
 def _drawings(run: Run) -> Figures:
-    rows = run.record["rows"]
+    rows = run.rows
     r = np.array([np.nan if v is None else v for v in rows["residual_um"]], float)
     keep = np.isfinite(r) & ~np.array(rows["rejected"], bool)
     check = np.array(rows["role"]) == "validate"
@@ -116,25 +122,27 @@ def _drawings(run: Run) -> Figures:
 
 
 def _largest(run: Run) -> Sheet:
-    rows = run.record["rows"]
+    rows = run.rows
     size = [-1.0 if v is None else abs(v) for v in rows["residual_um"]]
     order = sorted(range(len(size)), key=lambda k: -size[k])[:MOST]
+    of = ("after the refit (µm)",) if run.refitted else ()
     entries = []
     for k in order:
-        value = rows["residual_um"][k]
+        value, after = rows["residual_um"][k], rows["residual_after_um"][k]
         entries.append(
             (
                 rows["id"][k],
                 rows["target"][k],
                 "validation" if rows["role"][k] == "validate" else "fitted",
                 MISSING if value is None else f"{value:.1f}" + (", rejected" if rows["rejected"][k] else ""),
+                *([MISSING if after is None else f"{after:.1f}"] if run.refitted else []),
                 MISSING if rows["time_s"] is None else f"{rows['time_s'][k] / 60:.1f}",
                 MISSING if rows["direction"] is None else rows["direction"][k],
             )
         )
     return Sheet(
         "row",
-        ("target", "role", "residual (µm)", "time (min)", "direction of motion"),
+        ("target", "role", "residual (µm)", *of, "time (min)", "direction of motion"),
         tuple(entries),
         "Residuals, the largest first" + (f" ({MOST} of {len(size)})" if len(size) > MOST else ""),
         words=(1, 2),

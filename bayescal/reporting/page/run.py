@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bayescal.errors import BayescalError
+from bayescal.folders import check_unchanged
 from bayescal.reading import read_record
 
 Json = Mapping[str, Any]
@@ -51,6 +52,20 @@ class Run:
         return str(self.record["dataset"]["name"])
 
     @property
+    def refitted(self) -> bool:
+        """Whether named effects were added to the model of a diagnosis."""
+        return self.kind == "gap" and bool(self.record["named"])
+
+    @property
+    def rows(self) -> Json:
+        """Rows with the residuals that the page shows: those that a diagnosis explains, before its refit."""
+        rows: dict[str, Any] = dict(self.record["rows"])
+        rows["residual_after_um"] = rows["residual_um"]
+        rows["residual_um"] = rows.pop("residual_before_um", rows["residual_um"])
+        rows["rejected"] = rows.pop("rejected_before", rows["rejected"])
+        return rows
+
+    @property
     def robot(self) -> str:
         """The name of the robot; "" in records without it."""
         return str(self.record.get("arm", {}).get("robot", ""))
@@ -62,7 +77,7 @@ def read_run(folder: Path, name: str = "") -> Run:
     Raises
     ------
     BayescalError
-        If the folder has no such record, or one of another version.
+        If the folder has no such record, one of another version, or one that was changed after the run.
     """
     there = [record for record in SCHEMAS if (folder / record).is_file()]
     if not there:
@@ -71,6 +86,7 @@ def read_run(folder: Path, name: str = "") -> Run:
     budget = _record(folder / BUDGET, BUDGET_SCHEMA) if (folder / BUDGET).is_file() else None
     figures = {file: content for file in FIGURES if (content := _png(folder / file))}
     record = _record(folder / there[0], SCHEMAS[there[0]])
+    check_unchanged(folder, (there[0], *([BUDGET] if budget else [])))
     return Run(there[0].removesuffix(".json"), record, name or str(folder), budget, figures)
 
 

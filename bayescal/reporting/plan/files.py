@@ -59,7 +59,7 @@ def write_plan(plan: Plan, folder: Path, formats: Sequence[str] = ()) -> tuple[s
     texts |= {form.file: form.text(plan) for form in formats_of(formats)}
     with whole(folder, PLAN) as stage:
         save_figure(draw_plan(plan), stage / PICTURE)
-        texts[PAGE] = plan_page(plan, (stage / PICTURE).read_bytes(), tuple(later.values()))
+        texts[PAGE] = plan_page(plan, (stage / PICTURE).read_bytes(), tuple(later.items()))
         for name, text in texts.items():
             (stage / name).write_text(text, encoding="utf-8", newline="")
         setup = write_setup(plan.pool.setup.dataset, stage)

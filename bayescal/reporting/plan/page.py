@@ -1,19 +1,26 @@
-"""`plan.html`: a plan as a page of one file. Names come from files of the user: the template escapes them."""
+"""`plan.html`: a plan as a page of one file, from the templates of all pages."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from pathlib import Path
+from dataclasses import replace
 
 from bayescal import __version__
 from bayescal.planning.result import Plan
+from bayescal.reporting.page.render import page
+from bayescal.reporting.page.section import Facts, Section, Sheet, Text, blocks
 from bayescal.reporting.plan import phrases, sheets
 
-TEMPLATE = "page.html.j2"
+STEPS = {
+    "import": "Probe the contacts of plan.csv in their order, then import the log of the controller.",
+    "fit": "Calibrate.",
+    "gap": "Diagnose what the model lacks.",
+}
+"""What each command that follows is for."""
 
 
-def plan_page(plan: Plan, picture: bytes, commands: Sequence[str] = ()) -> str:
+def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = ()) -> str:
     """The page as text.
 
     Parameters
@@ -21,41 +28,79 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[str] = ()) -> str:
     plan : Plan
     picture : bytes
         The figure as PNG.
-    commands : sequence of str
-        What to run when the contacts are measured.
+    commands : sequence of (str, str)
+        What to run when the contacts are measured: purpose (of `STEPS`) and command.
     """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    title = phrases.title(plan)
+    found = (
+        _first(plan, commands),
+        _contacts(plan, picture),
+        blocks("expected", "What to expect, if the model is right", sheets.expected(plan)),
+        _detectable(plan),
+        blocks("confusable", "Confusable effects", replace(sheets.confusable(plan), words=(3,))),
+        blocks("parameters", "Parameters", replace(sheets.parameters(plan), words=(3,))),
+        blocks("observability", "Observability", sheets.observability(plan)),
+        blocks("candidates", "Candidates", Text(phrases.candidates(plan))),
+        blocks("all", "All contacts, in the order of probing", _every(plan)),
+        _inputs(plan),
+    )
+    foot = [f"bayescal {__version__}"]
+    sections = [s for s in found if s is not None]
+    return page(plan.session.name, f"{plan.session.robot.name}; {title}", sections, foot)
 
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+
+def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
+    """Expected uncertainty, contacts, time; what to run next; warnings."""
+    lines = list(phrases.headline(plan)) or [phrases.title(plan)]
+    keys = [("Contacts", str(len(plan.purpose)), phrases.contacts(plan))]
+    keys += [("Motion between contacts", phrases.duration(plan.travel), f"order: {plan.order}")]
+    if text := phrases.further(plan):
+        name, _, found = text.partition(": ")
+        value, _, less = found.removesuffix(")").partition(" (")
+        keys.append((name, value, less))
+    context = {
+        "tone": "",
+        "sign": "",
+        "word": lines[0],
+        "lines": lines[1:],
+        "most": len(lines),
+        "keys": keys,
+        "faults": [],
+        "fault_title": "",
+        "arm": None,
+        "arm_caption": "",
+        "next": [(STEPS[purpose], command) for purpose, command in commands],
+        "warnings": [*plan.warnings, *(f"not separated: {line}" for line in phrases.not_separated(plan))],
+    }
+    return Section("result", "", "first.html.j2", context)
+
+
+def _contacts(plan: Plan, picture: bytes) -> Section:
+    source = f"data:image/png;base64,{base64.b64encode(picture).decode('ascii')}"
+    parts = {"blocks": [sheets.by_target(plan)], "pictures": [(phrases.title(plan), source)]}
+    return Section("contacts", "What to probe", "plan.html.j2", parts)
+
+
+def _detectable(plan: Plan) -> Section | None:
+    if not plan.detectable:
+        return None
+    ratio = phrases.detectability(plan)
+    caption = f"Smallest detectable {ratio}" if ratio else ""
+    sheet = replace(sheets.detectable(plan, every_site=True), title="effect", caption=caption)
+    return blocks("detectable", "Smallest detectable amplitude of each effect", sheet)
+
+
+def _every(plan: Plan) -> Sheet:
+    sheet = sheets.contacts(plan)
+    words = tuple(k for k, name in enumerate(sheet.headings, 1) if name in ("purpose", "target", "tool"))
+    return replace(sheet, words=words, caption="the table of plan.csv", shown=0)
+
+
+def _inputs(plan: Plan) -> Section | None:
+    lines = (
+        ("set-up, SHA-256", plan.pool.setup.dataset.sha256 or "-"),
+        ("model", ", ".join(plan.effects) or "nominal"),
+        ("seed", str(plan.seed)),
+        ("computed in", phrases.duration(plan.seconds)),
     )
-    return environment.get_template(TEMPLATE).render(
-        name=plan.session.name,
-        robot=plan.session.robot.name,
-        title=phrases.title(plan),
-        headline=list(phrases.headline(plan)),
-        further=phrases.further(plan),
-        contacts=phrases.contacts(plan),
-        travel=phrases.travel(plan),
-        candidates=phrases.candidates(plan),
-        detectability=phrases.detectability(plan),
-        not_separated=phrases.not_separated(plan),
-        expected=sheets.expected(plan),
-        by_target=sheets.by_target(plan),
-        detectable=sheets.detectable(plan, every_site=True),
-        confusable=sheets.confusable(plan),
-        parameters=sheets.parameters(plan),
-        observability=sheets.observability(plan),
-        rows=sheets.contacts(plan),
-        warnings=plan.warnings,
-        picture=base64.b64encode(picture).decode("ascii"),
-        commands=commands,
-        version=__version__,
-        sha256=plan.pool.setup.dataset.sha256 or "-",
-        seed=plan.seed,
-        seconds=phrases.duration(plan.seconds),
-    )
+    return blocks("inputs", "Inputs", Facts(lines))

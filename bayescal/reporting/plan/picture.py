@@ -40,6 +40,7 @@ TARGETS = 14
 def draw_plan(plan: Plan) -> Figure:
     """Above: three views of the contacts. Below: contacts by target, and u over the number of contacts."""
     from matplotlib.patches import Rectangle
+    from matplotlib.ticker import MaxNLocator
 
     lines = [f"{plan.session.name}: {title(plan)}", *list(headline(plan))[:1]]
     out = figure(13, 9.2, lines)
@@ -66,7 +67,8 @@ def draw_plan(plan: Plan) -> Figure:
         axes.set_ylabel(f"{'xyz'[j]} (mm)")
         tidy(axes)
     _legend(plan, views[0], parts[0])
-    bar = parts[0].colorbar(shown, ax=list(views), shrink=0.75, pad=0.01, aspect=30)
+    whole = MaxNLocator(integer=True)
+    bar = parts[0].colorbar(shown, ax=list(views), shrink=0.75, pad=0.01, aspect=30, ticks=whole)
     bar.set_label("order of probing", fontsize=10, color=INK)
     bar.ax.tick_params(labelsize=9, colors=INK)
     bar.outline.set_visible(False)
@@ -150,6 +152,7 @@ def _targets(plan: Plan, axes: Any) -> None:
         axes.annotate(f"{total:.0f}", (total, k), (4, 0), textcoords="offset points", va="center", color=INK)
     axes.set_yticks(range(len(shown)), [row[0] for row in shown])
     axes.set_ylim(len(shown) - max(len(shown), 4) - 0.6, len(shown) - 0.4)
+    axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("contacts")
     axes.set_title(f"contacts by target{f', {len(rest)} targets not shown' if rest else ''}", loc="left")
     axes.legend(
@@ -188,4 +191,4 @@ def _curve(plan: Plan, axes: Any) -> None:
     axes.set_ylabel("expected U (µm, k = 2)")
     axes.set_title(f"{first.over if first else 'distances'}, if the model is right", loc="left")
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(frameon=False, loc="upper right")
+        axes.legend(frameon=False, loc="best")

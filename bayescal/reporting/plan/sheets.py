@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 
 import numpy as np
 
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Detectable, ExpectedDistances, Plan
+from bayescal.reporting.page.section import Sheet
 from bayescal.reporting.plan.contacts import payloads
 from bayescal.reporting.shared.text import NEVER, percent, size, um2, unit_label
 
@@ -33,15 +33,6 @@ OVER = {
     "given poses": "distances between the given poses",
 }
 """Goals whose name is not that of their distances."""
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A table: the heading of its first column, the headings of the columns of figures, and its rows."""
-
-    title: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
 
 
 def expected(plan: Plan) -> Sheet:

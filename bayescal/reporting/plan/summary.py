@@ -8,8 +8,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from bayescal.planning.result import Plan
+from bayescal.reporting.page.section import Sheet
 from bayescal.reporting.plan import phrases, sheets
-from bayescal.reporting.plan.sheets import Sheet
 from bayescal.reporting.shared.table import FigureTable
 from bayescal.reporting.shared.text import facts, plain_table
 

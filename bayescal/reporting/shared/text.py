@@ -153,8 +153,8 @@ def level_label(model: tuple[str, ...], before: tuple[str, ...]) -> str:
 
 
 def parameter_notes(effects: Iterable[str]) -> list[str]:
-    """Notes to a table of parameters of some effects: how u is written, and what it does not contain."""
+    """Notes to a table of parameters of some effects: how u is written, and what it contains."""
     notes = ["value(u): standard uncertainty u in units of the last digits"]
     if "compliance" in effects:
-        notes.append("compliances hold for the stated masses or torques: u does not contain that of these")
+        notes.append("u contains errors of stated masses, not of measured torques")
     return notes

@@ -1,6 +1,7 @@
 """The stated uncertainty of simulated sessions: near the plain one without an effect, true with one."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from bayescal.estimate import calibrated
 from bayescal.estimate.discrepancy import families, stated
 from bayescal.estimate.discrepancy.families import COURSES
 from bayescal.estimate.discrepancy.stated import LEAST_WHITE
+from bayescal.estimate.linear import linearise
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 
@@ -36,7 +38,9 @@ def sick(cube):
 
 
 def test_without_a_discrepancy_the_uncertainty_is_the_plain_one(clean):
-    ratio = clean.sd / clean.plain.sd
+    """But for the errors of masses, of which most unknowns have little."""
+    without = np.diag(clean.covariance) - clean.inputs.variances
+    ratio = np.sqrt(without) / clean.plain.sd
     assert clean.families == ()
     assert clean.white == 1.0
     assert np.min(ratio) > 1.0 - 1e-9
@@ -90,7 +94,7 @@ def test_functions_of_the_whole_session_serve_its_parts(cube):
     assert [f.name for f in own][:3] == ["angle of joints", "angle of other joints", "torque of joints"]
     found = stated(calibrated(scene, ("geometry",)), own)
     assert found.families  # compliance is missing
-    assert found.parameter_shares.keys() == set(found.families)
+    assert found.parameter_shares.keys() == set(found.families)  # nor masses
 
 
 def test_a_family_explains_what_the_residual_variance_loses(sick):
@@ -118,3 +122,20 @@ def test_functions_of_time_end_with_their_session(cube):
         own = d[first] if np.any(d[first]) else d[~first]
         assert np.max(own) > 0.3 * np.max(np.abs(own)) > 0
         assert np.min(own) < 0
+
+
+def test_functions_of_a_large_session_are_linearised_in_parts(clean, monkeypatch):
+    """The model of all functions at once took most of the memory of a session of 100,000 rows."""
+    module, size = import_module("bayescal.estimate.discrepancy.stated"), []
+
+    def watched(model, z, weights):
+        size.append(model.size)
+        return linearise(model, z, weights)
+
+    monkeypatch.setattr(module, "linearise", watched)
+    monkeypatch.setattr(module, "MOST_VALUES", 10 * len(clean.plain.model.scene.dataset.measurements.ids))
+    again = stated(clean.plain)
+    assert len(size) > 1
+    assert max(size) <= len(clean.plain.z) + 20
+    np.testing.assert_allclose(again.covariance, clean.covariance, rtol=1e-9, atol=1e-12)
+    assert again.variances == pytest.approx(clean.variances)

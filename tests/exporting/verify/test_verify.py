@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 pytest.importorskip("mujoco")
 
 import bayescal as bc
-from bayescal.cli import app, verify  # noqa: F401  (it registers its command)
+from bayescal.cli import app
 from bayescal.errors import BayescalError
 
 
@@ -21,7 +21,7 @@ def run(tmp_path_factory) -> Path:
     """A fitted session and its MJCF file."""
     folder = tmp_path_factory.mktemp("run")
     session = bc.simulate(contacts=80, later=12, repeats=5, spheres=2, placements=2, seed=3)
-    bc.fit(session, samples=0).save(folder / "fit")
+    bc.fit(session, samples=0).save(folder / "fit", pictures=False)
     bc.export(folder / "fit", "mjcf").save(folder / "arm.xml")
     return folder
 

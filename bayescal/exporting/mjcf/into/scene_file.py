@@ -10,7 +10,9 @@ from xml.etree import ElementTree as ET
 
 from bayescal.errors import BayescalError
 from bayescal.exporting.engine import mujoco
+from bayescal.exporting.tag import around
 from bayescal.reading import decoded
+from bayescal.robots.markup import LARGEST, parse_markup
 
 REFUSED = {
     "include": "its parts are in another file",
@@ -44,27 +46,17 @@ def read_scene(path: Path) -> SceneFile:
     BayescalError
         If it is no MJCF, has a DOCTYPE, or is made of parts that cannot be patched.
     """
-    from defusedxml import DefusedXmlException
-    from defusedxml.ElementTree import DefusedXMLParser, ParseError
-
-    text = decoded(path)[0]
-    parser = DefusedXMLParser(target=ET.TreeBuilder(insert_comments=True), forbid_dtd=True)
-    try:
-        parser.feed(text)
-        root = parser.close()
-    except DefusedXmlException:
-        raise BayescalError("has a DOCTYPE or entities", path.name, "write the values out") from None
-    except ParseError as error:
-        where = f"{path.name}:{error.position[0]}"
-        raise BayescalError(f"not XML: {error}", where, "check tags and quotes") from None
+    text = decoded(path, LARGEST)[0]
+    root = parse_markup(text, path.name, comments=True)
     if root.tag != "mujoco":
         raise BayescalError(f"the root element is {root.tag}, not mujoco", path.name, "give an MJCF file")
     for tag, why in REFUSED.items():
         if root.find(f".//{tag}") is not None:
             remedy = "compile it to one file: python -m mujoco.mjcf, or MjSpec.to_xml()"
             raise BayescalError(f"has an element <{tag}>: {why}", path.name, remedy)
-    start, end = text.index("<mujoco"), text.rindex("</mujoco>") + len("</mujoco>")
-    return SceneFile(path, root, text[:start], text[end:])
+    if root.find("worldbody") is None:
+        raise BayescalError("has no <worldbody>", path.name, "give the file of the arm, not of its assets")
+    return SceneFile(path, root, *around(text))
 
 
 def compiled(root: ET.Element, folder: Path, where: str) -> Any:

@@ -75,11 +75,12 @@
 
   const shape = (k) => rows.residual_um[k] === null || rows.rejected[k] ? "circle-open" : rows.residual_um[k] >= 0 ? "circle" : "diamond";
   function traces(type, xyz, by, size, shaped) {
+    const drawn = type === "scatter" ? all.filter((k) => rows.residual_um[k] !== null) : all; // no name without a dot
     const part = (some) => Object.fromEntries(Object.entries(xyz).map(([axis, values]) => [axis, some.map((k) => values[k])]));
     const base = (some) => ({ type, mode: "markers", ...part(some), customdata: some, text: some.map(hover), hoverinfo: "text", showlegend: false });
     if (NUMBERS[by]) {
       const { of, unit, top } = NUMBERS[by], values = all.map(of);
-      const seen = all.filter((k) => values[k] !== null), rest = all.filter((k) => values[k] === null);
+      const seen = drawn.filter((k) => values[k] !== null), rest = drawn.filter((k) => values[k] === null);
       const marker = { size: shaped ? seen.map((k) => size * (0.75 + 0.75 * Math.min(Math.abs(rows.residual_um[k] ?? 0) / large, 1))) : size, color: seen.map((k) => values[k]), colorscale: "Cividis", reversescale: true,
         symbol: seen.map(shape), line: { width: 0.5, color: QUIET }, colorbar: { title: { text: unit, side: "right" }, thickness: 12, len: 0.8 } };
       if (top) Object.assign(marker, { cmin: 0, cmax: top });
@@ -87,9 +88,9 @@
       if (rest.length) out.push({ ...base(rest), marker: { size: 0.7 * size, color: QUIET, symbol: "circle-open", line: { width: 0.5, color: QUIET } } });
       return out;
     }
-    const groups = [...new Set(all.map(GROUPS[by]))];
+    const groups = [...new Set(drawn.map(GROUPS[by]))];
     return groups.map((name, g) => {
-      const some = all.filter((k) => GROUPS[by](k) === name), short = name.length > 28 ? name.slice(0, 27) + "…" : name;
+      const some = drawn.filter((k) => GROUPS[by](k) === name), short = name.length > 28 ? name.slice(0, 27) + "…" : name;
       return { ...base(some), name: plain(short), showlegend: true, marker: { size, color: COLOURS[g % COLOURS.length], symbol: SYMBOLS[g % SYMBOLS.length], line: { width: 0.5, color: "#fff" } } };
     });
   }

@@ -1,0 +1,23 @@
+"""The command with all its commands: importing this module registers them."""
+
+from __future__ import annotations
+
+from bayescal.cli import (  # noqa: F401  (they register their commands)
+    blind,
+    budget,
+    check,
+    compare,
+    compensate,
+    export,
+    fit,
+    gap,
+    import_,
+    init,
+    plan,
+    report,
+    simulate,
+    verify,
+)
+from bayescal.cli.root import app
+
+__all__ = ["app"]
