@@ -9,20 +9,26 @@ import json
 import math
 import os
 import re
+import resource
 import shutil
 import signal
 import sys
+import tempfile
+import time
 import traceback
 import warnings
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from functools import cache
 from pathlib import Path
 from unittest import mock
 
 import numpy as np
+import typer
+from fuzz_commands import COMMANDS, chosen, command
 from fuzz_mutations import PLAUSIBLE, STRUCTURE, Files, damaged, pick
-from fuzz_seeds import datasets, logs, runs
+from fuzz_seeds import datasets
 
-SECONDS, WAITING = 10, 100
+SECONDS, WAITING = 10, 240
 """s of processor time, and in all, after which a command hangs: a busy machine is slow, a pipe needs none."""
 LONGEST = 400
 """Characters of a message."""
@@ -33,7 +39,7 @@ SMALL = 5.0
 FIT = ("fit", "--samples", "0", "--no-pictures")
 CHECKED = ("tiny",)
 """Seeds with too few rows for a fit."""
-PER_SEED = (("check", 0.87), ("fit", 0.12), ("gap", 0.01))
+PER_SEED = (("check", 0.96), ("fit", 0.037), ("gap", 0.003))
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,8 @@ class Verdict:
     kind: str
     why: str = ""
     message: str = ""
+    seconds: float = field(default=0.0, compare=False)
+    """Of processor time."""
 
 
 class Hang(BaseException):
@@ -54,6 +62,21 @@ class Hang(BaseException):
 
 def _alarm(*_: object) -> None:
     raise Hang
+
+
+def _children() -> float:
+    """Processor time of processes that have ended, s."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+@cache
+def _built(app: typer.Typer) -> object:
+    """The command line, which `typer` builds again at each call."""
+    return _build(app)
+
+
+_build = typer.main.get_command
 
 
 @dataclass(frozen=True)
@@ -71,10 +94,12 @@ def run(arguments: list[str], seconds: float = SECONDS) -> Ran:
     from bayescal.cli import main
 
     out, err, trouble, code = io.StringIO(), io.StringIO(), "", 0
+    children = _children()
     before = {number: signal.signal(number, _alarm) for number in (signal.SIGALRM, signal.SIGPROF)}
     with (
         warnings.catch_warnings(record=True) as warned,
         mock.patch.object(sys, "argv", ["bayescal", *arguments]),
+        mock.patch.object(typer.main, "get_command", _built),
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
     ):
@@ -92,6 +117,8 @@ def run(arguments: list[str], seconds: float = SECONDS) -> Ran:
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
             signal.setitimer(signal.ITIMER_REAL, 0)
+            if not trouble and _children() - children > seconds:
+                trouble = f"hang over {seconds} s in another process"
             for number, handler in before.items():
                 signal.signal(number, handler)
     ours = [w for w in warned if issubclass(w.category, (RuntimeWarning, UserWarning))]
@@ -112,6 +139,21 @@ def _place(error: BaseException) -> str:
     return f"{type(error).__name__} in {at}: {' '.join(str(error).split())[:80]}"
 
 
+@cache
+def _warmed(name: str, arguments: tuple[str, ...]) -> None:
+    """Run a command on files that are whole: what it compiles and imports counts for no case."""
+    files = command(name)[0] if name in COMMANDS else datasets()[name]
+    with tempfile.TemporaryDirectory(prefix="bayescal-fuzz-") as folder:
+        where, out = Path(folder) / "in", Path(folder) / "out"
+        out.mkdir()
+        _write(files, where)
+        run(_filled(arguments, where, out), 10 * SECONDS)
+
+
+def _filled(arguments: tuple[str, ...], where: Path, out: Path) -> list[str]:
+    return [a.replace("{in}", str(where)).replace("{out}", str(out)) for a in arguments]
+
+
 def case(number: int, seed: int, folder: Path) -> Verdict:
     """Case `number` of a seed of the whole run; the same numbers give the same case."""
     rng = np.random.default_rng([seed, number])
@@ -119,36 +161,36 @@ def case(number: int, seed: int, folder: Path) -> Verdict:
     where, out, here = folder / "in", folder / "out", folder / "here"
     for path in (where, out, here):
         path.mkdir(parents=True)
-    group = rng.choice(["damage", "plausible", "structure", "log", "run"], p=[0.70, 0.08, 0.04, 0.08, 0.10])
+    group = rng.choice(["damage", "plausible", "structure", "command"], p=[0.40, 0.02, 0.08, 0.50])
     baseline = None
-    if group in ("log", "run"):
-        table = logs() if group == "log" else runs()
-        name = pick(rng, sorted(table))
-        files, arguments = table[name]
-        files, changes = damaged(files, rng)
+    if group == "command" or (group == "structure" and rng.random() < 0.5):
+        name = chosen(rng)
+        files, arguments = command(name)
     else:
         name = pick(rng, sorted(datasets()))
-        files, changes = datasets()[name], []
-        command = str(rng.choice([k for k, _ in PER_SEED], p=[p for _, p in PER_SEED]))
-        command = "check" if name in CHECKED else command
-        if group == "plausible" and name not in CHECKED:
-            change = pick(rng, sorted(PLAUSIBLE))
-            files, changes, command = PLAUSIBLE[change](files), [change], "fit"
-            baseline = name if files != datasets()[name] else None
-        elif group == "damage":
-            files, changes = damaged(files, rng)
-        more = {"check": (), "fit": (*FIT[1:], "--model", "joint"), "gap": ("--model", "joint")}[command]
-        save = () if command == "check" else ("--out", "{out}/run")
-        arguments = (command, "{in}", *more, *save)
+        files = datasets()[name]
+        arguments = _of_dataset("fit" if group == "plausible" else _weighted(rng), name)
+    changes: list[str] = []
+    if group == "plausible":
+        changes = [pick(rng, sorted(PLAUSIBLE))]
+        changed = PLAUSIBLE[changes[0]](files)
+        baseline = name if changed != files and name not in CHECKED else None
+        files = changed
+    elif group != "structure":
+        files, changes = damaged(files, rng)
+    _warmed(name, arguments)
     _write(files, where)
     if group == "structure":
         change = pick(rng, sorted(STRUCTURE))
         STRUCTURE[change](where, rng)
         changes = [change]
     before = _state(folder)
-    arguments = [a.replace("{in}", str(where)).replace("{out}", str(out)) for a in arguments]
     with contextlib.chdir(here):
-        ran = run(arguments, SECONDS * (6 if arguments[0] == "gap" else 1))
+        start = time.process_time() + _children()
+        ran = run(_filled(arguments, where, out))
+        used = round(time.process_time() + _children() - start, 2)
+    if ran.code == 128 + signal.SIGTERM:  # the whole run is stopped
+        raise SystemExit(ran.code)
     kind, why = judged(ran, out, folder)
     after = _state(folder)
     if after != before and kind != "FAIL":
@@ -156,8 +198,19 @@ def case(number: int, seed: int, folder: Path) -> Verdict:
         kind, why = "FAIL", f"touched {touched[0].partition('/')[0]}"
     if kind == "accepted" and baseline is not None and (silent := _silent(baseline, out / "run", folder)):
         kind, why = "FAIL", f"silent: {changes[0]} of {name}, {silent}"
-    title = f"{name} {arguments[0]}"
-    return Verdict(seed, title, tuple(changes), kind, why, ran.error[-LONGEST:])
+    title = name if name in COMMANDS else f"{name} {arguments[0]}"
+    return Verdict(seed, title, tuple(changes), kind, why, ran.error[-LONGEST:], used)
+
+
+def _weighted(rng: np.random.Generator) -> str:
+    return str(rng.choice([k for k, _ in PER_SEED], p=[p for _, p in PER_SEED]))
+
+
+def _of_dataset(name: str, seed: str) -> tuple[str, ...]:
+    """Arguments of a command of a dataset; one with too few rows for a fit is only checked."""
+    if name == "check" or seed in CHECKED:
+        return "check", "{in}"
+    return name, "{in}", *({"fit": FIT[1:]}.get(name, ())), "--model", "joint", "--out", "{out}/run"
 
 
 def _write(files: Files, folder: Path) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from fuzz_markup import MARKUP, WORKBOOK, record_entry
 
 Files = dict[str, bytes]
 Rng = np.random.Generator
@@ -337,16 +338,24 @@ PLAUSIBLE: dict[str, Callable[[Files], Files]] = {
 }
 
 
+OF_KIND: dict[tuple[str, ...], dict[str, Callable[[bytes, Rng], bytes]]] = {
+    (".csv",): {**CELLS, **{f"{k} ": v for k, v in CELLS.items()}},
+    (".yaml", ".map"): {f"entry {k}": _entry for k in range(12)},
+    (".json",): {f"entry {k}": record_entry for k in range(24)},
+    (".urdf", ".xacro", ".xml"): MARKUP,
+    (".xlsx",): WORKBOOK,
+}
+"""Changes beyond those of any text, by the suffix of the file."""
+
+
 def damaged(files: Files, rng: Rng) -> tuple[Files, list[str]]:
     """Files with one to three changes of their text, and the names of the changes."""
     out, names = dict(files), []
     for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
         file = pick(rng, sorted(out))
         changes = dict(TEXT)
-        if file.endswith(".csv"):
-            changes |= {**CELLS, **{f"{k} ": v for k, v in CELLS.items()}}
-        if file.endswith((".yaml", ".json", ".map")):
-            changes |= {f"entry {k}": _entry for k in range(12)}
+        for suffixes, more in OF_KIND.items():
+            changes |= more if file.endswith(suffixes) else {}
         name = pick(rng, sorted(changes))
         out[file] = changes[name](out[file], rng)
         names.append(f"{file}: {name.strip()}")

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-sys.path[:0] = [str(ROOT), str(HERE.parent / "dataset"), str(HERE.parent / "compensate"), str(HERE.parent)]
+BESIDE = ("", "dataset", "compensate", "importing", "exporting")
+sys.path[:0] = [str(ROOT), *(str(HERE.parent / name) for name in BESIDE)]
 EVERY = 14
 """Of the example session, the rows on planes that are kept, and all contacts of the first placement."""
 
@@ -139,7 +140,8 @@ def logs() -> dict[str, tuple[Files, tuple[str, ...]]]:
     head = [b"Point", b"A1", b"A2", b"A3", b"A4", b"A5", b"A6", b"X [mm]", b"Y [mm]", b"Z [mm]"]
     text = b"\n".join(b";".join(row[k] for k in at) for row in rows[1:])
     log = b";".join(head) + b"\n" + text + b"\n"
-    template = {"template/" + name: content for name, content in files.items() if name != "measurements.csv"}
+    settings = files["dataset.yaml"].replace(b"torques: measured", b"torques: computed")
+    template = {"template/dataset.yaml": settings, "template/robot.yaml": files["robot.yaml"]}
     common = ("import", "{in}/log.txt", "--template", "{in}/template", "--out", "{out}/imported")
     mapping = b"id: Point\nj*: A* deg\nx: X\ny: Y\nz: Z\n"
     return {
@@ -178,5 +180,5 @@ def runs() -> dict[str, tuple[Files, tuple[str, ...]]]:
         "export": (arm, ("export", "{in}/run", "--to", "dh-csv", "--force", "--out", "{out}/arm.csv")),
         "targets": compensate("t.csv", targets),
         "fanuc": compensate("p.ls", FANUC),
-        "kuka": compensate("p.src", KUKA),
+        "kuka": compensate("p.src", KUKA.replace(b"A2 -80.0,A3 90", b"A2 20.0,A3 -15")),
     }

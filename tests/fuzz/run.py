@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -19,7 +20,7 @@ import time
 from collections import Counter, defaultdict
 from pathlib import Path
 
-SILENT = 180.0
+SILENT = 600.0
 """Seconds without a result after which a worker is replaced: compiled code does not see the alarm."""
 MEMORY = 6 * 2**30
 
@@ -108,6 +109,7 @@ def supervise(options: argparse.Namespace) -> int:
         options.out,
     ]
     start = [*map(str, command), "--workers", str(options.workers), "--worker"]
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the workers end with this process
     running = {k: (subprocess.Popen([*start, str(k)]), time.time()) for k in range(options.workers)}
     try:
         while running:

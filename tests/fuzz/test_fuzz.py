@@ -15,7 +15,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import check_converged
 
 SEED = 0
-CASES = 60
+CASES = 40
 
 
 @pytest.mark.parametrize("number", range(CASES))
