@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from bayescal.arm.chain import chain_of, link_angles, points, wrenches
 from bayescal.arm.inverse import LEVER, descend, to_points
@@ -23,8 +23,10 @@ from bayescal.arm.transforms import rigid, rotation, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Measurements, Noise, Target, Tool
 from bayescal.robots import load_robot
 
-settings.register_profile("busy machine", deadline=None)
-settings.load_profile("busy machine")
+# no limit of time, and the same examples in every run: `--hypothesis-profile=explore` draws others
+settings.register_profile("explore", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("repeatable", settings.get_profile("explore"), derandomize=True)
+settings.load_profile("repeatable")
 
 gc.disable()  # until all tests are collected: nothing of them is garbage
 

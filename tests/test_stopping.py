@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -29,13 +28,15 @@ def started(*line: str) -> subprocess.Popen:
     )
 
 
-def stopped(process: subprocess.Popen, number: int = signal.SIGINT) -> tuple[int, str, float]:
-    """Exit code, error stream, and seconds from the signal to the end."""
-    begin = time.monotonic()
+def stopped(process: subprocess.Popen, number: int = signal.SIGINT) -> tuple[int, str]:
+    """Exit code and error stream of a process that would run for ten minutes but for the signal."""
     process.send_signal(number)
-    out, err = process.communicate(timeout=60)
+    try:
+        out, err = process.communicate(timeout=120)  # a second on a quiet machine
+    finally:
+        process.kill()
     assert not out
-    return process.returncode, err, time.monotonic() - begin
+    return process.returncode, err
 
 
 PROGRAM = """
@@ -45,12 +46,12 @@ from bayescal import stopping
 from bayescal.cli import entry
 def sleep():
     print("ready", flush=True)
-    time.sleep(60)
+    time.sleep(600)
 def lost():
     print("ready", flush=True)
     while True:
         with suppress(BaseException):  # as where compiled code calls Python
-            time.sleep(60)
+            time.sleep(600)
 def kept():
     with stopping.keeping(lambda: "12 draws are kept"):
         sleep()
@@ -75,9 +76,8 @@ entry.run()
 def test_a_stopped_command_says_in_one_line_what_is_kept(what, number, said):
     process = started("-c", PROGRAM, what)
     assert process.stdout.readline() == "ready\n"
-    code, err, seconds = stopped(process, number)
+    code, err = stopped(process, number)
     assert (code, err) == (128 + number, f"bayescal: stopped; {said}\n")
-    assert seconds < 5.0  # one on a quiet machine
 
 
 def test_a_stopped_command_does_not_wait_for_the_end_of_python():
@@ -86,20 +86,19 @@ def test_a_stopped_command_does_not_wait_for_the_end_of_python():
 import atexit
 class Slow:
     def __del__(self, sleep=time.sleep):
-        sleep(20)
+        sleep(600)
 slow = Slow()
 def sleep():
     atexit.register(print, "handler", file=sys.stderr)
     print("ready", flush=True)
-    time.sleep(60)
+    time.sleep(600)
 entry._command = sleep
 entry.run()
 """
     process = started("-c", PROGRAM.partition("entry._command")[0] + slow)
     assert process.stdout.readline() == "ready\n"
-    code, err, seconds = stopped(process)
+    code, err = stopped(process)
     assert (code, err) == (130, "bayescal: stopped; nothing was written\nhandler\n")
-    assert seconds < 10.0
 
 
 def test_a_stop_while_modules_are_imported_has_no_traceback():
@@ -110,22 +109,36 @@ class Slow:
     def find_spec(self, name, *rest):
         if name == sys.argv[1]:
             print("ready", flush=True)
-            import time; time.sleep(60)
+            import time; time.sleep(600)
 sys.meta_path.insert(0, Slow())
 main()
 """
     for module in ("bayescal.cli.entry", "typer"):
         process = started("-c", program, module)
         assert process.stdout.readline() == "ready\n"
-        code, err, _ = stopped(process)
+        code, err = stopped(process)
         assert (code, err) == (130, "bayescal: stopped; nothing was written\n")
 
 
+FIT = """
+import bayescal.public.functions as functions
+from bayescal import stopping
+from bayescal.cli import main
+stopping.PATIENCE = 60.0  # on a busy machine the main thread may need more than a second
+plain = functions.fit
+def fit(*given, **options):
+    print("ready", flush=True)
+    return plain(*given, **options)
+functions.fit = fit
+main()
+"""
+
+
 def test_a_stopped_fit_leaves_nothing(tmp_path):
-    process = started("-m", "bayescal.cli", "fit", str(SESSION), "--out", str(tmp_path / "new" / "out"))
-    while process.poll() is None and not list(tmp_path.rglob(".out.*")):
-        time.sleep(0.02)
-    code, err, _ = stopped(process)
+    process = started("-c", FIT, "fit", str(SESSION), "--out", str(tmp_path / "new" / "out"))
+    assert process.stdout.readline() == "ready\n"
+    assert list(tmp_path.rglob(".out.*"))
+    code, err = stopped(process)
     assert (code, err) == (130, "bayescal: stopped; nothing was written\n")
     assert not list(tmp_path.iterdir())
 

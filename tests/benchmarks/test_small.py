@@ -2,9 +2,9 @@
 
 import importlib.util
 import sys
-import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -81,16 +81,21 @@ def test_race_does_not_mind_thinning():
     assert all_.draws / all_.tau == pytest.approx(some.draws / some.tau, rel=0.05)
 
 
-def test_the_time_before_the_first_draw_counts():
+def test_the_time_before_the_first_draw_counts(monkeypatch):
+    """By a clock that the sampler sets: 7 s of preparation, 2 s a turn."""
     rng = np.random.default_rng(0)
+    now = 0.0
+    monkeypatch.setattr(effective, "time", SimpleNamespace(perf_counter=lambda: now))
 
-    def slow():
-        time.sleep(0.2)
-        return lambda: rng.normal(size=(400, 20, 3))
+    def spent(seconds, found):
+        nonlocal now
+        now += seconds
+        return found
 
-    speed = effective.race({"slow": slow}, rounds=2)["slow"]
-    assert 0.2 <= speed.ready < 0.4
-    assert speed.whole == pytest.approx(speed.ready + 5000 / speed.per_second)
+    turn = lambda: spent(2.0, rng.normal(size=(400, 20, 3)))  # noqa: E731
+    speed = effective.race({"slow": lambda: spent(7.0, turn)}, rounds=2)["slow"]
+    assert (speed.ready, speed.seconds) == (7.0, 4.0)
+    assert speed.whole == pytest.approx(7.0 + 5000 / speed.per_second)
 
 
 def test_the_page_has_what_was_measured(renewed):

@@ -107,9 +107,9 @@ def test_interrupted_and_resumed_on_dask_the_seal_is_the_same(made, ran, cluster
     process = subprocess.Popen(
         line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=hears_ctrl_c
     )
-    until(lambda: any((folder / "answers").glob("0*.json")), 60)
+    until(lambda: any((folder / "answers").glob("0*.json")), 300)
     process.send_signal(signal.SIGINT)
-    out, said = process.communicate(timeout=60)
+    out, said = process.communicate(timeout=300)
     assert process.returncode == 130
     assert not out
     assert "completed sessions are kept; the same command continues" in said

@@ -41,7 +41,7 @@ def refuse(number: int) -> int:
     raise ValueError(f"not {number}")
 
 
-def until(so, seconds: float = 20.0) -> None:
+def until(so, seconds: float = 120.0) -> None:
     end = time.monotonic() + seconds
     while not so():
         assert time.monotonic() < end
