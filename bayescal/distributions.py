@@ -8,11 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-
-from bayescal.imports import without_unused_numpy
-
-with without_unused_numpy():
-    from scipy import special
+from scipy import special
 
 Values = Any
 """A number or an array of numbers; all arguments broadcast."""

@@ -30,7 +30,10 @@ centre is computed; with 10 mm small payloads are no longer named)."""
 
 
 def masses(c: Circumstances) -> list[Parameter]:
-    """Relative errors of masses and shifts of centres of mass, of each link and of the load."""
+    """Relative errors of masses and shifts of centres of mass, of each link and of the load.
+
+    One that loads nothing in these rows has no terms; without any that has, there are none.
+    """
     robot, n = c.robot, c.robot.n
     if robot.masses is None or robot.centres_of_mass is None or c.moments is None:
         return []
@@ -42,8 +45,7 @@ def masses(c: Circumstances) -> list[Parameter]:
     def add(name: str, unit: str, sd: float, body: int, moment: np.ndarray, weight: np.ndarray) -> None:
         """Add a parameter: moment about F0's origin and weight by its unit, (N, 3), up to frame `body`."""
         loads = about.loads(*(np.where(carried <= body, x[:, None], 0.0) for x in (moment, weight)))
-        if terms := deflections(c, loads):
-            out.append(Parameter(name, unit, terms, sd))
+        out.append(Parameter(name, unit, deflections(c, loads), sd))
 
     def add_body(
         name: str,
@@ -68,4 +70,4 @@ def masses(c: Circumstances) -> list[Parameter]:
         add_body(f"link {i}", MASS_SHARE, i, np.full(len(at), mass), at, turn, off)
     flange, off = pose[:, n + 1], np.full(3, LOAD_OFF)
     add_body("load", LOAD_SHARE, n, c.load_mass, placed(flange, c.load_centre), flange[:, :3, :3], off)
-    return out
+    return out if any(p.terms for p in out) else []

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from bayescal.dataset import Measurements
 
@@ -15,17 +17,13 @@ def poses(m: Measurements, rows: np.ndarray) -> np.ndarray:
     Two rows are of one pose if they have the same `stop`, repeat the same contact, or have equal readings.
     """
     rows = np.asarray(rows, int)
-    columns, found = list(_labels(m, rows)), np.arange(len(rows))
-    while True:  # each row takes the least number of all that share a label with it
-        before = found.copy()
-        for at, label in columns:
-            least = np.full(len(rows), len(rows))
-            np.minimum.at(least, label, found[at])
-            np.minimum.at(found, found[at], least[label])  # the row that stood for it follows: few rounds
-            while not np.array_equal(further := found[found], found):
-                found = further
-        if np.array_equal(found, before):
-            return np.unique(found, return_inverse=True)[1]
+    columns = list(_labels(m, rows))
+    label = np.concatenate([own + len(rows) * k for k, (_, own) in enumerate(columns, start=1)])
+    at = np.concatenate([member for member, _ in columns])
+    size = len(rows) * (len(columns) + 1)
+    joined = coo_array((np.ones(len(at)), (at, label)), shape=(size, size))
+    found = connected_components(joined, directed=False)[1][: len(rows)]
+    return np.unique(found, return_inverse=True)[1]
 
 
 def _labels(m: Measurements, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:

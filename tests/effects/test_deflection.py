@@ -118,6 +118,22 @@ def test_an_error_of_a_mass_moves_every_compliant_site(cube):
         assert np.max(np.abs(driver)) > 1e-8
 
 
+def test_errors_of_masses_are_the_same_at_all_poses(cube):
+    """An export takes those of a fit to poses that load other joints: here the tool points down."""
+    dataset = cube(seed=3, count=24).dataset
+    (tool,) = dataset.tools
+    on_axis = replace(tool, centre_of_mass=np.array([0.0, 0.0, 0.05]))
+    names, terms = [], []
+    for readings in (dataset.measurements.readings, np.radians([[0.0, 0.0, 0.0, 0.0, -90.0, 0.0]] * 24)):
+        rows = replace(dataset.measurements, readings=readings)
+        scene = Scene(replace(dataset, tools=(on_axis,), measurements=rows))
+        found = masses(scene.circumstances(scene.rows("calibrate")))
+        names.append([p.name for p in found])
+        terms.append({p.name: len(p.terms) for p in found})
+    assert names[0] == names[1]
+    assert terms[0]["centre of load z"] > terms[1]["centre of load z"]
+
+
 def test_a_fit_finds_a_mass_that_was_not_stated():
     """A tool 0.3 kg heavier than stated, on an arm whose base deflects too, beside rows with 2 kg more."""
     effects = ("geometry", "compliance", "base-compliance")

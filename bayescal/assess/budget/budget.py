@@ -12,6 +12,7 @@ from functools import cached_property
 from math import inf
 
 import numpy as np
+from scipy.optimize import brentq
 
 from bayescal.assess.budget.inputs import GROUPS, PRIOR, PROBING, Basis, Input
 from bayescal.assess.budget.measurand import Measurand
@@ -95,12 +96,10 @@ class Budget:
             return float(np.sqrt(f_isf(1.0 - COVERAGE, h, dof)))
         some = square[square > 0] / self.u**2
 
-        low, high = 1e-3, 1e3  # halved: `scipy.optimize.brentq` takes longer to import than this
-        while high - low > 1e-13 * high:
-            middle = 0.5 * (low + high)
-            outside = np.sum(f_sf(middle**2 / some, 1.0, dof)) / len(square)
-            low, high = (middle, high) if outside > 1.0 - COVERAGE else (low, middle)
-        return 0.5 * (low + high)
+        def beyond(k: float) -> float:
+            return float(np.sum(f_sf(k**2 / some, 1.0, dof)) / len(square)) - (1.0 - COVERAGE)
+
+        return float(brentq(beyond, 1e-3, 1e3))
 
     @property
     def expanded(self) -> float:
