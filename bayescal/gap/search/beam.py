@@ -162,11 +162,12 @@ class Search:
         """
         start = best.state.weight
         last = best.members[-1]
-        fits = {id(m): (m, self._alone(base, m, start)) for m in (last, *others)}
+        fits: dict[tuple[int, float], tuple[Member, State]] = {}  # of each variant and scale once
+        self._fit(fits, base, (last, *others), start)
         lead = max(fits.values(), key=lambda pair: _weight(*pair))[0]
         at = int(np.argmin(np.abs(np.log(SCALES / lead.scale))))
         near = [replace(lead, scale=float(SCALES[k])) for k in (at - 1, at + 1) if 0 <= k < len(SCALES)]
-        fits |= {id(m): (m, self._alone(base, m, start)) for m in near}
+        self._fit(fits, base, near, start)
         member, state = max(fits.values(), key=lambda pair: _weight(*pair))
         total = float(log_sum(np.array([_weight(*pair) for pair in fits.values()])))
         chosen = replace(member, averaging=total - state.log_evidence)
@@ -174,9 +175,17 @@ class Search:
         evidence = state.log_evidence + sum(m.averaging for m in members)
         return Hypothesis(members, state, evidence, self.prior(len(members)))
 
-    def _alone(self, base: Hypothesis, member: Member, start: np.ndarray) -> State:
-        """The fit of a hypothesis with one more member."""
-        return self.hypothesis((*base.members, member), (None, start)).state
+    def _fit(
+        self,
+        fits: dict[tuple[int, float], tuple[Member, State]],
+        base: Hypothesis,
+        members: Sequence[Member],
+        start: np.ndarray,
+    ) -> None:
+        """Add to `fits`, by variant and scale, those of a hypothesis with each of these members that lack."""
+        for m in members:
+            if (key := (id(m.variant), m.scale)) not in fits:
+                fits[key] = (m, self.hypothesis((*base.members, m), (None, start)).state)
 
     def _leave_out_unseen(self, state: State) -> None:
         """Effects that are not detectable at any plausible amplitude are not candidates."""
