@@ -132,4 +132,6 @@ def _at_end(numbers: tuple[signal.Signals, ...]) -> None:
     for number in numbers:
         signal.signal(number, signal.SIG_DFL)
     if _leaving:
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
         os._exit(_leaving[0])

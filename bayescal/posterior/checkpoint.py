@@ -147,7 +147,7 @@ class Record:
         self._drop()
         found = compute()
         if self.last != NEVER:
-            self.unwritten.append(found | {"number": np.array(self.number)})
+            self.unwritten.append(found | _place(self.number))
         return found
 
     def _next(self, steps: int = 0) -> Kept | None:
@@ -155,7 +155,7 @@ class Record:
         if not self.recorded:
             return None
         kept, place = self.recorded[0]
-        if int(kept["number"]) != self.number or int(kept.get("steps", 0)) != steps:
+        if int(kept["number"]) != self.number or int(kept["steps"]) != steps:
             return None
         self.end = place
         del self.recorded[0]
@@ -172,7 +172,7 @@ class Record:
             return
         kept = self.ensemble.kept(self.first)
         self.first = len(self.ensemble)
-        self.unwritten.append(kept | {"number": np.array(self.number), "steps": np.array(self.steps)})
+        self.unwritten.append(kept | _place(self.number, self.steps))
 
     def write(self) -> None:
         """Append what is not yet in the file; without space there is no checkpoint."""
@@ -203,6 +203,11 @@ class Record:
         return f"{self.draws:,} draws are kept; the same command continues"
 
 
+def _place(number: int, steps: int = 0) -> Kept:
+    """Entries that say of which stretch or result a block is."""
+    return {"number": np.array(number), "steps": np.array(steps)}
+
+
 def _draws(kept: Kept) -> int:
     return kept["log_density"].size if "log_density" in kept else 0
 
@@ -217,6 +222,8 @@ def _unpacked(content: bytes) -> Kept | None:
     """The arrays of a block; None if it is not one of ours."""
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            return dict(arrays)
+            found = dict(arrays)
     except (OSError, ValueError, EOFError, BadZipFile):
         return None
+    place = [found.get(name, np.empty(0)) for name in _place(0)]
+    return found if all(own.shape == () and own.dtype.kind == "i" for own in place) else None

@@ -1,5 +1,6 @@
 """An interrupted sampling continues with the draws of an uninterrupted one, or starts afresh and says so."""
 
+import io
 import os
 import re
 from dataclasses import fields, replace
@@ -191,6 +192,17 @@ def test_a_damaged_file_is_used_up_to_the_damage(monkeypatch, fitted, plain, kep
     checkpoint.path.write_bytes(content)
     draws, _ = computed(monkeypatch, fitted, checkpoint)
     assert same(draws, plain)
+
+
+@pytest.mark.parametrize("entries", [{}, {"number": np.zeros(2)}, {"number": "x", "steps": 0}])
+def test_a_block_that_is_none_of_ours_ends_what_is_used(monkeypatch, fitted, plain, kept, entries):
+    checkpoint, _ = kept
+    interrupted(monkeypatch, fitted, checkpoint, 7)
+    content = io.BytesIO()
+    np.savez(content, x=np.zeros(1), **entries)
+    line = checkpoint.path.read_bytes().partition(b"\n")[0] + b"\n"
+    checkpoint.path.write_bytes(line + growing.block(content.getvalue()))
+    assert same(sample(fitted, **OPTIONS, checkpoint=checkpoint), plain)
 
 
 FOREIGN = {
