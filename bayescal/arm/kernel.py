@@ -31,6 +31,8 @@ _X, _Y, _Z, _U, _V, _W, _S, _C, _T, _D = range(10)
 _ROWS = 10
 # a displacement's pairs (turn, slide) in turn about z, x, y: rows of that axis and of the two across it
 _AXES = ((2, 0, 1), (0, 1, 2), (1, 2, 0))
+# the first of the pairs that are used, and a frame; numba would compile a function for each literal in a call
+_ZXY, _XY, _BASE = np.int64(0), np.int64(1), np.int64(0)
 
 
 @_inline
@@ -241,7 +243,6 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
     out : (W, 3, B), m, written
     """
     n = len(d)
-    every, beyond = np.int64(0), np.int64(1)  # no literals: numba would compile a function for each
     const = np.empty(6 * (n + 2))
     matrices = np.empty((n + 1, 3, 4))
     work = np.empty((_ROWS, WIDTH))
@@ -253,13 +254,13 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
             for j in range(3):
                 work[j] = 0.0 if general[n + 1] else const[6 * (n + 1) + (3, 5, 1)[j]]
             if general[n + 1]:
-                _out_displaced(work, start, n + 1, every, const, firsts, terms, own, drivers)
+                _out_displaced(work, start, n + 1, _ZXY, const, firsts, terms, own, drivers)
             _offset(work, 1.0, tool, start)
             for f in range(n, 0, -1):
                 site = 6 * f
                 if general[f]:
                     _map(work, matrices[f])
-                    _out_displaced(work, start, f, beyond, const, firsts, terms, own, drivers)
+                    _out_displaced(work, start, f, _XY, const, firsts, terms, own, drivers)
                     shift = d[f - 1] + const[site + 1]
                     _add(work, _Z, 1.0, shift, start, firsts[site + 1], firsts[site + 2], terms, own, drivers)
                 _joint_angle(
@@ -271,7 +272,7 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
                 else:
                     _map_turn(work, matrices[f])
             _map(work, link[0])
-            _out_displaced(work, start, every, every, const, firsts, terms, own, drivers)
+            _out_displaced(work, start, _BASE, _ZXY, const, firsts, terms, own, drivers)
             _map(work, base)
             for j in range(3):
                 own_out = out[w, j, start : start + WIDTH]
@@ -322,19 +323,9 @@ def _back_displaced(
             cosine, sine = math.cos(const[turn]), -math.sin(const[turn])
             _turn(work, b, c, cosine, sine)
             _turn(work, b + 3, c + 3, cosine, sine)
-        if const[slide] != 0.0 or firsts[slide] < firsts[slide + 1]:
-            _add(
-                work,
-                axis,
-                -1.0,
-                const[slide],
-                start,
-                firsts[slide],
-                firsts[slide + 1],
-                terms,
-                values,
-                drivers,
-            )
+        first, last = firsts[slide], firsts[slide + 1]
+        if const[slide] != 0.0 or first < last:
+            _add(work, axis, -1.0, const[slide], start, first, last, terms, values, drivers)
 
 
 @_jit
@@ -352,7 +343,6 @@ def columns(
     out : (P, B) written
     """
     n = len(d)
-    every, beyond = np.int64(0), np.int64(1)  # no literals: numba would compile a function for each
     const = np.empty(6 * (n + 2))
     matrices = np.empty((n + 1, 3, 4))
     work = np.empty((_ROWS, WIDTH))
@@ -373,7 +363,7 @@ def columns(
                 work[3 + j, i] = force[i]
         _unmap(work, base, 0.0)
         _back_displaced(
-            work, start, every, every, const, firsts, terms, values, drivers, by_site, by_first, out, fresh
+            work, start, _BASE, _ZXY, const, firsts, terms, values, drivers, by_site, by_first, out, fresh
         )
         _unmap(work, link[0], 0.0)
         for f in range(1, n + 1):
@@ -388,19 +378,7 @@ def columns(
             if general[f] or by_first[site + 4] < by_first[site + 6]:
                 _add(work, _Z, -1.0, 0.0, start, firsts[site + 1], firsts[site + 2], terms, values, drivers)
                 _back_displaced(
-                    work,
-                    start,
-                    f,
-                    beyond,
-                    const,
-                    firsts,
-                    terms,
-                    values,
-                    drivers,
-                    by_site,
-                    by_first,
-                    out,
-                    fresh,
+                    work, start, f, _XY, const, firsts, terms, values, drivers, by_site, by_first, out, fresh
                 )
                 _unmap(work, link[f], 0.0)
             else:
@@ -408,7 +386,7 @@ def columns(
                 _unmap(work, matrices[f], shift)
         _offset(work, -1.0, tool, start)
         _back_displaced(
-            work, start, n + 1, every, const, firsts, terms, values, drivers, by_site, by_first, out, fresh
+            work, start, n + 1, _ZXY, const, firsts, terms, values, drivers, by_site, by_first, out, fresh
         )
         for j in range(len(fresh)):
             if fresh[j]:
