@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from bayescal.dataset import Measurements
 
@@ -16,6 +14,9 @@ def poses(m: Measurements, rows: np.ndarray) -> np.ndarray:
 
     Two rows are of one pose if they have the same `stop`, repeat the same contact, or have equal readings.
     """
+    from scipy.sparse import coo_array  # slow to import, and not every command needs it
+    from scipy.sparse.csgraph import connected_components
+
     rows = np.asarray(rows, int)
     columns = list(_labels(m, rows))
     label = np.concatenate([own + len(rows) * k for k, (_, own) in enumerate(columns, start=1)])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.imports import without_scipy_stats
+from bayescal.posterior.imports import without_scipy_stats
 from bayescal.posterior.linearised import Linearised
 
 with without_scipy_stats():

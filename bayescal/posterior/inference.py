@@ -92,56 +92,36 @@ def inference_data(record: Record) -> Any:
 
 
 def save(record: Record, path: Path) -> None:
-    """Write a record as netCDF, in the layout of xarray.
+    """Write a record as netCDF, in the layout of xarray."""
+    import h5netcdf
 
-    netCDF-4 is HDF5 with scales for the dimensions, numbered over the file. h5netcdf writes the same, but
-    looks up each of the hundred variables many times, which takes four times as long.
-    """
-    import h5py
-
-    written = f"version=2,h5py={h5py.__version__},hdf5={h5py.version.hdf5_version}"
-    with patient(path) as stream, h5py.File(stream, "w", track_order=True) as file:
-        file.attrs["_NCProperties"] = np.bytes_(written)
+    with patient(path) as stream, h5netcdf.File(stream, "w") as file:
         file.attrs.update(record.attrs)
-        first = 0
         for name in record.groups:
-            group = file.create_group(name, track_order=True)
+            group = file.create_group(name)
             group.attrs.update(record.attrs)
             dimensions = record.dimensions(name)
-            number = {dim: k for k, dim in enumerate(dimensions, first)}
-            first += len(number)
-            scales = {dim: _variable(group, dim, [number[dim]], labels) for dim, labels in dimensions.items()}
-            for dim, scale in scales.items():
-                scale.make_scale(dim)
+            group.dimensions = {dim: len(labels) for dim, labels in dimensions.items()}
+            for dim, labels in dimensions.items():
+                _variable(group, dim, (dim,), labels)
             further = {k: own for k, own in record.labels.items() if own[0] in dimensions}
-            variables = {label: ((dim,), np.asarray(values)) for label, (dim, values) in further.items()}
-            for variable, (dims, values) in (variables | record.arrays(name)).items():
-                made = _variable(group, variable, [number[dim] for dim in dims], values)
-                for k, dim in enumerate(dims):
-                    made.dims[k].attach_scale(scales[dim])
-                if variable in further:
-                    continue
-                made.attrs["units"] = record.units.get(variable, "1")
+            for label, (dim, values) in further.items():
+                _variable(group, label, (dim,), np.asarray(values))
+            for variable, (dims, values) in record.arrays(name).items():
+                written = _variable(group, variable, dims, values)
+                written.attrs["units"] = record.units.get(variable, "1")
                 named = " ".join(label for label, (dim, _) in further.items() if dim in dims)
                 if named:
-                    made.attrs["coordinates"] = named
+                    written.attrs["coordinates"] = named
 
 
-def _variable(group: Any, name: str, dims: Sequence[int], values: np.ndarray) -> Any:
-    """Create a variable of a group, of dimensions by number; text is stored as strings of variable length."""
-    import h5py
+def _variable(group: Any, name: str, dims: tuple[str, ...], values: np.ndarray) -> Any:
+    """Create a variable of a group; text is stored as strings of variable length."""
+    if values.dtype.kind in "US":
+        import h5py
 
-    text = values.dtype.kind in "US"
-    made = group.create_dataset(
-        name,
-        data=values.astype(object) if text else values,
-        dtype=h5py.string_dtype() if text else None,
-        track_order=True,
-    )
-    if dims:
-        made.attrs["_Netcdf4Coordinates"] = np.array(dims, np.int32)
-        made.attrs["_Netcdf4Dimid"] = np.int32(dims[0])
-    return made
+        return group.create_variable(name, dims, h5py.string_dtype(), data=values.astype(object))
+    return group.create_variable(name, dims, values.dtype, data=values)
 
 
 def read_draws(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:

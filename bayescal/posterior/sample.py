@@ -15,12 +15,12 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
-from bayescal.imports import without_scipy_stats
 from bayescal.posterior.checkpoint import Checkpoint, Kept
 from bayescal.posterior.convergence import Convergence, convergence, split_rhat
 from bayescal.posterior.density import Density
 from bayescal.posterior.draws import CHAINS, Draws, scale_names
 from bayescal.posterior.ensemble import Ensemble, Evolution, Independence
+from bayescal.posterior.imports import without_scipy_stats
 from bayescal.posterior.linearised import Linearised
 
 with without_scipy_stats():

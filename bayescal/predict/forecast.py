@@ -21,6 +21,8 @@ from bayescal.predict.intervals import interval95
 from bayescal.predict.pairs import evenly, far_pairs, lengths, slopes
 from bayescal.predict.validation import Validation
 
+CENTRES = "certified centres"
+"""Points of measured distances, as reports name them."""
 POINTS = 40
 """Number of points of the workspace between which distances are predicted, evenly spaced among all rows."""
 SMALLEST = 0.01
@@ -140,9 +142,7 @@ def _certified(checked: Validation) -> DistanceErrors | None:
     predicted = np.stack([d.predicted for d in checked.distances], axis=1)
     stated = [d.certified for d in checked.distances]
     measured = _rms(np.array([d.error for d in checked.distances]))
-    return DistanceErrors(
-        "certified centres", len(stated), min(stated), max(stated), predicted, float(measured)
-    )
+    return DistanceErrors(CENTRES, len(stated), min(stated), max(stated), predicted, float(measured))
 
 
 def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:

@@ -239,15 +239,6 @@ def test_no_samples_is_refused(fitted):
         sample(fitted, 0)
 
 
-def test_scipy_is_imported_without_unused_numpy():
-    """A fifth of a second of every command; both modules are there where they are used."""
-    code = (
-        "import sys, bayescal.distributions; assert not {'numpy.f2py', 'numpy.testing'} & {*sys.modules};"
-        "import numpy as np; np.testing.assert_equal(1, 1); assert callable(np.f2py.run_main)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
 def test_emcee_is_imported_without_scipy_stats():
     """Half a second of every fit; the one move that needs it still gets it."""
     code = (

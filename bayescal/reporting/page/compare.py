@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.gap.result import VALIDATION_CONTACTS
+from bayescal.predict.forecast import CENTRES
 from bayescal.reporting.page.numbers import MISSING, length, measured, uncertainty
 from bayescal.reporting.page.rows import inputs
 from bayescal.reporting.page.run import Run
@@ -19,7 +21,6 @@ LEAST = 0.01
 """Least probability, in any run, of an effect that is listed."""
 
 NONE = (None, None, None, None)
-CENTRES, VALIDATION_CONTACTS = "certified centres", "validation contacts"
 ERRORS = {
     "contacts": ("heldout_planes_rms_um", "heldout_rms_um"),
     "distances": ("distance_rms_um",),
@@ -69,10 +70,8 @@ def distances(runs: Runs) -> Section | None:
     for label, run in zip(labels(runs), runs, strict=True):
         if run.kind == "fit":
             expected, checked = run.record["predicted_distance"], run.record["validation"]["distances"]
-            largest, over = (
-                max((abs(d["calibrated_error_um"]) for d in checked), default=None),
-                expected["over"],
-            )
+            largest = max((abs(d["calibrated_error_um"]) for d in checked), default=None)
+            over = expected["over"]
             cells = (expected["predicted_rms_um"], expected["measured_rms_um"], largest, expected["count"])
         else:
             found = {m["what"]: m for m in run.record["gap"]["measured"]}.get("sphere distances")
