@@ -29,7 +29,7 @@ def started(*line: str) -> subprocess.Popen:
 
 
 def stopped(process: subprocess.Popen, number: int = signal.SIGINT, left: str = "") -> tuple[int, str]:
-    """Exit code and error stream of a process that would run for ten minutes but for the signal; `left`: what it still prints."""
+    """Exit code and error stream of a process that would run on; `left`: what it still prints."""
     process.send_signal(number)
     try:
         out, err = process.communicate(timeout=120)  # a second on a quiet machine
