@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from bayescal.blind.rates import BANDS, proportion, value
-from bayescal.blind.score import CERTAIN, CLEAR, STRONG, SURE
+from bayescal.blind.score import CERTAIN, CLEAR, SEEN, STRONG, SURE
 
 Found = Mapping[str, Any]
 NONE = "-"
@@ -29,6 +29,7 @@ def rows(f: Found) -> list[Row]:
     d, planes, points = f["distances"], f["planes"], f["points"]
     return [
         _at_least(f"named with P from {SURE:g}: exactly right", f["sure"]["right"], 0.96),
+        _at_least(f"the same, where every lambda is from {SEEN:g}", f["sure"]["right_seen"], 0.96),
         _at_least(f"effects of P from {CERTAIN:g}: present", f["certain"]["vocabulary"], 0.98),
         _at_most("the same, cause outside: claims", _claims(f["certain"]["outside"]), 0.0),
         _at_least(f"one effect, lambda over {STRONG:g}: correct", single["strong"], 0.98),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,8 @@ KINDS = ("null", "single", "pair", "outside")
 BINS = (0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98, 1.0)
 """Edges of the bins of stated probabilities; smaller ones are not assessed."""
 SURE, CERTAIN = 0.9, 0.98
-CLEAR, STRONG = 30.0, 100.0
-"""Lambda from which on an effect must be named, and an effect outside the vocabulary flagged."""
+SEEN, CLEAR, STRONG = 10.0, 30.0, 100.0
+"""Lambda from which on an effect can be seen, must be named, and one outside the vocabulary is flagged."""
 
 
 def records(truths: Mapping[str, dict], answers: Mapping[str, dict]) -> list[Record]:
@@ -95,7 +96,11 @@ def figures(records: Sequence[Record]) -> dict[str, Any]:
         "first_place": by_lambda(
             (max(r["each"].values()), r["first_place_right"]) for r in records if r["each"]
         ),
-        "sure": {"right": share(sure, _right), "names_true": share(sure, lambda r: not false_names(r))},
+        "sure": {
+            "right": share(sure, _right),
+            "right_seen": share([r for r in sure if min(r["each"].values(), default=inf) >= SEEN], _right),
+            "names_true": share(sure, lambda r: not false_names(r)),
+        },
         "certain": {
             "vocabulary": certain([r for r in records if r["kind"] != "outside"]),
             "outside": certain(of["outside"]),

@@ -102,6 +102,17 @@ def test_known_answers_have_known_figures():
     assert (low, high) == pytest.approx((0.2077, 0.9385), abs=1e-4)  # Wilson, of 2 in 3
 
 
+def test_an_effect_that_cannot_be_seen_is_counted_apart():
+    rs = many(
+        (pair(strength=(200.0, 5.0)), answer(named=("step",))),
+        (pair(strength=(200.0, 10.0)), answer(named=("step",))),
+        (pair(strength=(200.0, 10.0)), answer(named=("step", "lobing"))),
+        (null(), answer()),
+    )
+    found = figures(rs)["sure"]
+    assert [(found[k]["hits"], found[k]["count"]) for k in ("right", "right_seen")] == [(1, 4), (1, 3)]
+
+
 MISSES = {
     "crashed": (truth(), None),
     "false alarm: effect named": (null(), answer()),
