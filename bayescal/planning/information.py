@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, Weights, check_length, linearise, unit_weights
+from bayescal.estimate.cholesky import factored, solved
 from bayescal.model import ARM, Model, Scene, build
 from bayescal.model.parts import Part
 from bayescal.planning.pool import Pool
@@ -154,7 +154,7 @@ def linearised(
 
 def inverse(information: np.ndarray) -> np.ndarray:
     """Inverse (D, D) of a positive definite matrix, symmetric."""
-    out = cho_solve(cho_factor(information, lower=True), np.eye(len(information)))
+    out = solved(factored(information), np.eye(len(information)))
     return np.asarray(0.5 * (out + out.T))
 
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from bayescal.effects.tool import LOOSE
 from bayescal.estimate import Estimate, unit_weights
+from bayescal.estimate.cholesky import factored, solved
 from bayescal.model import ARM, Block
 from bayescal.model.scene import Scene
 from bayescal.predict.locate import locate
@@ -132,9 +132,9 @@ def linearised_target(
     """
     _, by_arm, design, by_point = slopes_of(estimate, block, z, tool_sd)
     weighted = design.T * (keep / noise**2)
-    factor = cho_factor(weighted @ design + np.eye(design.shape[1]))
-    gain = -cho_solve(factor, weighted)
-    left = cho_solve(factor, np.eye(len(weighted)))
+    factor = factored(weighted @ design + np.eye(design.shape[1]))
+    gain = -solved(factor, weighted)
+    left = solved(factor, np.eye(len(weighted)))
     tool = np.zeros(3) if tool is None else tool
     return LocatedTarget(block, z, tool, tool_sd, noise, gain, gain @ by_arm, left, gain @ by_point)
 

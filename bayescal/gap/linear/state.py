@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bayescal.estimate import STATED_WORTH
+from bayescal.estimate.cholesky import factored, halved, solved
 from bayescal.estimate.outliers import Judged, scale, student_weights
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.settings import LINEAR
@@ -91,15 +91,13 @@ def fit_state(
             gram, score = half.T @ half, half.T @ (root * p.residual[:count])
         of = w[:count].copy()
         info = gram / kappa**2
-        factor = cho_factor(info + fixed, lower=True)
-        step = -cho_solve(factor, score / kappa**2 + push)
+        factor = factored(info + fixed)
+        step = -solved(factor, score / kappa**2 + push)
         return step, p.residual + design @ step, info, factor
 
     def judged(r: np.ndarray, kappa: float, factor) -> Judged:
         # rows that are worth less than 1 have a larger covariance in proportion
-        slopes = (
-            solve_triangular(factor[0], (np.sqrt(base)[:, None] * design)[:count].T, lower=True).T / kappa
-        )
+        slopes = halved(factor, (np.sqrt(base)[:, None] * design)[:count].T).T / kappa
         return Judged.of(
             [
                 (r[at], slopes[at] @ np.swapaxes(slopes[at], 1, 2), (weight / base)[at[:, 0]])
@@ -112,14 +110,14 @@ def fit_state(
         for k in range(LINEAR.rounds):  # Student t, with a scale from the median of the chi-squares
             step, r, info, factor = solve(weight, kappa)
             square = np.bincount(p.contact, r[:count] ** 2)
-            taken = float(np.trace(cho_solve(factor, info)))
+            taken = float(np.trace(solved(factor, info)))
             before, kappa = kappa, scale(square, size, taken)
             weight[:count] = base[:count] * student_weights(square, size, kappa)[p.contact]
             if k > 2 and abs(np.log(kappa / before)) < 3e-3:
                 break
     for _ in range(LINEAR.rounds):
         step, r, info, factor = solve(weight, kappa)
-        effective_dof = float(np.trace(cho_solve(factor, info)))
+        effective_dof = float(np.trace(solved(factor, info)))
         chi2 = float(np.sum(weight[:count] * r[:count] ** 2))
         kept = float(np.sum(weight[:count]))
         dof = max(kept - effective_dof, 0.0) + STATED_WORTH
@@ -135,18 +133,18 @@ def fit_state(
     step, r, info, factor = solve(weight, kappa)
     chi2 = float(np.sum(weight[:count] * r[:count] ** 2))
     kept = float(np.sum(weight[:count]))
-    effective_dof = float(np.trace(cho_solve(factor, info)))
+    effective_dof = float(np.trace(solved(factor, info)))
     z = pull + step
     lost = np.unique(p.contact[weight[:count] == 0])
     log_evidence = (
         -(kept + STATED_WORTH) * np.log(kappa)
         - 0.5 * (chi2 + STATED_WORTH) / kappa**2
         - 0.5 * (r[count:] @ r[count:] + z @ z)
-        - float(np.sum(np.log(np.diag(factor[0]))))
+        - float(np.sum(np.log(np.diag(factor))))
         + float(np.sum(p.gross[lost]))
         - 0.5 * np.log(2.0 * (kept - effective_dof + STATED_WORTH))
     )
-    covariance = cho_solve(factor, np.eye(len(z)))
+    covariance = solved(factor, np.eye(len(z)))
     return State(
         p, columns, scales, weight, kappa, r, step, design, covariance, effective_dof, log_evidence, robust
     )

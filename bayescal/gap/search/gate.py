@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bayescal.distributions import chi2_sf, f_sf
 from bayescal.errors import BayescalError
+from bayescal.estimate.cholesky import factored, halved, solved
 from bayescal.gap.outcome.levels import log_predictive
 from bayescal.gap.settings import GATE
 from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED
@@ -241,7 +241,7 @@ def _whitened(h: ValidationErrors, use: np.ndarray, values: np.ndarray) -> np.nd
         mine = fold[use]
         by = h.by_parameters[use][mine] / h.noise[use][mine, None]
         factor = np.linalg.cholesky(np.eye(len(by)) + by @ by.T)
-        out[:, mine] = solve_triangular(factor, values[:, mine].T, lower=True).T
+        out[:, mine] = halved(factor, values[:, mine].T).T
     return out
 
 
@@ -250,10 +250,10 @@ def _low_rank(way: Sequence[ValidationErrors], mine: np.ndarray) -> tuple[float,
     held = way[-1]
     own = held.noise[mine] ** 2 + sum(c**2 for c in _changes([h.residual[mine] for h in way]))
     by, r = held.by_parameters[mine] / np.sqrt(own)[:, None], held.residual[mine] / np.sqrt(own)
-    factor = cho_factor(np.eye(by.shape[1]) + by.T @ by, lower=True)
+    factor = factored(np.eye(by.shape[1]) + by.T @ by)
     along = by.T @ r
-    chi2 = float(r @ r - along @ cho_solve(factor, along))
-    return chi2, float(np.sum(np.log(own)) + 2.0 * np.sum(np.log(np.diag(factor[0]))))
+    chi2 = float(r @ r - along @ solved(factor, along))
+    return chi2, float(np.sum(np.log(own)) + 2.0 * np.sum(np.log(np.diag(factor))))
 
 
 def _distances(way: Sequence[CentreDistances]) -> float:
