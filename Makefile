@@ -67,8 +67,8 @@ blind: $(VENV)/.test
 	test -f $(OUT)/blind/answers.json || $(BIN)/bayescal blind run $(OUT)/blind --workers $(WORKERS)
 	$(BIN)/bayescal blind score $(OUT)/blind --page docs/blind.md $(if $(NOTE),--note "$(NOTE)")
 
-bench: $(VENV)/.bench $(VENV)-pybotics/.bench
-	$(BIN)/python -m analysis.benchmarks --pybotics $(VENV)-pybotics/bin/python
+bench: $(VENV)/.bench $(VENV)-pybotics/.bench $(VENV)-figaroh/.bench
+	$(BIN)/python -m analysis.benchmarks --pybotics $(VENV)-pybotics/bin/python --figaroh $(VENV)-figaroh/bin/python
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -90,9 +90,9 @@ $(VENV)/.bench: pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[bench]"
 	touch $@ $(VENV)/.run
 
-$(VENV)-pybotics/.bench: analysis/benchmarks/requirements-pybotics.txt
-	$(PYTHON) -m venv $(VENV)-pybotics
-	$(VENV)-pybotics/bin/python -m pip install --quiet -r analysis/benchmarks/requirements-pybotics.txt
+$(VENV)-%/.bench: analysis/benchmarks/requirements-%.txt
+	$(PYTHON) -m venv $(VENV)-$*
+	$(VENV)-$*/bin/python -m pip install --quiet -r $<
 	touch $@
 
 clean:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,11 +21,12 @@ from analysis.benchmarks import (
     kernel_speed,
     page,
     peer_emcee,
-    peer_pybotics,
+    peer_packages,
     peer_scipy,
     problem,
     whole,
 )
+from analysis.benchmarks.package_worker import PACKAGES
 from bayescal.posterior import Density
 
 TOP = Path(__file__).parents[2]
@@ -54,7 +55,7 @@ def _kernel(given: problem.Problem) -> list[Row]:
     ]
 
 
-def _solver(given: problem.Problem, python: Path) -> list[Row]:
+def _solver(given: problem.Problem, pythons: Mapping[str, Path]) -> list[Row]:
     s = peer_scipy.measure(given)
     ours = s["ours_s"]
     said = (
@@ -62,13 +63,16 @@ def _solver(given: problem.Problem, python: Path) -> list[Row]:
         f"{s['scipy_steps']:.0f} steps) against {1e3 * ours:.2f} with covariance"
     )
     out: list[Row] = [("lm_vs_scipy_default", s["scipy_s"] / ours, said)]
-    p = peer_pybotics.measure(given, python)
-    if p is None:
-        return [*out, ("lm_vs_pybotics", None, "no environment with pybotics 3")]
-    ours = min(ours, peer_scipy.measure_ours(given))
-    scaled = ", one Jacobian scaled by the steps" if p["scaled"] else ""
-    said = f"{p['pybotics_s']:.2f} s for {p['parameters']:.0f} parameters, {p['steps']:.0f} steps{scaled}"
-    return [*out, ("lm_vs_pybotics", p["pybotics_s"] / ours, f"{said}, against {1e3 * ours:.2f} ms")]
+    for name in PACKAGES:
+        p = peer_packages.measure(given, name, pythons.get(name, peer_packages.python_of(name)))
+        if p is None:
+            out.append((f"lm_vs_{name}", None, f"no environment with {name}"))
+            continue
+        ours = min(s["ours_s"], peer_scipy.measure_ours(given))
+        scaled = ", one Jacobian scaled by the steps" if p["scaled"] else ""
+        said = f"{p['seconds']:.2f} s for {p['parameters']:.0f} parameters, {p['steps']:.0f} steps{scaled}"
+        out.append((f"lm_vs_{name}", p["seconds"] / ours, f"{said}, against {1e3 * ours:.2f} ms"))
+    return out
 
 
 def _sampler(given: problem.Problem) -> tuple[list[Row], list[Row]]:
@@ -112,7 +116,7 @@ def _sampler(given: problem.Problem) -> tuple[list[Row], list[Row]]:
 
 
 def measure(
-    folder: Path, python: Path, sizes: Sequence[int] = growth.CONTACTS
+    folder: Path, pythons: Mapping[str, Path], sizes: Sequence[int] = growth.CONTACTS
 ) -> tuple[dict[str, Any], list[Row]]:
     """The contents of `bench.json` and the rows of the table.
 
@@ -120,13 +124,13 @@ def measure(
     ----------
     folder : Path
         The dataset of all ratios.
-    python : Path
-        A Python with pybotics 3.
+    pythons : mapping of str to Path
+        A Python with each of `PACKAGES`; default: that of `.venv-NAME`.
     sizes : sequence of int
         Contacts of the sessions on which growth is measured.
     """
     given = problem.load(folder)
-    rows = [*_kernel(given), *_solver(given, python)]
+    rows = [*_kernel(given), *_solver(given, pythons)]
     samplers, aside = _sampler(given)
     rows += samplers
     fit = whole.second_run(folder)
@@ -165,12 +169,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m analysis.benchmarks", description=__doc__)
     parser.add_argument("--dataset", type=Path, default=TOP / DATASET)
     parser.add_argument("--out", type=Path, default=TOP / "bench.json")
-    parser.add_argument("--pybotics", type=Path, default=peer_pybotics.PYTHON, help="Python with pybotics 3")
+    for name in PACKAGES:
+        own = peer_packages.python_of(name)
+        parser.add_argument(f"--{name}", type=Path, default=own, help=f"Python with {name}")
     parser.add_argument("--sizes", type=int, nargs="*", default=growth.CONTACTS, help="Contacts, for growth")
     parser.add_argument("--page", type=Path, default=TOP / "docs/benchmarks.md", help="The page to update")
     given = parser.parse_args()
     with threadpool_limits(1):
-        record, rows = measure(given.dataset, given.pybotics, given.sizes)
+        record, rows = measure(given.dataset, {name: getattr(given, name) for name in PACKAGES}, given.sizes)
     title = f"{record['contacts']} contacts, {record['parameters']} parameters, one core"
     table = Table("ratio", "value", "raw numbers", title=title)
     for name, value, said in rows:

@@ -11,7 +11,16 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from analysis.benchmarks import effective, flops, growth, page, peer_pybotics, peer_scipy, problem
+from analysis.benchmarks import (
+    effective,
+    flops,
+    growth,
+    package_worker,
+    page,
+    peer_packages,
+    peer_scipy,
+    problem,
+)
 from bayescal.arm.chain import Chain
 from bayescal.arm.motion import Motion, Term
 from bayescal.estimate import linearise, solve
@@ -147,35 +156,37 @@ def test_nuts_samples_the_posterior(small, name):
     assert np.max(np.abs(np.log(draws.std(axis=0) / sd))) < 0.35
 
 
-def test_export_to_pybotics(small):
-    given = peer_pybotics.export(small)
+def test_export_to_packages(small):
+    given = peer_packages.export(small)
     names = [small.model.parameters[k].name for k in given["index"]]
     assert not any(name.startswith(("beta", "compliance")) for name in names)
     assert given["entry"].size == len(names) == len(set(given["entry"].tolist()))
     assert {"a2", "alpha2", "d3", "theta4", "ball z"} <= set(names)
 
 
-def _pybotics() -> str:
+def _there(package: str) -> bool:
     try:
-        return version("pybotics")
+        return version(package).startswith({"pybotics": "3.", "figaroh": "1."}[package])
     except PackageNotFoundError:
-        return ""
+        return False
 
 
-@pytest.mark.skipif(not _pybotics().startswith("3."), reason="pybotics 3 is not installed")
-def test_residuals_of_pybotics(small):
-    from analysis.benchmarks import pybotics_worker
-
-    given = peer_pybotics.export(small)
-    residuals, size = pybotics_worker.residual_function(given)
-    z = np.random.default_rng(0).normal(size=size)
+@pytest.mark.parametrize("package", package_worker.PACKAGES)
+def test_residuals_of_packages(small, package):
+    if not _there(package):
+        pytest.skip(f"{package} is not installed")
+    given = peer_packages.export(small)
+    residuals, size = package_worker.residual_function(package, given)
+    z = 1e-3 * np.random.default_rng(0).normal(size=size)  # products of errors have another order in FIGAROH
     whole = np.zeros(small.model.size)
-    # what pybotics lacks stays as drawn
+    # what a package lacks stays as drawn
     whole[: small.motion.size] = -small.model.shift / small.model.sd
     whole[given["index"]] = z[: len(given["index"])]
     for block, own in zip(small.model.blocks, z[len(given["index"]) :].reshape(-1, 3), strict=True):
         whole[small.model.slices[block.target]] = own
-    np.testing.assert_allclose(residuals(z)[:48], peer_scipy.residual_function(small)(whole)[:48], atol=1e-8)
+    expected = peer_scipy.residual_function(small)(whole)[:48]
+    np.testing.assert_allclose(residuals(z)[:48], expected, atol=1e-6)
+    assert np.max(np.abs(expected - residuals(0.0 * z)[:48])) > 1e-2
 
 
 def test_same_start_same_end(small):

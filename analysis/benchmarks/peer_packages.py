@@ -1,8 +1,8 @@
-"""Our Levenberg-Marquardt against a calibration with pybotics 3, in an environment of its own.
+"""Our Levenberg-Marquardt against calibrations with pybotics 3 and FIGAROH 1, each in its own environment.
 
-pybotics knows neither stiffness nor Hayati's angle, so it fits fewer parameters: the lengths,
-twists and zeros of the rows, the tool and the faces. It needs NumPy 1, hence the second
-environment; the contacts go there in a file.
+They fit fewer parameters: the lengths, twists and zeros of the rows, the tool and the faces. pybotics knows
+neither stiffness nor Hayati's angle, and FIGAROH fits the same here. What they require excludes each other,
+hence the environments; the contacts go there in a file.
 """
 
 from __future__ import annotations
@@ -19,15 +19,14 @@ import numpy as np
 from analysis.benchmarks.problem import Problem
 
 TOP = Path(__file__).parents[2]
-PYTHON = TOP / ".venv-pybotics" / "bin" / "python"
-COLUMN = {"rx": 0, "tx": 1, "rz": 2, "tz": 3}  # of pybotics' rows: alpha, a, theta, d
+COLUMN = {"rx": 0, "tx": 1, "rz": 2, "tz": 3}  # of a row: alpha, a, theta, d
 
 
 def export(problem: Problem) -> dict[str, Any]:
     """The problem as arrays; `entry` counts the rows' entries, then the tool's x, y, z."""
     model, chain = problem.model, problem.motion.chain
     robot, n = model.scene.dataset.robot, chain.n
-    assert robot.convention == "mdh", "pybotics' chain is of modified DH rows"
+    assert robot.convention == "mdh", "the chain is of modified DH rows"
     entry, sd, index = [], [], []
     for k, parameter in enumerate(model.parameters):
         (term, *more) = parameter.terms
@@ -59,14 +58,19 @@ def export(problem: Problem) -> dict[str, Any]:
     }
 
 
-def measure(problem: Problem, python: Path = PYTHON) -> dict[str, float] | None:
-    """What `pybotics_worker` reports when run by `python`, or None where that is not there."""
+def python_of(package: str) -> Path:
+    """The Python of the environment that `make bench` makes for a package."""
+    return TOP / f".venv-{package}" / "bin" / "python"
+
+
+def measure(problem: Problem, package: str, python: Path) -> dict[str, float] | None:
+    """What `package_worker` reports when run by `python`, or None where that is not there."""
     if not python.exists():
         return None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "problem.npz"
         np.savez(path, **export(problem))
-        command = [str(python), "-m", "analysis.benchmarks.pybotics_worker", str(path)]
+        command = [str(python), "-m", "analysis.benchmarks.package_worker", package, str(path)]
         environment = {**os.environ, "PYTHONPATH": str(TOP)}
         done = subprocess.run(command, cwd=TOP, env=environment, capture_output=True, text=True, check=True)
     out: dict[str, float] = json.loads(done.stdout)
