@@ -83,7 +83,7 @@ def headline(gap: Gap) -> list[str]:
     lines += [f"Also found: {named(n, gap)}" for n in verdict.named[1:]]
     if verdict.kind == "named+unexplained":
         names = possible(verdict.probability, verdict.credible_set90, {n.effect for n in verdict.named})
-        further = f"a further effect, {listed(names, 'or')}" if names else OUTSIDE
+        further = f"a further effect ({listed(names, 'or')})" if names else OUTSIDE
         lines += [f"Also: {further}, {there}", *_cause(at, gap)]
     return lines
 
