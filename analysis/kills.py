@@ -2,9 +2,12 @@
 
 Half of the kills come at any time of a command, the other half while it writes. Every second run has an
 earlier result in its folder. After each kill the files are compared with their list, and the next command's
-first step must leave nothing beside them.
+first step must leave nothing beside them. Processes that the killed command had started must end too.
 
-Run from the top of the project: ``python -m analysis.kills --kills 100 --seed 0``.
+A run that ends before its kill does not count. What the commands need, and what each kill left, are kept in
+`--out`: an interrupted run goes on where it stopped, and a larger number of kills adds to it.
+
+Run from the top of the project: ``python -m analysis.kills --kills 100 --seed 0 --out /tmp/kills``.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -26,12 +29,13 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.arm.nominal import NominalArm
+from bayescal.beside import CHECKPOINT
 from bayescal.folders import LIST, claimed
 from bayescal.robots import load_robot
 
 TOP = Path(__file__).parents[1]
 SESSION = TOP / "data" / "lrmate200ic-cube"
-RUN, LOG = "run", "log.csv"
+RUN, LOG, TIMES = "run", "log.csv", "seconds.json"
 SIDECAR = ".bayescal.json"
 HARD = 9
 """SIGKILL."""
@@ -39,6 +43,10 @@ WRITING = 1.5
 """Seconds within which a command is killed after its first unfinished file has appeared, at most."""
 POLL = 0.002
 """Seconds between looks for an unfinished file."""
+ENDING = 20.0
+"""Seconds within which the processes that a killed command had started must end."""
+ATTEMPTS = 5
+"""Runs for each kill, at most: a run may end before its kill."""
 
 
 @dataclass(frozen=True)
@@ -79,13 +87,32 @@ COMMANDS = {
 }
 
 
-def prepared(folder: Path, needs: set[str]) -> None:
-    """Write what commands need: a fit, and a log of 40 poses."""
-    if RUN in needs:
+def prepared(folder: Path, names: Sequence[str]) -> dict[str, float]:
+    """Write what commands need and a result of each into `folder`, where they are kept; seconds of each.
+
+    Raises
+    ------
+    SystemExit
+        If a command fails without a kill.
+    """
+    needs = {need for name in names for need in COMMANDS[name].needs}
+    folder.mkdir(parents=True, exist_ok=True)
+    if LOG in needs and not (folder / LOG).exists():
+        write_log(folder / LOG)
+    if RUN in needs and not (folder / RUN).exists():
         words = ("fit", str(SESSION), "--samples", "0", "--no-pictures", "--out", RUN)
-        call(Command(words, RUN), folder).wait()
-    if LOG not in needs:
-        return
+        ended(Command(words, RUN), folder)
+    times = folder / TIMES
+    seconds = json.loads(times.read_text(encoding="utf-8")) if times.exists() else {}
+    for name in names:
+        if name not in seconds:
+            seconds[name] = ended(COMMANDS[name], folder)
+            times.write_text(json.dumps(seconds), encoding="utf-8")
+    return seconds
+
+
+def write_log(path: Path) -> None:
+    """A log of 40 poses."""
     robot, _ = load_robot("fanuc-lrmate200ic")
     arm = NominalArm(robot, np.array([0.06, 0.0, 0.12]))
     readings = np.random.default_rng(1).uniform(-0.6, 0.6, (40, 6))
@@ -93,17 +120,26 @@ def prepared(folder: Path, needs: set[str]) -> None:
     lines = ["Point,A1,A2,A3,A4,A5,A6,X,Y,Z"]
     for k, row in enumerate(np.column_stack([np.degrees(readings), points])):
         lines.append(f"p{k}," + ",".join(f"{value:.6f}" for value in row))
-    (folder / LOG).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def ended(command: Command, folder: Path) -> float:
+    """Run a command to its end; the seconds that it took."""
+    begin = time.monotonic()
+    if call(command, folder).wait():
+        raise SystemExit(f"{command.words[0]} fails without a kill")
+    return time.monotonic() - begin
 
 
 def call(command: Command, folder: Path) -> subprocess.Popen[bytes]:
-    """Start a command in a folder."""
+    """Start a command in a folder, as the first process of a group."""
     return subprocess.Popen(
         [sys.executable, "-m", "bayescal.cli", *command.words],
         cwd=folder,
         env=os.environ | {"PYTHONPATH": str(TOP)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        start_new_session=True,
     )
 
 
@@ -132,12 +168,19 @@ def state(command: Command, folder: Path, before: dict[str, str]) -> str:
 
 
 def hidden(folder: Path) -> list[str]:
-    """Names of what is unfinished in a folder."""
-    return sorted(p.name for p in folder.iterdir() if p.name.startswith("."))
+    """Names of what is unfinished in a folder, except the checkpoint from which a fit goes on."""
+    names = (p.name for p in folder.iterdir())
+    return sorted(name for name in names if name.startswith(".") and not name.endswith(CHECKPOINT))
 
 
 def killed(command: Command, folder: Path, wait: float, writing: bool) -> bool:
-    """Start a command and kill it; whether it was still running."""
+    """Start a command and kill it; whether it was still running.
+
+    Raises
+    ------
+    SystemExit
+        If a process that it had started goes on.
+    """
     process = call(command, folder)
     if writing:
         while process.poll() is None and not any(name.endswith(".part") for name in hidden(folder)):
@@ -146,7 +189,22 @@ def killed(command: Command, folder: Path, wait: float, writing: bool) -> bool:
         process.wait(wait)
     except subprocess.TimeoutExpired:
         process.kill()
-    return process.wait() == -HARD
+    code, begin = process.wait(), time.monotonic()
+    while group_runs(process.pid):
+        if time.monotonic() - begin > ENDING:
+            os.killpg(process.pid, HARD)
+            raise SystemExit(f"{command.words[0]}: a process that it had started goes on after the kill")
+        time.sleep(POLL)
+    return code == -HARD
+
+
+def group_runs(group: int) -> bool:
+    """Whether a process of a group is alive."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 def copied(source: Path, target: Path) -> None:
@@ -157,10 +215,12 @@ def copied(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
 
 
-def attempt(command: Command, top: Path, ready: Path, wait: float, writing: bool) -> tuple[str, ...]:
-    """Kill a command once, over an earlier result where `ready` has one; findings, by name."""
+def attempt(
+    command: Command, top: Path, ready: Path, earlier: bool, wait: float, writing: bool
+) -> tuple[str, ...]:
+    """Kill a command once, over an `earlier` result that `ready` has; findings, by name."""
     folder = Path(tempfile.mkdtemp(dir=top))
-    for name in {*command.needs, command.out, command.out + SIDECAR}:
+    for name in {*command.needs, *((command.out, command.out + SIDECAR) if earlier else ())}:
         copied(ready / name, folder / name)
     before = contents(folder / command.out)
     running = killed(command, folder, wait, writing)
@@ -179,7 +239,7 @@ def attempt(command: Command, top: Path, ready: Path, wait: float, writing: bool
 
 
 def kills(names: Sequence[str], count: int, seed: int, top: Path) -> dict[str, Counter[str]]:
-    """Kill each of the commands in turn, `count` times in total; findings of each, counted.
+    """Kill the commands in turn, until `count` kills came in time; findings of each command, counted.
 
     Parameters
     ----------
@@ -188,32 +248,36 @@ def kills(names: Sequence[str], count: int, seed: int, top: Path) -> dict[str, C
     count, seed : int
         Number of kills, and seed of their times.
     top : Path
-        An empty folder for the runs.
+        A folder of its own for the prepared runs and the list of kills; what it contains is not repeated.
     """
-    rng = np.random.default_rng(seed)
-    ready, empty = top / "ready", top / "empty"
-    ready.mkdir()
-    empty.mkdir()
-    needs = {need for name in names for need in COMMANDS[name].needs}
-    prepared(ready, needs)
-    seconds = {}
-    for name in names:
-        begin = time.monotonic()
-        if call(COMMANDS[name], ready).wait():
-            raise SystemExit(f"{name} fails without a kill")
-        seconds[name] = time.monotonic() - begin
-    for need in needs:
-        copied(ready / need, empty / need)
+    ready, record = top / "ready", top / f"{seed}-{'-'.join(names)}.jsonl"
+    seconds = prepared(ready, names)
+    lines = record.read_text(encoding="utf-8").splitlines(True) if record.exists() else []
+    done = [json.loads(line) for line in lines if line.endswith("\n")]
+    record.write_text("".join(json.dumps(own) + "\n" for own in done), encoding="utf-8")
     found: dict[str, Counter[str]] = {name: Counter() for name in names}
-    for k in range(count):
-        name, writing = names[k % len(names)], bool(k // len(names) % 2)
-        wait = float(rng.uniform(0, min(WRITING, seconds[name]) if writing else seconds[name]))
-        if writing:
-            wait *= float(rng.uniform()) ** 2  # most of the files are written soon
-        earlier = bool(k // len(names) // 2 % 2)
-        found[name].update(attempt(COMMANDS[name], top, ready if earlier else empty, wait, writing))
-        found[name]["runs"] += 1
+    for name, *own in done:
+        found[name].update(own)
+    with record.open("a", encoding="utf-8") as log:
+        for k in range(len(done), ATTEMPTS * count):
+            if sum(own["killed"] for own in found.values()) >= count:
+                break
+            name, *own = names[k % len(names)], "runs", *one(names, k, seed, seconds, top)
+            found[name].update(own)
+            log.write(json.dumps([name, *own]) + "\n")
+            log.flush()
     return found
+
+
+def one(names: Sequence[str], k: int, seed: int, seconds: Mapping[str, float], top: Path) -> tuple[str, ...]:
+    """Run `k`: the command, the time of its kill, and whether there is an earlier result; its findings."""
+    rng = np.random.default_rng([seed, k])
+    name, turn = names[k % len(names)], k // len(names)
+    writing, earlier = bool(turn % 2), bool(turn // 2 % 2)
+    wait = float(rng.uniform(0, min(WRITING, seconds[name]) if writing else seconds[name]))
+    if writing:
+        wait *= float(rng.uniform()) ** 2  # most of the files are written soon
+    return attempt(COMMANDS[name], top, top / "ready", earlier, wait, writing)
 
 
 COLUMNS = ("runs", "killed", "left parts", "nothing", "earlier", "new", "DAMAGED")
@@ -233,9 +297,9 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--commands", nargs="+", choices=COMMANDS, default=list(COMMANDS))
+    parser.add_argument("--out", type=Path, default=Path("runs/kills"), help="kept, to go on from")
     asked = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        found = kills(asked.commands, asked.kills, asked.seed, Path(folder))
+    found = kills(asked.commands, asked.kills, asked.seed, asked.out.resolve())
     print(table(found))
     if any(own["DAMAGED"] for own in found.values()):
         raise SystemExit(1)

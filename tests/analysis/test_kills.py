@@ -1,6 +1,7 @@
 """The kills of `analysis.kills` in small, and what its judgement sees."""
 
 import json
+import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
@@ -9,15 +10,38 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from analysis.kills import COMMANDS, SIDECAR, contents, kills, state
+from analysis.kills import COMMANDS, SIDECAR, contents, killed, kills, state
 from bayescal.folders import whole
 
 
 def test_killed_commands_leave_nothing_or_a_complete_result(tmp_path):
     found = sum(kills(["init"], 4, 1, tmp_path).values(), Counter())
-    assert found["runs"] == 4
+    assert found["killed"] == 4
     assert not found["DAMAGED"]
-    assert found["killed"]
+    assert found["runs"] == found["nothing"] + found["earlier"] + found["new"]
+
+
+def test_kills_go_on_where_they_stopped(tmp_path, monkeypatch):
+    made = []
+    monkeypatch.setattr("analysis.kills.prepared", lambda *_: {"init": 1.0})
+    monkeypatch.setattr("analysis.kills.attempt", lambda *call: made.append(call[3:]) or ("new", "killed"))
+    whole = kills(["init"], 9, 1, tmp_path)
+    for path in tmp_path.glob("*.jsonl"):
+        path.write_text("".join(path.read_text().splitlines(True)[:5]) + '["in')
+    assert kills(["init"], 9, 1, tmp_path) == whole
+    assert kills(["init"], 9, 1, tmp_path) == whole
+    assert made[9:] == made[5:9]
+
+
+def test_what_a_killed_command_started_must_end(tmp_path, monkeypatch):
+    command = "import subprocess, sys, time; subprocess.Popen(['sleep', '60']); time.sleep(60)"
+    monkeypatch.setattr("analysis.kills.ENDING", 0.1)
+    monkeypatch.setattr(
+        "analysis.kills.call",
+        lambda *_: subprocess.Popen([sys.executable, "-c", command], start_new_session=True),
+    )
+    with pytest.raises(SystemExit, match="goes on after the kill"):
+        killed(COMMANDS["fit"], tmp_path, 1.0, False)
 
 
 def written(folder, text):

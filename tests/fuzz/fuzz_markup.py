@@ -59,7 +59,7 @@ def _pick(rng: Rng, values: Any) -> Any:
 
 
 def _tree(change: Callable[[ET.Element, Rng], None]) -> Change:
-    """A change of the tree of an XML text; of text that is no XML, none."""
+    """A change of the tree of an XML text; none of a text that is no XML or has too many levels to be written."""
 
     def run(text: bytes, rng: Rng) -> bytes:
         try:
@@ -67,7 +67,10 @@ def _tree(change: Callable[[ET.Element, Rng], None]) -> Change:
         except (ET.ParseError, ValueError, LookupError):
             return text
         change(root, rng)
-        return ET.tostring(root, encoding="utf-8")
+        try:
+            return ET.tostring(root, encoding="utf-8")
+        except RecursionError:
+            return text
 
     return run
 
