@@ -32,6 +32,7 @@ from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
 from bayescal.posterior.checkpoint import Checkpoint
 from bayescal.predict import Forecast, Validation, forecast, validate
+from bayescal.predict.rows import check_located
 from bayescal.streams import spawned
 
 VALIDATION_DRAWS = 2000
@@ -139,6 +140,7 @@ def fit(
         check_tolerance(tolerance)
     scene = Scene(dataset, oriented=True)
     check_enough(scene)
+    check_located(scene)
     of_draws, of_sampler, of_causes, of_noise, of_forecast, of_discrepancy = spawned(seed, 6)
     steps = _steps(effects)
     levels: list[ModelLevel] = []

@@ -35,6 +35,7 @@ from bayescal.model.parts import Part, parts_of
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.errors import kept
+from bayescal.predict.rows import check_located
 from bayescal.streams import spawned
 
 
@@ -74,6 +75,7 @@ def diagnose(
     parts = parts_of(without, effects)
     scene = Scene(dataset, oriented=True)
     check_enough(scene)
+    check_located(scene)
     found = explain(scene, effects, robust, prior_width, parts, progress)
     first, last, promoted, final = found.first, found.last, found.promoted, found.final
     before, after, members = found.before, found.after, last.decision.members

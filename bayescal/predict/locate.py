@@ -29,6 +29,10 @@ SUSPICIOUS = 2.0
 """Least-squares residual over the noise, from which on slipped contacts are searched for."""
 
 
+class AmbiguousPositionError(BayescalError):
+    """Two positions of a target explain its rows equally well."""
+
+
 @dataclass(frozen=True)
 class States:
     """S solutions: states of a target, shifts of the centre of its tool, and their cost."""
@@ -158,7 +162,9 @@ def locate(
     Raises
     ------
     BayescalError
-        If the search does not converge, or another position explains the rows equally well.
+        If the search does not converge.
+    AmbiguousPositionError
+        If another position explains the rows equally well.
     """
     begin = starts(kind, p)
     every = np.broadcast_to(p, (len(begin), *p.shape))
@@ -219,7 +225,7 @@ def _check(name: str, found: States, chosen: States, kind: Kind, strict: bool) -
         other = int(np.argmax(rival))
         lengths = np.array([unit == "m" for _, unit in kind.parts])
         apart = 1e3 * float(np.linalg.norm((found.x[other] - chosen.x[0])[lengths]))
-        raise BayescalError(
+        raise AmbiguousPositionError(
             f"target {name} cannot be located from its rows: two places {apart:.3g} mm apart explain them "
             "equally well",
             "dataset.yaml",

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.estimate import Estimate
-from bayescal.model import ARM, Block
+from bayescal.errors import BayescalError
+from bayescal.estimate import Estimate, linearise, unit_weights
+from bayescal.model import ARM, Block, Model, with_parameters
 from bayescal.model.scene import Scene
+from bayescal.predict.locate import AmbiguousPositionError
 from bayescal.predict.targets import LocatedTarget, carrying, located_target, noise_of, slopes_of
 
 
@@ -88,21 +90,58 @@ def prepared(estimate: Estimate, loose: bool = False, strict: bool = True) -> Pr
     scene, model = estimate.model.scene, estimate.model
     certified = certified_diameters(scene)
     rows = scene.rows("validate")
+    by = dict(_located_apart(scene, model))
     out, located, free = [], {}, {}
     for t in map(int, np.unique(scene.dataset.measurements.target[rows])):
         name, own = scene.dataset.targets[t].name, scene.rows_of(t, rows)
-        if name in model.block_of:
+        if t not in by:
             out.append(predicted_rows(estimate, model.block(t, own)))
             continue
-        apart = scene.rows_of(t, scene.rows("locate"))
-        found = scene.declared[t].found
         u = certified.get(name)
-        located[name] = located_target(estimate, t, own if found or not len(apart) else apart, u, strict)
-        if not found:
+        located[name] = located_target(estimate, t, by[t], u, strict)
+        if not scene.declared[t].found:
             out.append(predicted_rows(estimate, model.block(t, own), located[name]))
         elif loose:
             free[name] = located[name] if u is None else located_target(estimate, t, own, None, strict)
     return Prepared(tuple(out), located, free)
+
+
+def check_located(scene: Scene) -> None:
+    """Refuse targets whose rows leave two positions equally probable for any arm, before the arm is fitted.
+
+    Only targets with no more values than unknowns are looked at: their residuals vanish whatever the arm, and
+    the prior alone decides between two positions. All others are decided with the fitted arm.
+
+    Raises
+    ------
+    AmbiguousPositionError
+        With the target and the distance of the two positions.
+    """
+    model = with_parameters(scene, (), ())
+    z = np.zeros(model.size)
+    weights = unit_weights(model, z)
+    linear = linearise(model, z, weights)
+    nominal = Estimate(model, z, np.eye(model.size), weights, linear, 0, np.zeros(0, int), {})
+    certified = certified_diameters(scene)
+    for t, rows in _located_apart(scene, model):
+        block = model.block(t, rows)
+        if block.residuals > block.size:
+            continue
+        try:
+            located_target(nominal, t, rows, certified.get(scene.dataset.targets[t].name))
+        except AmbiguousPositionError:
+            raise
+        except BayescalError:  # a search that does not converge with the nominal arm may do so when fitted
+            continue
+
+
+def _located_apart(scene: Scene, model: Model) -> Iterator[tuple[int, np.ndarray]]:
+    """Targets with validation rows that are not fitted, and the rows that locate them."""
+    rows = scene.rows("validate")
+    for t in map(int, np.unique(scene.dataset.measurements.target[rows])):
+        if scene.dataset.targets[t].name not in model.block_of:
+            own, apart = scene.rows_of(t, rows), scene.rows_of(t, scene.rows("locate"))
+            yield t, own if scene.declared[t].found or not len(apart) else apart
 
 
 def certified_diameters(scene: Scene) -> dict[str, float]:

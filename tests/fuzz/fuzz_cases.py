@@ -236,7 +236,7 @@ def judged(ran: Ran, out: Path, folder: Path) -> tuple[str, str]:
     if ran.trouble:
         return "FAIL", ran.trouble
     if ran.code == 0:
-        return _accepted(ran, out)
+        return _accepted(ran, out, folder)
     lines = ran.error.strip().splitlines()
     if ran.code != 1:
         return "FAIL", f"exit code {ran.code}: {lines[-1][:60] if lines else ''}"
@@ -260,10 +260,12 @@ def judged(ran: Ran, out: Path, folder: Path) -> tuple[str, str]:
     return "refused", ""
 
 
-def _accepted(ran: Ran, out: Path) -> tuple[str, str]:
+def _accepted(ran: Ran, out: Path, folder: Path) -> tuple[str, str]:
     if re.search(r"[\x00-\x08\x0b-\x1f\x7f]", ran.output + ran.error):
         return "FAIL", "control characters in the output"
-    if found := re.search(r"(?<![\w`'])(nan|-?inf)(?![\w`'])", ran.output):
+    names = _names(folder / "in")
+    numbers = re.finditer(r"(?<![\w`'])(nan|-?inf)(?![\w`'])", ran.output)
+    if found := next((m for m in numbers if m[0] not in names), None):
         return (
             "FAIL",
             f"{found[0]} in the output: {ran.output[max(0, found.start() - 40) : found.end()][-60:]!r}",
@@ -276,6 +278,14 @@ def _accepted(ran: Ran, out: Path) -> tuple[str, str]:
         except ValueError as error:
             return "FAIL", f"{path.name}: {error}"
     return "accepted", ""
+
+
+def _names(folder: Path) -> set[str]:
+    """Which of the words for numbers that are not finite are keys of YAML, that is names of a user."""
+    text = b"\n".join(
+        p.read_bytes() for p in sorted(folder.rglob("*.yaml")) if p.is_file() and os.access(p, os.R_OK)
+    )
+    return {found.decode() for found in re.findall(rb"(?<![^\s{,])(nan|-?inf):", text)}
 
 
 def _refuse(constant: str) -> float:

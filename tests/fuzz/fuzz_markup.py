@@ -59,7 +59,7 @@ def _pick(rng: Rng, values: Any) -> Any:
 
 
 def _tree(change: Callable[[ET.Element, Rng], None]) -> Change:
-    """A change of the tree of an XML text; none of a text that is no XML or has too many levels to be written."""
+    """A change of the tree of an XML text; none of text that is no XML or too deep to be written."""
 
     def run(text: bytes, rng: Rng) -> bytes:
         try:

@@ -1,6 +1,7 @@
 """A small run of the fuzzer (`make fuzz` makes 10,000 cases), and classes that once failed."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,10 +10,14 @@ from fuzz_cases import FIT, case, run
 from fuzz_mutations import PLAUSIBLE
 from fuzz_seeds import datasets
 
+from bayescal import calibration
 from bayescal.dataset import read_dataset
 from bayescal.dataset.checks.certified import contradictions
 from bayescal.errors import BayescalError
 from bayescal.estimate import check_converged
+from bayescal.model.scene import Scene
+from bayescal.predict.locate import AmbiguousPositionError
+from bayescal.predict.rows import check_located
 
 SEED = 0
 CASES = 40
@@ -89,3 +94,16 @@ def test_a_smaller_contradiction_is_stated_by_the_fit(tmp_path):
 def test_every_plausible_change_changes_a_seed():
     for name, change in PLAUSIBLE.items():
         assert any(change(files) != files for files in datasets().values()), name
+
+
+def test_rows_that_determine_no_place_are_refused_before_the_arm_is_fitted(tmp_path, monkeypatch):
+    """A sphere of one contact and four unknowns: the prior of its place decides."""
+    for file, content in datasets()["tiny"].items():
+        (tmp_path / file).write_bytes(content)
+    session = read_dataset(tmp_path)
+    monkeypatch.setattr(calibration, "calibrated", None)
+    monkeypatch.setattr(calibration, "estimate", None)
+    with pytest.raises(AmbiguousPositionError, match=r"target ball\.A .* two places .* mm apart"):
+        calibration.fit(session)
+    targets = tuple(replace(t, u=20e-6) if t.name == "ball.A" else t for t in session.targets)
+    check_located(Scene(replace(session, targets=targets)))
