@@ -21,7 +21,7 @@ def simulate(
     effects: str = typer.Option(
         "geometry,compliance", help="Effects of the simulated arm, separated by commas."
     ),
-    error_scale: float = typer.Option(1.0, help="Factor on all errors of the arm."),
+    error_scale: float = typer.Option(1.0, help="Factor on all errors of the arm, at most 4."),
     contacts: int = typer.Option(500, help="Plane contacts for calibration, including repeats."),
     later: int = typer.Option(60, help="Plane contacts for validation."),
     repeats: int = typer.Option(15, help="Contacts that are measured four times."),

@@ -12,6 +12,9 @@ from bayescal.errors import BayescalError
 
 GROUP = 4  # contacts of a repeat group
 FEWEST_ON_SPHERE = 6
+LARGEST_SCALE = 4.0
+"""Error scale from which on a parameter is usually further from nominal than a fit accepts without a warning
+(`assess.findings.FAR` prior standard deviations); contacts on spheres miss them from about 5 on."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,11 @@ class Options:
             value = getattr(self, option)
             if not (np.isfinite(value) and value >= 0):
                 raise BayescalError("a negative value makes no sense", flag(option), "give 0 or more")
+        if self.error_scale > LARGEST_SCALE:
+            what = (
+                f"{self.error_scale:g} times its tolerances is no error of an arm that a calibration corrects"
+            )
+            raise BayescalError(what, "--error-scale", f"give {LARGEST_SCALE:g} or less")
         for name in self.effects:
             if (effect := plain(name)) not in EFFECTS:
                 what = f"no effect is called '{effect}'"

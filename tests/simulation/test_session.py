@@ -10,6 +10,7 @@ from simulated import LITTLE, lrmate, robot_file
 from typer.testing import CliRunner
 
 from bayescal.arm.chain import link_angles, wrenches
+from bayescal.assess.findings import FAR
 from bayescal.cli import app
 from bayescal.collision import Clearance, path_free, scene_of
 from bayescal.dataset import read_dataset
@@ -18,6 +19,7 @@ from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
 from bayescal.simulation.folder import summary, write
+from bayescal.simulation.options import LARGEST_SCALE
 from bayescal.simulation.reach import Arm
 
 
@@ -182,7 +184,7 @@ def test_every_effect_can_be_simulated(name, tmp_path):
         ({"contacts": 5}, "--contacts: "),
         ({"repeats": 200}, "--repeats: "),
         ({"sphere_contacts": 3}, "--sphere-contacts: "),
-        ({"error_scale": 60.0}, "smaller --error-scale"),
+        ({"error_scale": 4.1}, "--error-scale: 4.1 times its tolerances is no error of an arm"),
         ({"error_scale": float("nan")}, "--error-scale: "),
     ],
 )
@@ -193,6 +195,17 @@ def test_what_cannot_be_is_refused_in_one_line(options, words, tmp_path):
         simulate(replace(Options(**LITTLE), **options))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_largest_error_scale_is_that_from_which_on_a_fit_warns():
+    replace(Options(), error_scale=LARGEST_SCALE).check()
+    assert LARGEST_SCALE == FAR
+
+
+def test_a_target_that_the_arm_misses_is_named():
+    """The largest error scale, on the smallest targets, with an unfavourable seed."""
+    with pytest.raises(BayescalError, match=r"does not touch ball\..*give a smaller --error-scale"):
+        simulate(Options(error_scale=LARGEST_SCALE, seed=2, contacts=16, later=0, repeats=0))
 
 
 def test_command_replaces_only_what_it_has_written(tmp_path):
