@@ -30,6 +30,8 @@ from bayescal.reading import read_record
 
 SCHEMA = "bayescal-arm/1"
 ARM_FILE, COPY = "arm.json", "dataset"
+ROUNDING = 1e-6
+"""Of a covariance over its standard deviations: beyond, it was changed by hand."""
 
 
 def arm_record(arm: FittedArm) -> dict[str, Any]:
@@ -124,8 +126,8 @@ def read_arm(folder: Path) -> FittedArm:
         return _arm(record, folder)
     except KeyError as error:
         raise BayescalError(f"{error} is missing", str(path), repeat) from None
-    except (TypeError, ValueError) as error:
-        raise BayescalError(f"incomplete: {error}", str(path), repeat) from None
+    except (AttributeError, IndexError, TypeError, ValueError) as error:
+        raise BayescalError(f"incomplete or changed: {error}", str(path), repeat) from None
 
 
 def _copies(names: Sequence[str], folder: Path) -> list[Path]:
@@ -144,6 +146,25 @@ def _prior(p: Parameter, entry: dict[str, Any]) -> Parameter:
     factor = UNITS[p.unit][1]
     mean = entry["prior_mean"] / factor
     return replace(p, sd=entry["prior_sd"] / factor, mean=p.mean if p.centre == mean else mean)
+
+
+def _covariance(entries: Any, count: int) -> np.ndarray:
+    """A covariance (P, P) of so many parameters, symmetric and without negative variances.
+
+    Raises
+    ------
+    ValueError
+        Otherwise, beyond rounding.
+    """
+    out = np.array(entries, float).reshape(count, count)
+    sd = np.sqrt(np.maximum(np.diag(out), 0.0))
+    each = np.divide(1.0, sd, out=np.zeros(count), where=sd > 0)
+    scaled, most = out * np.outer(each, each), np.outer(sd, sd)
+    within = np.all(np.abs(out) <= (1.0 + ROUNDING) * most)  # also where a variance is 0 or negative
+    symmetric = np.all(np.abs(out - out.T) <= ROUNDING * most)
+    if not (within and symmetric and np.all(np.linalg.eigvalsh(scaled) > -ROUNDING)):
+        raise ValueError("`covariance_si` is no covariance")
+    return out
 
 
 def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
@@ -170,7 +191,7 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
     return FittedArm(
         model,
         values,
-        np.array(record["covariance_si"], float).reshape(len(values), len(values)),
+        _covariance(record["covariance_si"], len(values)),
         effects,
         {name: np.array(state, float) for name, state in record["targets_si"].items()},
         tuple(record["rejected"]),

@@ -15,6 +15,8 @@ from bayescal.errors import BayescalError, listed
 TURNING = ("revolute", "continuous")
 MOST = 4000
 """Links and joints of a URDF; a cell with several arms has some hundred."""
+LARGEST, HEAVIEST = 1e4, 1e6
+"""Numbers beyond which squares lose all digits: m and rad, kg; the limits of robot.yaml (`files.RANGES`)."""
 FEWER = "give the URDF of the arm alone"
 KEPT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "robot": (("name", "version"), ("link", "joint")),
@@ -153,10 +155,15 @@ def _pruned(element: ElementTree.Element, file: str) -> ElementTree.Element:
     return out
 
 
-def _numbers(values: Any, what: str, file: str) -> np.ndarray:
+def _numbers(values: Any, what: str, file: str, largest: float = LARGEST) -> np.ndarray:
     out = np.array(values, float)
     if not np.all(np.isfinite(out)):
         raise BayescalError(f"{what} is not finite", file, "write plain numbers")
+    if np.any(np.abs(out) > largest):
+        most = float(np.max(np.abs(out)))
+        raise BayescalError(
+            f"{what} has the number {most:g}", file, f"no arm has more than {largest:g}; correct it"
+        )
     return out
 
 
@@ -170,7 +177,7 @@ def _frame(origin: Any, what: str, file: str) -> np.ndarray:
 def _body(link: Any, file: str) -> Body:
     if link.inertial is None:
         return Body(0.0, np.zeros(3))
-    mass = float(_numbers(link.inertial.mass, f"the mass of `{link.name}`", file))
+    mass = float(_numbers(link.inertial.mass, f"the mass of `{link.name}`", file, HEAVIEST))
     if mass < 0.0:
         raise BayescalError(f"the mass of `{link.name}` is {mass:g} kg", file, "must be at least 0")
     return Body(mass, _frame(link.inertial.origin, link.name, file)[:3, 3])

@@ -1,14 +1,18 @@
 """Files beside a dataset: classes that once gave a traceback, waited for ever or lost rows."""
 
 import io
+import json
 import os
 import re
 import zipfile
 
 import pytest
+from fuzz_commands import command
 
 from bayescal.errors import BayescalError
 from bayescal.exporting import ur_yaml
+from bayescal.exporting.arm_file import read_arm
+from bayescal.exporting.compensate.compensation import compensate_file
 from bayescal.exporting.mjcf.into.scene_file import read_scene
 from bayescal.folders import LIST, check_unchanged
 from bayescal.importing import spreadsheet
@@ -40,8 +44,13 @@ def chain(count: int) -> str:
         (ROBOT.format('<joint name="j" type="fixed"><parent link="inf"/><child link="root"/></joint>'),
          "joint `j` names a link `inf` that is not there"),
         (ROBOT.format('<joint name="j" type="fixed"><parent link="root"/><axis/></joint>'), "not a URDF"),
+        (ROBOT.format('<link name="a"><inertial><mass value="1e308"/></inertial></link>'),
+         "the mass of `a` has the number 1e+308; no arm has more than 1e+06"),
+        (ROBOT.format('<joint name="j" type="continuous"><parent link="root"/><child link="a"/>'
+                      '<axis xyz="0 0 1e308"/></joint><link name="a"/>'),
+         "the axis of `j` has the number 1e+308; no arm has more than 10000"),
     ],
-    ids=["levels", "elements", "links", "encoding", "link", "axis"],
+    ids=["levels", "elements", "links", "encoding", "link", "axis", "mass", "long axis"],
 )  # fmt: skip
 def test_a_robot_in_xml_that_is_refused(tmp_path, text, words):
     (tmp_path / "arm.urdf").write_text(text)
@@ -172,3 +181,52 @@ def test_a_damaged_workbook_is_refused(book):
     book.write_bytes(content)
     with pytest.raises(BayescalError, match=r"log\.xlsx: not a workbook"):
         sheet_lines(book)
+
+
+def written(folder):
+    """The run folder of a fit, and a table of targets."""
+    for name, content in command("targets")[0].items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+
+
+def changed_arm(record, key):
+    """Entries of arm.json that no program wrote."""
+    rows = [list(row) for row in record["covariance_si"]]
+    rows[1][2] = 2**63
+    negative = [[-value if i == j == 0 else value for j, value in enumerate(row)]
+                for i, row in enumerate(record["covariance_si"])]  # fmt: skip
+    return {
+        "no table": record | {"targets_si": 3},
+        "no list": record | {"parameters": [3]},
+        "not symmetric": record | {"covariance_si": rows},
+        "negative": record | {"covariance_si": negative},
+        "too few": record | {"covariance_si": rows[1:]},
+    }[key]
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("no table", "incomplete"),
+        ("no list", "incomplete"),
+        ("not symmetric", "`covariance_si` is no covariance"),
+        ("negative", "`covariance_si` is no covariance"),
+        ("too few", "incomplete"),
+    ],
+)
+def test_an_arm_that_was_changed_is_refused(tmp_path, key, words):
+    written(tmp_path)
+    path = tmp_path / "run" / "arm.json"
+    record = json.loads(path.read_text())
+    assert len(read_arm(tmp_path / "run").values) == len(record["parameters"])
+    path.write_text(json.dumps(changed_arm(record, key)))
+    with pytest.raises(BayescalError, match=rf"arm\.json: .*{words}"):
+        read_arm(tmp_path / "run")
+
+
+def test_a_table_of_a_robot_program_names_its_file_and_line(tmp_path):
+    written(tmp_path)
+    (tmp_path / "t.csv").write_text("1,2,3,4,5,6\nx_mm,y_mm\n")
+    with pytest.raises(BayescalError, match=r"t\.csv, line 2: the first 6 cells are not numbers"):
+        compensate_file(read_arm(tmp_path / "run"), tmp_path / "t.csv", format_="robodk")

@@ -114,7 +114,10 @@ def compensate_file(
         text = written(table, found, n).encode()
         return Compensation(source.name, name, frame or BASE, table.targets, tuple(found), text)
     form, code = PROGRAMS[name], content.decode("latin-1")
-    program = form.read(code, n)
+    try:
+        program = form.read(code, n)
+    except BayescalError as error:
+        raise BayescalError(error.what, f"{source.name}, {error.where}", error.remedy) from None
     _check(program, form, source, frame)
     slots = [replace(s, target=replace(s.target, where=f"{source.name}, {s.target.where}", payload=payload))
              for s in program.slots]  # fmt: skip
