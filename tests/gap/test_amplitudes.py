@@ -85,6 +85,17 @@ def test_every_joint_only_where_all_are_significant(found):
     assert said(2, 3, 5).startswith("each of joint 2, joint 3 and joint 5 has lost motion")
     assert said(1, 2, 3, 4, 5, 6).startswith("every joint has lost motion")
     assert said().startswith("at least one joint has lost motion")
-    none = SimpleNamespace(amplitudes=[replace(a, significant=False) for a in gap.amplitudes])
+    none = SimpleNamespace(amplitudes=[replace(a, significant=False) for a in gap.amplitudes], where=())
     assert [str(a.site) for a in told(none, "backlash")] == ["joint 3"]
     assert lines(none)[1].endswith("deg, not significant alone")
+    places = [
+        SimpleNamespace(site=a.site, driver=a.driver, explained_by=name, rms=rms)
+        for a, name, rms in zip(
+            [a for a in none.amplitudes if a.effect == "backlash"],
+            ["backlash", "backlash", "backlash", "eccentricity", "", ""],
+            [1.0, 3.0, 2.0, 9.0, 9.0, 9.0],
+            strict=True,
+        )
+    ]
+    none.where = places
+    assert [str(a.site) for a in told(none, "backlash")] == ["joint 2"]  # the largest location of the effect

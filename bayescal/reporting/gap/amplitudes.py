@@ -14,10 +14,17 @@ from bayescal.reporting.shared.text import amplitude, unit_label, with_u
 
 
 def told(gap: Gap, effect: str) -> tuple[Amplitude, ...]:
-    """The significant amplitudes of an effect; the clearest where none is significant alone."""
+    """The significant amplitudes of an effect; one where none is significant alone.
+
+    That is the amplitude at the largest location that the effect explains, else the clearest.
+    """
     own = [a for a in gap.amplitudes if a.effect == effect]
     clear = tuple(a for a in own if a.significant)
-    return clear or tuple(sorted(own, key=lambda a: -abs(a.value) / a.u if a.u > 0 else 0.0)[:1])
+    if clear:
+        return clear
+    largest = max((w for w in gap.where if w.explained_by == effect), key=lambda w: w.rms, default=None)
+    there = [a for a in own if largest and (a.site, a.driver) == (largest.site, largest.driver)]
+    return tuple(sorted(there or own, key=lambda a: -abs(a.value) / a.u if a.u > 0 else 0.0)[:1])
 
 
 def sites(gap: Gap, effect: str) -> tuple[tuple[Site, ...], bool]:
