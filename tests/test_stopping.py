@@ -166,3 +166,54 @@ def test_a_full_disk_behind_the_output_is_one_line(program):
         done = subprocess.run([sys.executable, "-c", line], stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 1
     assert done.stderr == "bayescal: output: No space left on device; free some space\n"
+
+
+PROCESS = """
+import atexit, sys, time
+{before}
+from bayescal.cli import entry, main
+class Slow:
+    def __del__(self, write=sys.stderr.write):
+        write("freed\\n")
+slow = Slow()
+def command():
+    atexit.register(lambda: sys.stdout.write("handler\\n"))
+    print("done")
+    {end}
+entry._command = command
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("end", "code"), [("sys.exit()", 0), ("sys.exit(3)", 3), ("raise SystemExit(True)", 1)]
+)
+def test_a_process_ends_without_freeing_modules(end, code):
+    """Handlers at exit are called, and what they print is written."""
+    line = PROCESS.format(before="", end=end)
+    done = subprocess.run([sys.executable, "-c", line], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (code, "done\nhandler\n", "")
+
+
+@pytest.mark.parametrize(
+    ("before", "end", "code", "first"),
+    [
+        ("atexit.register(lambda: sys.stderr.write('earlier\\n'))", "sys.exit(3)", 3, "earlier"),
+        ("", "sys.exit('a text')", 1, "a text"),
+        ("", "raise ValueError('defect')", 1, "Traceback"),
+    ],
+)
+def test_a_process_ends_as_usual_where_something_would_be_lost(before, end, code, first):
+    """A handler that is called after ours, the text of an exit, a traceback."""
+    line = PROCESS.format(before=before, end=end)
+    done = subprocess.run([sys.executable, "-c", line], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (code, "done\nhandler\n")
+    assert done.stderr.startswith(first)
+    assert done.stderr.endswith("freed\n")
+
+
+def test_a_program_that_calls_main_keeps_its_own_end():
+    line = PROCESS.format(before="", end="sys.exit(3)").replace("entry, main", "entry, main as bayescal")
+    line = line.replace("\nmain()\n", "\ntry:\n    bayescal()\nexcept SystemExit:\n    sys.exit(5)\n")
+    done = subprocess.run([sys.executable, "-c", line], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (5, "done\nhandler\n", "freed\n")
