@@ -54,7 +54,10 @@ def marginal_panel(p: Json, draws: np.ndarray, first: bool) -> Panel:
 
     def draw(axes: Any, inner: float) -> None:
         flat = draws.ravel()
-        heights, _, _ = axes.hist(flat, bins=BINS, density=True, color=ACCENT, alpha=0.45)
+        # one polygon: a rectangle for every bin takes a quarter of the time of the figure
+        heights, _, _ = axes.hist(
+            flat, bins=BINS, density=True, color=ACCENT, alpha=0.45, histtype="stepfilled"
+        )
         low, high = (float(v) for v in np.quantile(flat, [0.001, 0.999]))
         pad = 0.1 * (high - low) or 1e-9
         axes.set_xlim(low - pad, high + pad)

@@ -97,7 +97,11 @@ def _start() -> subprocess.Popen[bytes]:
 
 def answer() -> None:
     """Read a record, and write its figures: what the second process does."""
-    import matplotlib.backends.backend_agg  # noqa: F401  (the longest imports, ahead of the record)
+    # the longest imports, ahead of the record
+    import matplotlib.backends.backend_agg
+    import matplotlib.figure
+    import matplotlib.style
+    import PIL.PngImagePlugin  # noqa: F401
 
     import bayescal.reporting.figures.output  # noqa: F401
 

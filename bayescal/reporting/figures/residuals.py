@@ -170,7 +170,10 @@ def spread_panel(e: Errors, edge: float, share: float = 1.0) -> Panel:
     def draw(axes: Any, inner: float) -> None:
         low = -edge if e.signed else 0.0
         value = e.value[e.kind != "rejected"]
-        axes.hist(value, bins=np.linspace(low, edge, BINS).tolist(), density=True, color=SERIES[0], alpha=0.5)
+        axes.hist(
+            value, bins=np.linspace(low, edge, BINS).tolist(), density=True, color=SERIES[0], alpha=0.5,
+            histtype="stepfilled",
+        )  # fmt: skip
         if np.isfinite(e.noise) and e.noise > 0:
             fine = np.linspace(low, edge, 300)
             axes.plot(fine, noise_density(fine, e.noise, e.signed), color=INK, lw=1.2)
