@@ -32,7 +32,7 @@ from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
 from bayescal.posterior.checkpoint import Checkpoint
 from bayescal.predict import Forecast, Validation, forecast, validate
-from bayescal.predict.rows import check_located
+from bayescal.predict.rows import Prepared, check_located, prepared
 from bayescal.streams import spawned
 
 VALIDATION_DRAWS = 2000
@@ -73,6 +73,7 @@ class Fit:
     robust: bool = True  # whether outliers were excluded
     without: tuple[str, ...] = ()  # parts of the effects that stay nominal: "geometry at joint 4"
     excess: float = 0.0  # m a coordinate, of points: unexplained, beyond the discrepancy of `stated`
+    known: Prepared | None = None  # validation rows and located targets of `stated.wide`
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -82,7 +83,7 @@ class Fit:
     @cached_property
     def basis(self) -> Basis:
         """The stated uncertainty, from which the budget of any quantity follows."""
-        return _basis(self.stated, self.excess, self.final.validation)
+        return _basis(self.stated, self.excess, self.final.validation, self.known)
 
     @property
     def final(self) -> ModelLevel:
@@ -190,11 +191,12 @@ def fit(
             wide = stated(found)
             every = wide.draws(draws.flat, np.random.default_rng(of_discrepancy))
             z = every[places]
-            left, checked, rest = _restated(wide, left, z, kappa, tests, of_noise)
+            known = prepared(wide.wide, loose=True)
+            left, checked, rest = _restated(wide, known, left, z, kappa, tests, of_noise)
         levels.append(ModelLevel(found.model.effects or NOMINAL, found, left, checked))
     progress("predict", 0.8)
-    known, seen = identifiability(found), directions(found.model)
-    lacking = undetermined(found, known)
+    determined, seen = identifiability(found), directions(found.model)
+    lacking = undetermined(found, determined)
     expected = forecast(found, z, checked, rest.excess, of_forecast, wide.wide)
     tests = replace(tests, determined=not rests_on_priors(expected, left))
     told = findings(
@@ -204,14 +206,16 @@ def fit(
     progress("done", 1.0)
     return Fit(
         dataset, seed, prior_width, tuple(levels), wide, draws,
-        replace(draws, z=wide.reported(every).reshape(draws.z.shape)), known, lacking,
-        faces, expected, seen, tests, told, decided, robust, tuple(map(str, parts)), rest.excess,
+        replace(draws, z=wide.reported(every).reshape(draws.z.shape)), determined,
+        lacking, faces, expected, seen, tests, told, decided, robust, tuple(map(str, parts)), rest.excess,
+        known,
     )  # fmt: skip
 
 
 def _restated(
-    wide: Stated, left: Unexplained, z: np.ndarray, kappa: np.ndarray, tests: Acceptance, seed: int
-) -> tuple[Unexplained, Validation, Unexplained]:
+    wide: Stated, known: Prepared, left: Unexplained, z: np.ndarray, kappa: np.ndarray, tests: Acceptance,
+    seed: int,
+) -> tuple[Unexplained, Validation, Unexplained]:  # fmt: skip
     """What is unexplained in total, the validation with the stated uncertainty, and what it adds to points.
 
     A part of the residuals is explained by the discrepancy; errors that validation rows show beyond all of
@@ -219,10 +223,10 @@ def _restated(
     """
     kappa = kappa * np.sqrt(wide.white)
     rest = wide.remaining(left)
-    checked = validate(wide.wide, z, kappa, rest.excess, seed)
+    checked = validate(wide.wide, z, kappa, rest.excess, seed, known=known)
     wider = widened(rest, checked, tests)
     if wider.excess > rest.excess:
-        checked = validate(wide.wide, z, kappa, wider.excess, seed)
+        checked = validate(wide.wide, z, kappa, wider.excess, seed, known=known)
         total = np.sqrt(left.excess**2 + wider.excess**2 - rest.excess**2)
         left = replace(left, excess=float(total))
     return left, checked, wider
@@ -242,11 +246,12 @@ def basis_of(found: Estimate, seed: int = 0) -> Basis:
     left, wide = unexplained(found), stated(found)
     tests = acceptance(left, validate(found, z, kappa, left.excess, of_noise), (), rejected_share(found))
     every = wide.draws(z, np.random.default_rng(of_discrepancy))
-    _, checked, rest = _restated(wide, left, every, kappa, tests, of_noise)
-    return _basis(wide, rest.excess, checked)
+    known = prepared(wide.wide, loose=True)
+    _, checked, rest = _restated(wide, known, left, every, kappa, tests, of_noise)
+    return _basis(wide, rest.excess, checked, known)
 
 
-def _basis(wide: Stated, excess: float, checked: Validation) -> Basis:
+def _basis(wide: Stated, excess: float, checked: Validation, known: Prepared | None = None) -> Basis:
     """The basis of budgets; `excess`, m, of points, beyond the discrepancy."""
     left = unexplained(wide.plain)
     own = wide.remaining(left).excess
@@ -255,7 +260,7 @@ def _basis(wide: Stated, excess: float, checked: Validation) -> Basis:
     rows = [len(c.residuals) for c in checked.planes] + [c.residuals.shape[1] for c in checked.points]
     shown = len(checked.distances) or sum(rows)
     below = own**4 / left.excess_dof + beyond**2 / max(shown, 1)
-    return Basis(wide, excess, excess**4 / below if below > 0 else inf)
+    return Basis(wide, excess, excess**4 / below if below > 0 else inf, known)
 
 
 def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:

@@ -65,7 +65,7 @@ class Model:
         """The first block of every target; z contains their states."""
         return tuple(self.block_of.values())
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Length of z."""
         return len(self.parameters) + sum(block.size for block in self.states)
@@ -160,7 +160,7 @@ class Model:
     def motion(self, rows: np.ndarray) -> Motion:
         """Motion of any rows of the session under this model's parameters."""
         terms = [
-            (k, Term(t.frame, t.axis, t.driver if np.ndim(t.driver) == 0 else np.asarray(t.driver)[rows]))
+            (k, t if np.ndim(t.driver) == 0 else Term(t.frame, t.axis, np.asarray(t.driver)[rows]))
             for k, p in enumerate(self.parameters)
             for t in p.terms
             if t.frame >= 0

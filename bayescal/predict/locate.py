@@ -25,6 +25,9 @@ RIVAL = 4.6
 """Difference in log posterior, nats (odds of 100 to 1), from which on the better solution is accepted."""
 APART = 5.0
 """Distance of two solutions, in posterior standard deviations, from which on they are different positions."""
+SLOW = 1e6
+"""Assumed: what a search still takes off its cost is below this times what its next step does; at a saddle
+beside the optimum it was ten thousand."""
 SUSPICIOUS = 2.0
 """Least-squares residual over the noise, from which on slipped contacts are searched for."""
 
@@ -47,6 +50,11 @@ class States:
         """The solutions with these indices."""
         return States(*(getattr(self, f.name)[places] for f in fields(States)))
 
+    def and_then(self, others: States) -> States:
+        """These solutions, and others after them."""
+        pairs = ((getattr(self, f.name), getattr(others, f.name)) for f in fields(States))
+        return States(*map(np.concatenate, pairs))
+
 
 def search(
     kind: Kind,
@@ -56,6 +64,7 @@ def search(
     tool_slopes: np.ndarray | None = None,
     tool_sd: float = 0.0,
     start: np.ndarray | None = None,
+    limit: float = np.inf,
 ) -> States:
     """Levenberg-Marquardt for S problems at once: draws of the ball centres, or starts.
 
@@ -75,6 +84,9 @@ def search(
         Prior standard deviation of those shifts, m.
     start : np.ndarray, shape (S, size) or (size,), optional
         Initial states of the target; the stated state if not given.
+    limit : float
+        Cost, nats: a search that is not expected to come below it ends early. Where no place explains the
+        rows, a search may rest only after a hundred steps.
     """
     free = kind.sd > 0
     count, size = len(p), int(free.sum())
@@ -114,7 +126,7 @@ def search(
         damped = information + diagonal[:, :, None] * identity
         newton, step = np.linalg.solve(np.stack([information, damped]), gradient[..., None])[..., 0]
         left = np.sqrt(np.sum(gradient * newton, axis=1))
-        active = left > RESTS
+        active = (left > RESTS) & (cost - SLOW * left**2 < limit)
         if k == ITERATIONS or not active.any():
             break
         trial = y - np.where(active[:, None], step, 0.0)
@@ -167,12 +179,16 @@ def locate(
         If another position explains the rows equally well.
     """
     begin = starts(kind, p)
-    every = np.broadcast_to(p, (len(begin), *p.shape))
 
     def best(keep: np.ndarray) -> tuple[States, States]:
-        found = search(kind, every, keep / sigma, None, tool_slopes, tool_sd, begin)
-        others = 1 + np.flatnonzero(_plausible(kind, found.some([0]), begin[1:]))
-        found = found.some([0, *others])
+        def of(some: np.ndarray, limit: float = np.inf) -> States:
+            every = np.broadcast_to(p, (len(some), *p.shape))
+            return search(kind, every, keep / sigma, None, tool_slopes, tool_sd, some, limit)
+
+        found = of(begin[:1])
+        further = begin[1:][_plausible(kind, found, begin[1:])]
+        if len(further):
+            found = found.and_then(of(further, found.cost[0] + RIVAL if _rests(found)[0] else np.inf))
         return found, found.some([int(np.nanargmin(found.cost))])
 
     keep = np.ones(p.shape[1])
@@ -192,12 +208,17 @@ def _plausible(kind: Kind, first: States, begin: np.ndarray) -> np.ndarray:
     that could make a rival: a stated place with a small uncertainty leaves none. A start beside the
     solution would find it again.
     """
-    if not (first.left[0] < LARGEST_STEP and np.isfinite(first.cost[0])):
+    if not _rests(first)[0]:
         return np.ones(len(begin), bool)
     free = kind.sd > 0
     nearest = 0.5 * begin[:, free] / kind.sd[free]
     rivals = 0.5 * np.sum(nearest**2, axis=1) < first.cost[0] + RIVAL
     return np.asarray(rivals & (_apart(kind, first, begin) > APART))
+
+
+def _rests(found: States) -> np.ndarray:
+    """Which (S,) of the searches have converged."""
+    return np.asarray((found.left < LARGEST_STEP) & np.isfinite(found.cost))
 
 
 def _apart(kind: Kind, at: States, x: np.ndarray) -> np.ndarray:

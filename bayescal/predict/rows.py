@@ -97,12 +97,13 @@ def prepared(estimate: Estimate, loose: bool = False, strict: bool = True) -> Pr
         if t not in by:
             out.append(predicted_rows(estimate, model.block(t, own)))
             continue
-        u = certified.get(name)
-        located[name] = located_target(estimate, t, by[t], u, strict)
+        u, block = certified.get(name), model.block(t, own)
+        apart = block if np.array_equal(by[t], own) else model.block(t, by[t])
+        located[name] = located_target(estimate, apart, u, strict)
         if not scene.declared[t].found:
-            out.append(predicted_rows(estimate, model.block(t, own), located[name]))
+            out.append(predicted_rows(estimate, block, located[name]))
         elif loose:
-            free[name] = located[name] if u is None else located_target(estimate, t, own, None, strict)
+            free[name] = located[name] if u is None else located_target(estimate, block, None, strict)
     return Prepared(tuple(out), located, free)
 
 
@@ -128,7 +129,7 @@ def check_located(scene: Scene) -> None:
         if block.residuals > block.size:
             continue
         try:
-            located_target(nominal, t, rows, certified.get(scene.dataset.targets[t].name))
+            located_target(nominal, block, certified.get(scene.dataset.targets[t].name))
         except AmbiguousPositionError:
             raise
         except BayescalError:  # a search that does not converge with the nominal arm may do so when fitted

@@ -67,8 +67,7 @@ class LocatedTarget:
 
 def located_target(
     estimate: Estimate,
-    target: int,
-    rows: np.ndarray,
+    block: Block,
     u_diameter: float | None = None,
     strict: bool = True,
 ) -> LocatedTarget:
@@ -77,9 +76,8 @@ def located_target(
     Parameters
     ----------
     estimate : Estimate
-    target : int
-        Its number in the dataset.
-    rows : np.ndarray, shape (C,)
+    block : Block
+        The rows of the target that locate it.
     u_diameter : float, optional
         Standard uncertainty of the nominal diameter of a target, m; None: the prior of the dataset.
     strict : bool
@@ -91,10 +89,9 @@ def located_target(
         If the target cannot be located from these rows.
     """
     model = estimate.model
-    block = model.block(target, rows)
     if u_diameter is not None:
         block = with_diameter(block, u_diameter)
-    tool_sd = unknown_tool(model.scene, rows)
+    tool_sd = unknown_tool(model.scene, block.rows)
     values = model.deviations(estimate.z[model.slices[ARM]])
     p, kind = block.motion.points(values), block.touched(values)
     noise = noise_of(estimate, block, np.zeros(block.size))

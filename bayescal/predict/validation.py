@@ -157,6 +157,7 @@ def validate(
     excess: float = 0.0,
     seed: int = 0,
     strict: bool = True,
+    known: Prepared | None = None,
 ) -> Validation:
     """Predict every validation row under a fitted model.
 
@@ -174,6 +175,8 @@ def validate(
         Of the simulated noise.
     strict : bool
         As for `prepared`.
+    known : Prepared, optional
+        All of the estimate's `prepared` rows and targets, with loose spheres, where they are known.
 
     Raises
     ------
@@ -181,7 +184,7 @@ def validate(
         If a target cannot be located from its rows.
     """
     d = _Draws(estimate, z - estimate.z, kappa, excess, np.random.default_rng(seed))
-    known = prepared(estimate, loose=True, strict=strict)
+    known = known or prepared(estimate, loose=True, strict=strict)
     planes = [r for r in known.rows if r.block.kind.rows == 1]
     points = [r for r in known.rows if r.block.kind.rows > 1]
     return Validation(

@@ -23,7 +23,10 @@ def centres(found, names, z) -> dict[str, np.ndarray]:
     known = certified_diameters(scene)
     at = replace(found.estimate, z=z)
     rows = scene.rows("validate")
-    return {n: located_target(at, index[n], scene.rows_of(index[n], rows), known[n]).centre for n in names}
+    return {
+        n: located_target(at, at.model.block(index[n], scene.rows_of(index[n], rows)), known[n]).centre
+        for n in names
+    }
 
 
 def test_certified_distances_follow_from_the_contacts_on_the_spheres():

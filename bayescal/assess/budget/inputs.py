@@ -67,11 +67,14 @@ class Basis:
         m, unexplained error of each coordinate of a point, beyond the model discrepancy.
     excess_dof : float
         Its effective degrees of freedom.
+    known : Prepared, optional
+        Validation rows and located targets of `stated.wide`, where they are known.
     """
 
     stated: Stated
     excess: float = 0.0
     excess_dof: float = inf
+    known: Prepared | None = None
 
     @cached_property
     def propagated(self) -> tuple[Propagated, ...]:
@@ -81,7 +84,7 @@ class Basis:
     @cached_property
     def prepared(self) -> Prepared:
         """Validation rows, and the targets that are located from them."""
-        return prepared(self.stated.wide, strict=False)
+        return self.known or prepared(self.stated.wide, strict=False)
 
     def unexplained(self) -> Input:
         """The unexplained error of a coordinate."""

@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from threading import Thread
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,8 @@ Figures = dict[str, bytes]
 """Names of PNG files and their content."""
 PATIENCE = 120.0
 """Time, s, after which a process that does not answer is ended (assumed: it draws in three)."""
+AHEAD = ("matplotlib.backends.backend_agg", "matplotlib.figure", "PIL.PngImagePlugin")
+"""Modules that are slow to import: the process imports them while it waits for a record."""
 _waiting: list[subprocess.Popen[bytes]] = []
 
 
@@ -97,14 +100,8 @@ def _start() -> subprocess.Popen[bytes]:
 
 def answer() -> None:
     """Read a record, and write its figures: what the second process does."""
-    # the longest imports, ahead of the record
-    import matplotlib.backends.backend_agg
-    import matplotlib.figure
-    import matplotlib.style
-    import PIL.PngImagePlugin  # noqa: F401
-
-    import bayescal.reporting.figures.output  # noqa: F401
-
+    for name in (*AHEAD, "bayescal.reporting.figures.output"):
+        import_module(name)
     asked = sys.stdin.buffer.read()
     if asked:  # else the first process has ended
         sys.stdout.buffer.write(pickle.dumps(figures_of(*pickle.loads(asked))))
