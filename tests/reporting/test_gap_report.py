@@ -21,6 +21,7 @@ from bayescal.gap.result import (
     Gap,
 )
 from bayescal.reporting.gap.files import write_gap
+from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.gap.summary import gap_summary
 
@@ -105,6 +106,28 @@ HEADLINES = {
     "unknown": "Unmodelled effect outside the vocabulary, at joint 3, direction of motion of J3",
     "ambiguous": "Ambiguous: these data do not distinguish bending and base-compliance",
 }
+
+
+@pytest.mark.parametrize(
+    ("times_noise", "times_limit", "said"),
+    [
+        (1.0, 0.9, "No effect above noise"),
+        (100.0, 0.9, "No effect found: with these contacts the model is too uncertain to show any"),
+        (1.0, 1.1, "No effect found, but errors of validation contacts are larger than the model predicts"),
+        (100.0, 1.1, "than the model predicts; these contacts do not show why"),
+    ],
+)
+def test_errors_beyond_the_prediction_are_said(session, times_noise, times_limit, said):
+    """A wrong model of an arm was told to be too uncertain, with errors four times those it predicts."""
+    gap = diagnosis(session, "null")
+    size = gap.magnitude.measured[0]
+    expected = times_noise * gap.magnitude.noise
+    limit = max(2.0 * expected, 2.0 * size.rms)
+    size = replace(
+        size, predicted_rms=expected, rms=times_limit * limit, predicted_interval95=(0.5 * expected, limit)
+    )
+    magnitude = replace(gap.magnitude, measured=(size,))
+    assert said in headline(replace(gap, magnitude=magnitude))[0]
 
 
 @pytest.mark.parametrize("kind", VERDICTS)

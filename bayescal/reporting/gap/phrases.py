@@ -57,15 +57,17 @@ def headline(gap: Gap) -> list[str]:
     there = f"at {place(at)}" if at else NO_PLACE
     if verdict.kind == "null":
         size = gap.magnitude.measured[:1]
-        if size and size[0].predicted_rms > LOOSE * gap.magnitude.noise:
+        loose = bool(size) and size[0].predicted_rms > LOOSE * gap.magnitude.noise
+        odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
+        if odd:
+            why = "; these contacts do not show why" if loose else ""
+            return [f"No effect found, but errors of {listed(odd)} are larger than the model predicts{why}"]
+        if loose:
             return ["No effect found: with these contacts the model is too uncertain to show any"]
         left = sum(u.combinations for u in gap.undetermined if u.matters)
         if gap.arm is not None and left > MOST * len(gap.arm.model.parameters):
             of = f"{left} of {len(gap.arm.model.parameters)} combinations of parameters"
             return [f"No effect found, but {of} are not identifiable: these contacts show little of the arm"]
-        odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
-        if odd:
-            return [f"No effect found, but errors of {listed(odd)} are larger than the model predicts"]
         null = verdict.probability["null"]
         if null >= max(verdict.probability.values()):
             return ["No effect above noise: the model explains these data"]
