@@ -5,7 +5,7 @@ earlier result in its folder. After each kill the files are compared with their 
 first step must leave nothing beside them. Processes that the killed command had started must end too.
 
 A run that ends before its kill does not count. What the commands need, and what each kill left, are kept in
-`--out`: an interrupted run goes on where it stopped, and a larger number of kills adds to it.
+`--out`: an interrupted run continues where it stopped, and a larger number of kills adds to it.
 
 Run from the top of the project: ``python -m analysis.kills --kills 100 --seed 0 --out /tmp/kills``.
 """
@@ -168,7 +168,7 @@ def state(command: Command, folder: Path, before: dict[str, str]) -> str:
 
 
 def hidden(folder: Path) -> list[str]:
-    """Names of what is unfinished in a folder, except the checkpoint from which a fit goes on."""
+    """Names of what is unfinished in a folder, except the checkpoint from which a fit continues."""
     names = (p.name for p in folder.iterdir())
     return sorted(name for name in names if name.startswith(".") and not name.endswith(CHECKPOINT))
 
@@ -179,7 +179,7 @@ def killed(command: Command, folder: Path, wait: float, writing: bool) -> bool:
     Raises
     ------
     SystemExit
-        If a process that it had started goes on.
+        If a process that it had started does not end.
     """
     process = call(command, folder)
     if writing:
@@ -193,7 +193,7 @@ def killed(command: Command, folder: Path, wait: float, writing: bool) -> bool:
     while group_runs(process.pid):
         if time.monotonic() - begin > ENDING:
             os.killpg(process.pid, HARD)
-            raise SystemExit(f"{command.words[0]}: a process that it had started goes on after the kill")
+            raise SystemExit(f"{command.words[0]}: a process that it had started does not end")
         time.sleep(POLL)
     return code == -HARD
 
@@ -297,7 +297,12 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--commands", nargs="+", choices=COMMANDS, default=list(COMMANDS))
-    parser.add_argument("--out", type=Path, default=Path("runs/kills"), help="kept, to go on from")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("runs/kills"),
+        help="folder of inputs and results, from which a later run continues",
+    )
     asked = parser.parse_args()
     found = kills(asked.commands, asked.kills, asked.seed, asked.out.resolve())
     print(table(found))

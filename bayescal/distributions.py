@@ -24,6 +24,11 @@ def chi2_isf(p: Values, dof: Values) -> Any:
     return special.chdtri(dof, p)
 
 
+def f_noncentrality(p: Values, dof: Values, dof_below: Values, x: Values) -> Any:
+    """Noncentrality with which F exceeds x with probability p."""
+    return special.ncfdtrinc(dof, dof_below, 1.0 - np.asarray(p), x)
+
+
 def f_sf(x: Values, dof: Values, dof_below: Values) -> Any:
     """Probability that F exceeds x; `dof_below` is of the denominator."""
     return special.fdtrc(dof, dof_below, np.maximum(x, 0.0))

@@ -28,6 +28,13 @@ def test_tails(ours, theirs):
     np.testing.assert_allclose(ours, theirs, rtol=1e-12)
 
 
+def test_noncentrality():
+    """F with it exceeds the value with the probability."""
+    dof, below = np.array([1.0, 3.0, 1.0, 6.0]), np.array([8.0, 40.0, 3e4, 9.0])
+    found = d.f_noncentrality(0.8, dof, below, 12.0)
+    np.testing.assert_allclose(stats.ncf.sf(12.0, dof, below, found), 0.8, rtol=1e-4)
+
+
 def test_edges():
     """Rounding below zero exceeds nothing; no degrees of freedom, no probability."""
     assert d.chi2_sf(-1e-20, 3) == d.f_sf(-1e-20, 3, 4) == 1.0

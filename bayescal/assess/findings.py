@@ -10,6 +10,7 @@ import numpy as np
 
 from bayescal.assess.acceptance import SHARED, Acceptance
 from bayescal.assess.directions import Directions, in_words
+from bayescal.assess.reliability import reliability
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.checks.certified import contradictions
 from bayescal.effects.selection import plain
@@ -37,6 +38,8 @@ PRIOR_DECIDES = 0.5
 COVERED = 2.0
 """Standard uncertainties within which an estimate is not distinguishable from 0."""
 WRONG_MODEL = "the model lacks an effect, or masses are wrong"
+EXPANDED = 2.0
+"""Coverage factor of U."""
 FAR_BEYOND = 3.0
 """Times the error of validation contacts from which on a distance error is one that they do not show."""
 
@@ -68,7 +71,7 @@ class Assessed:
 
 def findings(of: Assessed) -> tuple[Finding, ...]:
     """All limitations, the most severe first; none for a good session."""
-    every = [*_tests(of), *_residuals(of), *_parameters(of), *_false_comfort(of)]
+    every = [*_tests(of), *_residuals(of), *_parameters(of), *_false_comfort(of), *_gross_errors(of)]
     return tuple(sorted(every, key=lambda f: SEVERITIES.index(f.severity)))
 
 
@@ -201,3 +204,22 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
             f"distances between {lead.over}: RMS error {1e6 * lead.measured:.0f} µm, above the predicted "
             f"95 % interval ({1e6 * lead.interval[1]:.0f} µm): run bayescal gap",
         )  # fmt: skip
+
+
+def _gross_errors(of: Assessed) -> Iterator[Finding]:
+    """A gross error that the rule for outliers does not see, and that changes distances by more than U."""
+    found, u = reliability(of.found), EXPANDED * of.expected.workspace.rms
+    k = int(np.argmax(found.shift)) if len(found.rows) else -1
+    if k >= 0 and found.shift[k] > u:
+        name = of.found.model.scene.dataset.measurements.ids[found.rows[k]]
+        yield Finding(
+            "gross_error_unseen", "warning",
+            f"a gross error up to {_um(found.error[k])} in one of {len(found.rows)} rows (`{name}`) would "
+            f"not be detected and would change distances by {_um(found.shift[k])} RMS (U = {_um(u)}): "
+            "repeat it, or measure more rows",
+        )  # fmt: skip
+
+
+def _um(length: float) -> str:
+    """A length, m, in µm with two significant digits."""
+    return f"{float(f'{1e6 * length:.2g}'):.9g} µm"

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri, fdtrc
 
+from bayescal.distributions import f_isf, f_noncentrality
 from bayescal.estimate.linear import linearise
 from bayescal.estimate.noise import STATED_WORTH, by_group
 from bayescal.estimate.solver import solve
@@ -36,6 +37,8 @@ CONTRADICTED = 0.01
 """Probability of a noise scale, by the stated noise, below which this does not count (convention)."""
 FALSE_REJECTIONS = 0.01
 """Measurements of clean normal noise that a session loses as outliers on average."""
+POWER = 0.8
+"""Probability with which a gross error that is called detectable is rejected (Baarda 1968)."""
 MEDIAN_WORTH = 0.37
 """Degrees of freedom that a residual is worth to a scale from the median: its efficiency, normal noise."""
 LEAST_SPARE = 1e-3
@@ -145,6 +148,22 @@ def rejected(
     # what a row takes up is shared by prior and other groups: without it less than nothing may seem left
     left = np.maximum(dof - size * own, 1e-12) + worth / scale**2
     return fdtrc(rows, rest, size / rows * rest / left) < level
+
+
+def detectable(rows: int, dof: float, count: int) -> float:
+    """Noncentrality with which a measurement is rejected with probability `POWER`.
+
+    Parameters
+    ----------
+    rows : int
+        Of the measurement.
+    dof : float
+        Degrees of freedom of the residuals of its noise group, its own among them.
+    count : int
+        Measurements of the noise group.
+    """
+    rest = max(dof - rows, 1e-3) + STATED_WORTH
+    return float(f_noncentrality(POWER, rows, rest, f_isf(FALSE_REJECTIONS / count, rows, rest)))
 
 
 @dataclass(frozen=True)

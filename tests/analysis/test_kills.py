@@ -21,7 +21,7 @@ def test_killed_commands_leave_nothing_or_a_complete_result(tmp_path):
     assert found["runs"] == found["nothing"] + found["earlier"] + found["new"]
 
 
-def test_kills_go_on_where_they_stopped(tmp_path, monkeypatch):
+def test_kills_continue_where_they_stopped(tmp_path, monkeypatch):
     made = []
     monkeypatch.setattr("analysis.kills.prepared", lambda *_: {"init": 1.0})
     monkeypatch.setattr("analysis.kills.attempt", lambda *call: made.append(call[3:]) or ("new", "killed"))
@@ -40,7 +40,7 @@ def test_what_a_killed_command_started_must_end(tmp_path, monkeypatch):
         "analysis.kills.call",
         lambda *_: subprocess.Popen([sys.executable, "-c", command], start_new_session=True),
     )
-    with pytest.raises(SystemExit, match="goes on after the kill"):
+    with pytest.raises(SystemExit, match="does not end"):
         killed(COMMANDS["fit"], tmp_path, 1.0, False)
 
 
