@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bayescal.arm.nominal import NominalArm
-from bayescal.arm.transforms import cross
+from bayescal.arm.transforms import cross, length
 
 PASSES = 25
 STEP = 0.4  # rad a pass
@@ -82,7 +82,7 @@ def to_points(arm: NominalArm, points: np.ndarray) -> Task:
     def task(angles: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         pose = arm.frames(arm.readings_of(angles))
         away = points[which] - arm.ball(pose)
-        return away / LEVER, arm.jacobian(pose)[:, :3] / LEVER, np.linalg.norm(away, axis=1) < PLACE
+        return away / LEVER, arm.jacobian(pose)[:, :3] / LEVER, length(away) < PLACE
 
     return task
 
@@ -136,12 +136,12 @@ def poses_apart(here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _there(away: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    return (np.linalg.norm(away, axis=1) < PLACE) & (np.linalg.norm(turn, axis=1) < DIRECTION)
+    return (length(away) < PLACE) & (length(turn) < DIRECTION)
 
 
 def _turn(own: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Rotation vectors (M, 3), rad, from unit vectors `own` to `wanted`."""
     across = cross(own, wanted)
-    sine = np.linalg.norm(across, axis=1)
+    sine = length(across)
     angle = np.arctan2(sine, np.sum(own * wanted, axis=1))
     return across * (angle / np.maximum(sine, 1e-12))[:, None]

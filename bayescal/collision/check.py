@@ -15,6 +15,7 @@ import numpy as np
 
 from bayescal.arm.nominal import NominalArm
 from bayescal.arm.robot import Robot
+from bayescal.arm.transforms import length
 from bayescal.collision.exact import distances, overlap
 from bayescal.collision.links import arm_capsules
 from bayescal.collision.scene import Solid
@@ -206,7 +207,7 @@ class _Placed:
             if pair.other < 0:
                 upper[:, k] = away[id(pair.shape)][:, pair.capsule]
         own = second >= 0
-        apart = np.linalg.norm(middle[:, first[own]] - middle[:, second[own]], axis=2)
+        apart = length(middle[:, first[own]] - middle[:, second[own]])
         upper[:, own] = apart - radius[second[own]]
         upper -= radius[first]
         return upper - half[first] - np.where(own, half[second], 0.0), upper

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import repeat
 from typing import Any
 
 import coal
@@ -30,10 +32,9 @@ def distances(capsule: Capsule, poses: np.ndarray, other: Shape, others: np.ndar
     compute = coal.ComputeDistance(first, second)
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     out = np.empty(len(poses))
-    for k, pose in enumerate(poses):
+    for k, (here, there) in enumerate(zip(_moving(poses), _second(others, fixed), strict=False)):
         result.clear()
-        there = fixed if others is None else _transform(others[k])
-        out[k] = compute(_transform(pose), there, request, result)
+        out[k] = compute(here, there, request, result)
     return out
 
 
@@ -44,10 +45,9 @@ def overlap(capsule: Capsule, poses: np.ndarray, other: Shape, others: np.ndarra
     request, result = coal.CollisionRequest(), coal.CollisionResult()
     request.enable_contact = False
     out = np.empty(len(poses), bool)
-    for k, pose in enumerate(poses):
+    for k, (here, there) in enumerate(zip(_moving(poses), _second(others, fixed), strict=False)):
         result.clear()
-        there = fixed if others is None else _transform(others[k])
-        out[k] = compute(_transform(pose), there, request, result) > 0
+        out[k] = compute(here, there, request, result) > 0
     return out
 
 
@@ -62,6 +62,19 @@ def _geometry(shape: Shape) -> tuple[Any, Any]:
     if isinstance(shape, Ball):
         return coal.Sphere(shape.radius), coal.Transform3s(np.eye(3), shape.centre)
     return coal.Halfspace(shape.normal, shape.offset), coal.Transform3s()
+
+
+def _second(others: np.ndarray | None, fixed: Any) -> Iterator[Any]:
+    return repeat(fixed) if others is None else _moving(others)
+
+
+def _moving(poses: np.ndarray) -> Iterator[Any]:
+    """One transform, set to each pose (K, 4, 4) in turn: a new one for each takes longer than the check."""
+    out = coal.Transform3s()
+    turns, shifts = np.ascontiguousarray(poses[:, :3, :3]), np.ascontiguousarray(poses[:, :3, 3])
+    for turn, shift in zip(turns, shifts, strict=True):
+        out.setTransform(turn, shift)
+        yield out
 
 
 def _transform(pose: np.ndarray) -> Any:

@@ -7,9 +7,11 @@ move with its frames; what stands around it consists of boxes, balls, capsules a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
+
+from bayescal.arm.transforms import length
 
 FIXED = -1
 """Frame index of a capsule that stands in F0 and does not move with the arm."""
@@ -34,7 +36,7 @@ class Capsule:
         """Signed distances (...) of points (..., 3) in the capsule's frame, m."""
         along = self.b - self.a
         part = np.clip((points - self.a) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
-        return np.linalg.norm(points - self.a - part[..., None] * along, axis=-1) - self.radius
+        return length(points - self.a - part[..., None] * along) - self.radius
 
     def lowest(self, up: np.ndarray) -> float:
         """Height of the lowest point along the unit vector `up` (3,), m."""
@@ -44,8 +46,7 @@ class Capsule:
     def pose(self) -> np.ndarray:
         """Pose (4, 4) in `frame` of its middle, with the z axis along the segment."""
         out, along = np.eye(4), self.b - self.a
-        length = float(np.linalg.norm(along))
-        z = along / length if length else np.array([0.0, 0.0, 1.0])
+        z = along / self.length if self.length else np.array([0.0, 0.0, 1.0])
         x = np.eye(3)[int(np.argmin(np.abs(z)))]
         x = x - (x @ z) * z
         x /= np.linalg.norm(x)
@@ -69,8 +70,8 @@ class Box:
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Signed distances (...) of points (..., 3) in F0, m."""
         beyond = np.abs((points - self.pose[:3, 3]) @ self.pose[:3, :3]) - self.half
-        outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
-        return outside + np.minimum(beyond.max(axis=-1), 0.0)
+        outside = length(np.maximum(beyond, 0.0))
+        return outside + np.minimum(reduce(np.maximum, np.moveaxis(beyond, -1, 0)), 0.0)
 
     def lowest(self, up: np.ndarray) -> float:
         """Height of the lowest point along the unit vector `up` (3,), m."""
@@ -86,7 +87,7 @@ class Ball:
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Signed distances (...) of points (..., 3) in F0, m."""
-        return np.linalg.norm(points - self.centre, axis=-1) - self.radius
+        return length(points - self.centre) - self.radius
 
     def lowest(self, up: np.ndarray) -> float:
         """Height of the lowest point along the unit vector `up` (3,), m."""

@@ -85,10 +85,10 @@ def scale(chi2: np.ndarray, rows: np.ndarray | int, taken: float = 0.0, share: f
     share : float
         Of the measurements that the quantile does not exceed.
     """
-    rows = np.broadcast_to(np.asarray(rows, float), chi2.shape)
-    total = float(np.sum(rows))
+    sizes, which = np.unique(rows, return_inverse=True)
+    usual = quantile(chi2 / chdtri(sizes.astype(float), 1.0 - share)[which], share)
+    total = float(np.sum(np.broadcast_to(rows, chi2.shape)))
     spare = max(total - taken, 0.25 * total)
-    usual = quantile(chi2 / chdtri(rows, 1.0 - share), share)
     return max(float(np.sqrt(usual * total / spare)), 1e-3)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayescal.arm.transforms import alignment, rigid, rigid_alignment, rpy_matrix
+from bayescal.arm.transforms import alignment, cross, length, rigid, rigid_alignment, rpy_matrix
 
 TURN = rpy_matrix(np.array([0.4, -1.1, 2.5]))
 PLACED = rigid(TURN, np.array([0.3, -2.0, 1.5]))
@@ -38,3 +38,11 @@ def test_weights_are_those_of_repeated_points():
 def test_undetermined_alignments_still_bring_the_points_together(own):
     """One point, coincident points, points of a line: any of the best transforms, and no warning."""
     np.testing.assert_allclose(own @ (t := rigid_alignment(moved(own), own))[:3, :3].T + t[:3, 3], moved(own))
+
+
+@pytest.mark.parametrize("shape", [(3,), (7, 3), (50, 9, 3)])
+def test_lengths_and_cross_products_are_those_of_numpy(shape):
+    v = np.random.default_rng(0).normal(size=(2, *shape))
+    for a, b in (v, np.asfortranarray(v), 1e-9 * v):
+        np.testing.assert_array_equal(length(a), np.linalg.norm(a, axis=-1))
+        np.testing.assert_array_equal(cross(a, b), np.cross(a, b))

@@ -95,15 +95,16 @@ def fit_state(
         step = -solved(factor, score / kappa**2 + push)
         return step, p.residual + design @ step, info, factor
 
-    def judged(r: np.ndarray, kappa: float, factor) -> Judged:
-        # rows that are worth less than 1 have a larger covariance in proportion
-        slopes = halved(factor, (np.sqrt(base)[:, None] * design)[:count].T).T / kappa
-        return Judged.of(
-            [
-                (r[at], slopes[at] @ np.swapaxes(slopes[at], 1, 2), (weight / base)[at[:, 0]])
-                for at in p.by_size
-            ]
-        )
+    # rows that are worth less than 1 have a larger covariance in proportion
+    unit = (np.sqrt(base)[:, None] * design)[:count].T
+
+    def judged(r: np.ndarray, kappa: float, factor: np.ndarray) -> Judged:
+        slopes = halved(factor, unit).T / kappa
+        parts = []
+        for at in p.by_size:
+            own = slopes[at]
+            parts.append((r[at], np.einsum("cid,cjd->cij", own, own), (weight / base)[at[:, 0]]))
+        return Judged.of(parts)
 
     kappa = 1.0
     if robust and start is None:
@@ -117,23 +118,26 @@ def fit_state(
                 break
     for _ in range(LINEAR.rounds):
         step, r, info, factor = solve(weight, kappa)
-        effective_dof = float(np.trace(solved(factor, info)))
         chi2 = float(np.sum(weight[:count] * r[:count] ** 2))
         kept = float(np.sum(weight[:count]))
-        dof = max(kept - effective_dof, 0.0) + STATED_WORTH
         old = weight.copy()
         if robust:
-            good = np.split(~judged(r, kappa, factor).outliers(), p.ends)
-            for at, own in zip(p.by_size, good, strict=True):
+            found = judged(r, kappa, factor)
+            effective_dof = float(found.weight @ found.taken)
+            for at, own in zip(p.by_size, np.split(~found.outliers(), p.ends), strict=True):
                 used = own if p.sharing is None else own | p.sharing[p.contact[at[:, 0]]]
                 weight[at] = used[:, None] * base[at]
+        else:
+            effective_dof = float(np.trace(solved(factor, info)))
+        dof = max(kept - effective_dof, 0.0) + STATED_WORTH
         before, kappa = kappa, float(np.sqrt((chi2 + STATED_WORTH) / dof))
         if abs(np.log(kappa / before)) < 1e-4 and np.array_equal(old, weight):
             break
     step, r, info, factor = solve(weight, kappa)
     chi2 = float(np.sum(weight[:count] * r[:count] ** 2))
     kept = float(np.sum(weight[:count]))
-    effective_dof = float(np.trace(solved(factor, info)))
+    covariance = solved(factor, np.eye(len(pull)))
+    effective_dof = float(np.sum(covariance * info))
     z = pull + step
     lost = np.unique(p.contact[weight[:count] == 0])
     log_evidence = (
@@ -144,7 +148,6 @@ def fit_state(
         + float(np.sum(p.gross[lost]))
         - 0.5 * np.log(2.0 * (kept - effective_dof + STATED_WORTH))
     )
-    covariance = solved(factor, np.eye(len(z)))
     return State(
         p, columns, scales, weight, kappa, r, step, design, covariance, effective_dof, log_evidence, robust
     )
