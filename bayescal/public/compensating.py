@@ -121,7 +121,7 @@ def compensate(
     --------
     >>> import tempfile
     >>> import bayescal as bc
-    >>> session = bc.simulate(effects="geometry", contacts=80, later=8, repeats=5, spheres=0, seed=1)
+    >>> session = bc.simulate(effects="geometry", contacts=60, later=8, repeats=5, spheres=0, seed=1)
     >>> fitted = bc.fit(session, "geometry", samples=0)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     name = f"{folder}/targets.csv"

@@ -104,7 +104,7 @@ def export(
     Examples
     --------
     >>> import bayescal as bc
-    >>> session = bc.simulate(effects="geometry", contacts=80, later=8, repeats=5, spheres=0, seed=1)
+    >>> session = bc.simulate(effects="geometry", contacts=60, later=8, repeats=5, spheres=0, seed=1)
     >>> urdf = bc.export(bc.fit(session, "geometry", samples=0), "urdf")
     >>> urdf.content[:21]
     '<?xml version="1.0"?>'

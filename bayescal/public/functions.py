@@ -183,8 +183,8 @@ def diagnose(
     Examples
     --------
     >>> import bayescal as bc
-    >>> session = bc.simulate(effects=("geometry",), contacts=60, later=8, repeats=5, spheres=0, seed=1)
-    >>> gap = bc.diagnose(session, model="geometry")
+    >>> session = bc.simulate(effects="geometry", contacts=60, later=8, repeats=5, spheres=0, seed=1)
+    >>> gap = bc.diagnose(session, "geometry")
     >>> gap.verdict in ("null", "named", "named+unexplained", "unknown", "ambiguous")
     True
     """

@@ -45,7 +45,7 @@ def levels(result: Any, *, width_mm: float = WIDTH, ax: Axes | None = None) -> F
     Examples
     --------
     >>> import bayescal as bc
-    >>> session = bc.simulate(contacts=60, later=8, repeats=5, spheres=2, placements=1, seed=1)
+    >>> session = bc.simulate(contacts=80, later=8, repeats=5, spheres=2, placements=1, seed=1)
     >>> figure = bc.plot.levels(bc.fit(session, samples=0), width_mm=80)
     >>> round(25.4 * figure.get_figwidth())
     80
@@ -62,7 +62,7 @@ def distances(result: Any, *, width_mm: float = WIDTH, ax: Axes | None = None) -
     Examples
     --------
     >>> import bayescal as bc
-    >>> session = bc.simulate(contacts=60, later=8, repeats=5, spheres=2, placements=1, seed=1)
+    >>> session = bc.simulate(contacts=80, later=8, repeats=5, spheres=2, placements=1, seed=1)
     >>> figure = bc.plot.distances(bc.fit(session, samples=0))
     >>> bool(figure.axes[0].get_xlim()[0] < 0)
     True
@@ -79,7 +79,7 @@ def residuals(result: Any, *, width_mm: float = WIDTH, ax: Axes | None = None) -
     Examples
     --------
     >>> import bayescal as bc
-    >>> session = bc.simulate(contacts=60, later=8, repeats=5, spheres=0, seed=1)
+    >>> session = bc.simulate(contacts=80, later=8, repeats=5, spheres=0, seed=1)
     >>> len(bc.plot.residuals(bc.fit(session, samples=0)).axes)
     3
     """
@@ -94,7 +94,7 @@ def parameters(result: Any, *, width_mm: float = WIDTH, ax: Axes | None = None) 
     Examples
     --------
     >>> import bayescal as bc
-    >>> session = bc.simulate(contacts=60, later=8, repeats=5, spheres=0, seed=1)
+    >>> session = bc.simulate(contacts=80, later=8, repeats=5, spheres=0, seed=1)
     >>> figure = bc.plot.parameters(bc.fit(session, samples=0))
     """
     return _drawn("parameters", result, width_mm, ax)
@@ -133,7 +133,7 @@ def arm(result: Any, *, width_mm: float = WIDTH, ax: Axes | None = None) -> Figu
     Examples
     --------
     >>> import bayescal as bc
-    >>> session = bc.simulate(contacts=60, later=8, repeats=5, spheres=0, seed=1)
+    >>> session = bc.simulate(contacts=80, later=8, repeats=5, spheres=0, seed=1)
     >>> figure = bc.plot.arm(bc.fit(session, samples=0), width_mm=80)
     """
     return _drawn("arm", result, width_mm, ax)
@@ -185,7 +185,7 @@ def posterior(
     Examples
     --------
     >>> import bayescal as bc
-    >>> session = bc.simulate(contacts=60, later=8, repeats=5, spheres=0, seed=1)
+    >>> session = bc.simulate(contacts=80, later=8, repeats=5, spheres=0, seed=1)
     >>> figure = bc.plot.posterior(bc.fit(session, samples=0), ["a2", "d4"])
     >>> [axes.texts[-1].get_text() for axes in figure.axes[:2]]
     ['a2 (mm)', 'd4 (mm)']

@@ -43,67 +43,66 @@ def plan(options: Options, robot: Robot) -> tuple[Dataset, Scenery]:
         If too little of the cube or the spheres can be reached.
     """
     arm = Arm(robot, TOOL.centre)
-    cube, faces = _cube(arm)
-    here = among(arm, _clearance(arm), cube)
-    visits = [_calibrating(options, arm, here, cube, faces)]
+    cube, faces = cube_of(arm)
+    visits = [_calibrating(arm, options.contacts, options.repeats, options.seed)]
     centres = np.empty((options.placements if options.spheres else 0, options.spheres, 3))
     for p in range(len(centres)):
-        centres[p], balls = _placement(arm, options.spheres, options.sphere_contacts, options.seed, p)
+        centres[p], balls = placement(arm, options.spheres, options.sphere_contacts, options.seed, p)
         for k, ball in enumerate(balls):
             target = np.full(len(ball), len(faces) + p * options.spheres + k)
             visits.append(_visit("validate", ball, target, 0.0 if k else SET_UP))
-    target, later = _shuffled(arm, here, cube, faces, options.later, stream(options.seed, "later"))
-    visits.append(_visit("validate", later, target, LUNCH))
+    visits.append(_later(arm, options.later, options.seed))
     scenery = Scenery(cube, faces, centres)
     return dataset_of(options, robot, scenery, _measurements(options, visits, len(faces))), scenery
 
 
 @lru_cache(maxsize=64)
-def _clearance(arm: Arm) -> Clearance:
+def clearance_of(arm: Arm) -> Clearance:
     """The check of collisions of the arm on its table."""
     return Clearance.of(arm.robot, TOOL, stand=depth(arm))
 
 
 @lru_cache(maxsize=64)
-def _cube(arm: Arm) -> tuple[Cube, tuple[str, ...]]:
+def cube_of(arm: Arm) -> tuple[Cube, tuple[str, ...]]:
     """The cube and its faces: they depend on the arm alone."""
-    return place_cube(arm, _clearance(arm), RADIUS)
+    return place_cube(arm, clearance_of(arm), RADIUS)
 
 
 @lru_cache(maxsize=64)
-def _placement(arm: Arm, spheres: int, count: int, seed: int, turn: int) -> tuple[np.ndarray, list[Contacts]]:
+def placement(arm: Arm, spheres: int, count: int, seed: int, turn: int) -> tuple[np.ndarray, list[Contacts]]:
     """Placement `turn` of the spheres; effects, noise and contacts on the cube do not change it."""
     rng = stream(seed, "spheres", str(turn))
-    return place_spheres(arm, _clearance(arm), _cube(arm)[0], spheres, RADIUS, count, turn, rng)
+    return place_spheres(arm, clearance_of(arm), cube_of(arm)[0], spheres, RADIUS, count, turn, rng)
 
 
 def _visit(role: str, contacts: Contacts, target: np.ndarray, pause: float) -> Visit:
     return Visit(role, contacts, target, np.full(len(contacts), ""), pause)
 
 
-def _calibrating(
-    options: Options, arm: Arm, clearance: Clearance, cube: Cube, faces: tuple[str, ...]
-) -> Visit:
-    """Contacts on all faces in random order; some of them are made `GROUP` times in a row."""
-    rng = stream(options.seed, "faces")
-    different = options.contacts - (GROUP - 1) * options.repeats
-    target, found = _shuffled(arm, clearance, cube, faces, different, rng)
+@lru_cache(maxsize=64)
+def _calibrating(arm: Arm, contacts: int, repeats: int, seed: int) -> Visit:
+    """Contacts on all faces in random order, of which `repeats` are made `GROUP` times in a row."""
+    rng = stream(seed, "faces")
+    different = contacts - (GROUP - 1) * repeats
+    target, found = _shuffled(arm, different, rng)
     times = np.ones(different, int)
-    times[rng.choice(different, options.repeats, replace=False)] = GROUP
+    times[rng.choice(different, repeats, replace=False)] = GROUP
     names = np.array([f"r{k:02d}" if k else "" for k in np.where(times > 1, np.cumsum(times > 1), 0)])
     rows = np.repeat(np.arange(different), times)
     return Visit("calibrate", found[rows], target[rows], names[rows])
 
 
-def _shuffled(
-    arm: Arm,
-    clearance: Clearance,
-    cube: Cube,
-    faces: tuple[str, ...],
-    count: int,
-    rng: np.random.Generator,
-) -> tuple[np.ndarray, Contacts]:
+@lru_cache(maxsize=64)
+def _later(arm: Arm, count: int, seed: int) -> Visit:
+    """The later contacts on the faces, for validation."""
+    target, found = _shuffled(arm, count, stream(seed, "later"))
+    return _visit("validate", found, target, LUNCH)
+
+
+def _shuffled(arm: Arm, count: int, rng: np.random.Generator) -> tuple[np.ndarray, Contacts]:
     """Equally many contacts on all faces, in random order, with the index of the face of each."""
+    cube, faces = cube_of(arm)
+    clearance = among(arm, clearance_of(arm), cube)
     target = np.sort(rng.permutation(count) % len(faces))
     parts = []
     for k, face in enumerate(faces):

@@ -10,13 +10,11 @@ import numpy as np
 
 from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import rpy_matrix, rpy_of
-from bayescal.collision import Clearance
 from bayescal.dataset import Certificate, Patch, Target
-from bayescal.simulation.artefacts import RADIUS, TOOL, Scenery
-from bayescal.simulation.options import stream
-from bayescal.simulation.place import depth, place_cube, place_spheres
+from bayescal.simulation.artefacts import TOOL, Scenery
 from bayescal.simulation.reach import Arm
 from bayescal.simulation.scenery import SIZE, U_ANGLE, U_DISTANCE, U_SPHERE, Cube
+from bayescal.simulation.session import cube_of, placement
 
 SPHERES, PLACEMENTS, ON_SPHERE = 3, 4, 11
 """Spheres of the artefact, its placements, and contacts on each sphere."""
@@ -36,7 +34,6 @@ class Room:
     """Where artefacts can be: the arm, and the cube that it reaches with its four faces."""
 
     arm: Arm
-    clearance: Clearance
     cube: Cube
     faces: tuple[str, ...]
 
@@ -50,8 +47,7 @@ class Room:
             If the arm is too small to reach anything.
         """
         arm = Arm(robot, TOOL.centre)
-        clearance = Clearance.of(robot, TOOL, stand=depth(arm))
-        return cls(arm, clearance, *place_cube(arm, clearance, RADIUS))
+        return cls(arm, *cube_of(arm))
 
 
 @dataclass(frozen=True)
@@ -91,9 +87,7 @@ def _cube(room: Room) -> Outline:
 def _spheres(room: Room) -> Outline:
     centres = np.empty((PLACEMENTS, SPHERES, 3))
     for turn in range(PLACEMENTS):
-        rng = stream(0, "spheres", str(turn))
-        place = room.arm, room.clearance, room.cube, SPHERES, RADIUS, ON_SPHERE, turn, rng
-        centres[turn], _ = place_spheres(*place)
+        centres[turn], _ = placement(room.arm, SPHERES, ON_SPHERE, 0, turn)
     targets = Scenery(room.cube, (), centres).targets
     certificates = [Certificate("diameter", (t.name,), u_distance=U_SPHERE) for t in targets]
     for k in range(PLACEMENTS):

@@ -1,5 +1,7 @@
 """Practice sessions of set-ups: what `init` writes can be simulated, fitted, and compared with its truth."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -14,8 +16,9 @@ OPTIONS = {"contacts": 60, "later": 8, "repeats": 2, "seed": 1}
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Maker of the set-up of an artefact, as `init` writes it."""
+    """Maker of the set-up of an artefact, as `init` writes it, once for each."""
 
+    @cache
     def made(artefact):
         path = tmp_path_factory.mktemp("setups") / artefact.replace(",", "-")
         bc.init(path, "lrmate200ic", artefact, tool="60 0 120 mm")

@@ -30,16 +30,11 @@ DOCUMENTED = (
 
 
 @pytest.fixture(scope="module")
-def known():
-    """Results of `bc.simulate` and `bc.fit` by what was asked."""
-    return {}
+def remembered():
+    """`bc.simulate` and `bc.fit`, which compute once what several examples or tests ask for."""
+    known = {}
 
-
-@pytest.fixture
-def once(known, monkeypatch):
-    """What several examples compute is computed once."""
-
-    def remembered(function):
+    def of(function):
         def call(*given, **named):
             what = [id(g) if hasattr(g, "dataset") else g for g in given]
             asked = function.__name__, repr(what), repr(named)
@@ -49,8 +44,14 @@ def once(known, monkeypatch):
 
         return call
 
-    for name in ("simulate", "fit"):
-        monkeypatch.setattr(bc, name, remembered(getattr(bc, name)))
+    return {name: of(getattr(bc, name)) for name in ("simulate", "fit")}
+
+
+@pytest.fixture
+def once(remembered, monkeypatch):
+    """Examples call these two in place of those of the package."""
+    for name, function in remembered.items():
+        monkeypatch.setattr(bc, name, function)
 
 
 @pytest.mark.parametrize("module", DOCUMENTED)
@@ -60,7 +61,7 @@ def test_examples_of_docstrings(module, once):
     assert not found.failed
 
 
-def test_examples_of_the_page():
+def test_examples_of_the_page(once):
     found = doctest.testfile(str(ROOT / "docs" / "api.md"), module_relative=False)
     assert found.attempted > 5
     assert not found.failed
@@ -85,13 +86,13 @@ def test_import_alone_imports_nothing():
 
 
 @pytest.fixture(scope="module")
-def session():
-    return bc.simulate(contacts=80, later=8, repeats=5, spheres=2, placements=1, seed=1)
+def session(remembered):
+    return remembered["simulate"](contacts=80, later=8, repeats=5, spheres=2, placements=1, seed=1)
 
 
 @pytest.fixture(scope="module")
-def result(session):
-    return bc.fit(session, samples=0)
+def result(session, remembered):
+    return remembered["fit"](session, samples=0)
 
 
 def test_a_fit_prints_itself(result):

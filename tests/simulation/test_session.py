@@ -36,29 +36,34 @@ def test_counts():
 
 
 def test_positions_are_searched_once_for_an_arm(monkeypatch):
-    """Effects, noise and contacts do not change them; the seed and the robot do. The session is the same."""
+    """Effects and noise do not change them; the seed and the robot do. The session is the same."""
     from bayescal.simulation import session
 
     def forget():
-        session._placement.cache_clear()
-        session._cube.cache_clear()
+        for kept in (session.placement, session.cube_of, session._calibrating, session._later):
+            kept.cache_clear()
 
     forget()
     fresh = simulate(Options(**LITTLE, seed=7)).dataset
     searched = []
-    place = session.place_spheres
-    monkeypatch.setattr(
-        session, "place_spheres", lambda arm, *more: searched.append(arm) or place(arm, *more)
-    )
-    other = {**LITTLE, "contacts": 40}
-    simulate(Options(**other, seed=7, effects=("geometry",), noise=1e-6))
+
+    def counted(name):
+        search = getattr(session, name)
+        monkeypatch.setattr(session, name, lambda *given: searched.append(name) or search(*given))
+
+    for name in ("place_spheres", "on_face"):
+        counted(name)
+    simulate(Options(**LITTLE, seed=7, effects=("geometry",), noise=1e-6))
     again = simulate(Options(**LITTLE, seed=7)).dataset
     assert not searched
     np.testing.assert_array_equal(again.measurements.readings, fresh.measurements.readings)
+    other = {**LITTLE, "contacts": 40}
+    simulate(Options(**other, seed=7))
+    assert set(searched) == {"on_face"}  # more or fewer contacts, the same spheres
     simulate(Options(**other, seed=8))
     forget()
     simulate(Options(**other, seed=7))
-    assert len(searched) == 2
+    assert searched.count("place_spheres") == 2
 
 
 def test_the_default_cube_is_that_of_the_paper():
