@@ -33,7 +33,7 @@ def budget(
     from bayescal.public.budgets import budget as work
 
     if to not in FORMATS:
-        raise BayescalError(f"there is no format '{to}'", "--to", f"formats: {', '.join(FORMATS)}")
+        raise BayescalError(f"there is no format `{to}`", "--to", f"formats: {', '.join(FORMATS)}")
     found = work(
         run,
         distance=distance,

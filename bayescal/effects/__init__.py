@@ -179,7 +179,7 @@ def named(name: str) -> tuple[Effect, Setting]:
     asked = Selection.read(name)
     plain, setting = asked.effect, asked.setting
     if plain not in MODELS:
-        raise BayescalError(f"no effect is called '{plain}'", "--model", f"known: {', '.join(MODELS)}")
+        raise BayescalError(f"no effect is called `{plain}`", "--model", f"known: {', '.join(MODELS)}")
     effect = MODELS[plain]
     if setting is None:
         return effect, None
@@ -187,7 +187,7 @@ def named(name: str) -> tuple[Effect, Setting]:
         return effect, setting
     forms = ", ".join(f"{plain}@{form.name}" for form in effect.forms)
     if effect.scan is None and forms:
-        raise BayescalError(f"{plain} has no form '{setting}'", f"--model {name}", f"it has: {forms}")
+        raise BayescalError(f"{plain} has no form `{setting}`", f"--model {name}", f"it has: {forms}")
     if effect.scan is None:
         raise BayescalError(f"{plain} has no setting", f"--model {name}", f"say {plain}")
     wanted = f"give the {effect.scan.what}" + (f", or one of {forms}" if forms else "")

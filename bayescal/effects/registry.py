@@ -81,7 +81,7 @@ class Vocabulary(Mapping[str, Effect]):
         """
         if name in self._own or name not in self:
             known = ", ".join(n for n in self if n not in self._own) or "none"
-            raise BayescalError(f"'{name}' was not registered", "effects.unregister", f"registered: {known}")
+            raise BayescalError(f"`{name}` was not registered", "effects.unregister", f"registered: {known}")
         del self._effects[name]
 
     def _add(self, effect: object, where: str) -> None:
@@ -90,16 +90,16 @@ class Vocabulary(Mapping[str, Effect]):
             raise BayescalError(what, where, "give a bayescal.effects.Effect")
         if not NAME.fullmatch(effect.name):
             remedy = "use small letters, digits and hyphens, for example cable-drag"
-            raise BayescalError(f"'{effect.name}' cannot name an effect", where, remedy)
+            raise BayescalError(f"`{effect.name}` cannot name an effect", where, remedy)
         if effect.name in self._effects or effect.name in self._reserved:
-            raise BayescalError(f"the name '{effect.name}' is in use", where, "give the effect another name")
+            raise BayescalError(f"the name `{effect.name}` is in use", where, "give the effect another name")
         self._effects[effect.name] = effect
 
     def _check_names(self, effect: Effect, where: str) -> None:
         for field in ("confusable_with", "requires", "part_of"):
             for other in getattr(effect, field):
                 if other == effect.name or other not in self._effects:
-                    what = f"{field} of {effect.name} names '{other}', which is not another effect"
+                    what = f"{field} of {effect.name} names `{other}`, which is not another effect"
                     raise BayescalError(what, where, f"known: {', '.join(self._effects)}")
 
     def _read_entry_points(self) -> None:

@@ -98,14 +98,14 @@ class Selection:
         for site in self.sites:
             if not any(replace(self, sites=(site,), drivers=()).holds(p) for p in parameters):
                 raise BayescalError(
-                    f"{self.effect} has no parameters at '{site}'",
+                    f"{self.effect} has no parameters at `{site}`",
                     where,
                     f"its sites are: {_sites(parameters)}",
                 )
         own = [p for p in parameters if self.holds(p)]
         there = dict.fromkeys(driver_words(p) for p in parameters if replace(self, drivers=()).holds(p))
         if unknown := [driver for driver in self.drivers if driver not in there]:
-            what = f"{self.effect} has no parameters by '{unknown[0]}' there"
+            what = f"{self.effect} has no parameters by `{unknown[0]}` there"
             raise BayescalError(what, where, f"its drivers there are: {', '.join(there)}")
         if self.together:
             joined = in_proportion(self.effect, own)

@@ -164,7 +164,7 @@ class Parameter:
     def fault(self, rows: int) -> str:
         """Why a model of a session with `rows` rows cannot have it, or ""."""
         if self.unit not in UNITS:
-            return f"the unit '{self.unit}' is unknown; known: {', '.join(UNITS)}"
+            return f"the unit `{self.unit}` is unknown; known: {', '.join(UNITS)}"
         if not 0 < self.sd < np.inf or not np.isfinite(self.centre):
             return f"its prior, {self.centre:g} with standard deviation {self.sd:g}, is not normal"
         if not isinstance(self.site, Site) or not isinstance(self.driver, Driver):
@@ -303,7 +303,7 @@ class Effect:
             parameters = self.scan.parameters(circumstances, setting)
         for p in parameters:
             if fault := p.fault(len(circumstances.q)):
-                raise BayescalError(fault, f"parameter '{p.name}' of {self.name}", "correct the effect")
+                raise BayescalError(fault, f"parameter `{p.name}` of {self.name}", "correct the effect")
         return [replace(p, effect=self.name) for p in parameters]
 
     def words(self, setting: Setting) -> str:

@@ -134,7 +134,7 @@ def _copies(names: Sequence[str], folder: Path) -> list[Path]:
     """Folders of the copies of the dataset, as arm.json names them: none outside the run folder is read."""
     for name in names:
         if not re.fullmatch(rf"{COPY}(/[1-9][0-9]*)?", name):
-            what = f"'{name}' is not a copy of the dataset in the run folder"
+            what = f"`{name}` is not a copy of the dataset in the run folder"
             raise BayescalError(what, str(folder / ARM_FILE), f"it must be {COPY}, or {COPY}/1, {COPY}/2 ...")
     return [folder / name for name in names]
 
@@ -185,7 +185,7 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
     # a joint may carry a torque only where the arm stands as it was fitted
     found = equilibrium(scene, make, deviations, SETTLED)
     if missing := entries.keys() - {p.name for p in found.parameters}:
-        what = f"the model of the dataset's copy has no parameter '{min(missing)}'"
+        what = f"the model of the dataset's copy has no parameter `{min(missing)}`"
         raise BayescalError(what, str(folder / ARM_FILE), "repeat the command with this version")
     model, values = with_parameters(found.scene, effects, found.parameters), deviations(found)
     return FittedArm(

@@ -139,7 +139,7 @@ def export(
     if into and not format_.into:
         raise BayescalError(f"{to} is always a new file", f"--into {into}", "leave --into out")
     if readings not in format_.readings:
-        what = f"{to} has no readings '{readings}'"
+        what = f"{to} has no readings `{readings}`"
         raise BayescalError(what, "--readings", f"say {' or '.join(format_.readings)}")
     gate.check(arm.against, force)
     options = Options(state_row(arm.dataset, time, row), name, into, readings)

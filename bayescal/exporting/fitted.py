@@ -209,7 +209,7 @@ class FittedArm:
         All levels have the fitted tool, except nominal.
         """
         if name not in self.levels:
-            raise BayescalError(f"there is no level '{name}'", "", f"levels: {', '.join(self.levels)}")
+            raise BayescalError(f"there is no level `{name}`", "", f"levels: {', '.join(self.levels)}")
         count = self.levels.index(name)
         used = {plain(e) for e in self.effects[:count]} | ({TOOL.name} if count else set())
         return self.valued(np.where([p.effect in used for p in self.model.parameters], self.values, 0.0))

@@ -24,5 +24,5 @@ def format_of(name: str) -> Format:
         If there is no such format.
     """
     if name not in FORMATS:
-        raise BayescalError(f"there is no format '{name}'", "--to", f"formats: {', '.join(FORMATS)}")
+        raise BayescalError(f"there is no format `{name}`", "--to", f"formats: {', '.join(FORMATS)}")
     return FORMATS[name]

@@ -50,7 +50,7 @@ class Circumstance:
         if tool is not None:
             names = [t.name for t in dataset.tools]
             if tool not in names:
-                raise BayescalError(f"there is no tool '{tool}'", "", f"tools: {', '.join(names)}")
+                raise BayescalError(f"there is no tool `{tool}`", "", f"tools: {', '.join(names)}")
             values["tool"] = names.index(tool)
         source = np.full(count, _row(dataset, row))
         if time is not None:
@@ -87,7 +87,7 @@ def _row(dataset: Dataset, row: str | int | None) -> int:
         return int(np.flatnonzero(m.role == "calibrate")[-1])
     if isinstance(row, str):
         if row not in m.ids:
-            raise BayescalError(f"there is no row '{row}'", "measurements.csv", "give the id of a row")
+            raise BayescalError(f"there is no row `{row}`", "measurements.csv", "give the id of a row")
         return m.ids.index(row)
     if not -len(m.ids) <= row < len(m.ids):
         raise BayescalError(f"there is no row {row}", "measurements.csv", f"it has {len(m.ids)} rows")

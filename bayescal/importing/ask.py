@@ -75,7 +75,7 @@ class Request:
         """Refuse missing and invalid options."""
         for option, known in CHOICES.items():
             if getattr(self, option) not in known:
-                what = f"'{getattr(self, option)}' is not known"
+                what = f"`{getattr(self, option)}` is not known"
                 raise BayescalError(what, f"--{option}", f"must be {' or '.join(filter(None, known))}")
         if self.plan is not None and (self.robot or self.template is not None):
             option = "--robot" if self.robot else "--template"

@@ -48,7 +48,7 @@ def pair(rule: str, log: Columns, points: Columns) -> tuple[Columns, tuple[str, 
     """
     found = re.fullmatch(r"(row|id|time)(?:[:\s]\s*(.+))?", rule.strip())
     if found is None or bool(found[2]) != (found[1] == "time"):
-        raise BayescalError(f"'{rule}' is not known", "--pair", "must be row, id or time:0.5 s")
+        raise BayescalError(f"`{rule}` is not known", "--pair", "must be row, id or time:0.5 s")
     if found[1] == "time":
         return _by_time(log, points, quantity(found[2], "time", 1, "--pair")[0])
     return _by_row(log, points) if found[1] == "row" else _by_id(log, points)

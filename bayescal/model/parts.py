@@ -30,7 +30,7 @@ class Part:
         asked = Selection.read(words)
         if len(asked.sites) != 1 or asked != Selection(asked.effect, sites=asked.sites):
             raise BayescalError(
-                f"'{words.strip()}' is not an effect at a site",
+                f"`{words.strip()}` is not an effect at a site",
                 OPTION,
                 "write, for example, 'geometry at joint 4'",
             )
@@ -73,6 +73,6 @@ def kept(parameters: Sequence[Parameter], without: Sequence[Part]) -> tuple[Para
         own = [p for p in parameters if p.effect == part.effect]
         if own and not any(map(part.holds, own)):
             sites = dict.fromkeys(str(site) for p in own for site in p.site.also)
-            what = f"{part.effect} has no parameters at '{part.site}'"
+            what = f"{part.effect} has no parameters at `{part.site}`"
             raise BayescalError(what, OPTION, f"its sites are: {', '.join(sites)}")
     return tuple(p for p in parameters if not any(part.holds(p) for part in without))

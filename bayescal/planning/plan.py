@@ -176,10 +176,10 @@ def _check(aim: str, levers: Sequence[str], order: str, contacts: int) -> None:
     """Refuse arguments that are not possible."""
     for value, known, option in ((aim, AIMS, "--for"), (order, orders.ORDERS, "--order")):
         if value not in known:
-            raise BayescalError(f"'{value}' is not known", option, f"give one of {', '.join(known)}")
+            raise BayescalError(f"`{value}` is not known", option, f"give one of {', '.join(known)}")
     for lever in levers:
         if lever not in LEVERS:
-            raise BayescalError(f"'{lever}' is not known", "--levers", f"give some of {', '.join(LEVERS)}")
+            raise BayescalError(f"`{lever}` is not known", "--levers", f"give some of {', '.join(LEVERS)}")
     if contacts < 1:
         raise BayescalError(f"{contacts} contacts are no plan", "--contacts", "give 1 or more")
 

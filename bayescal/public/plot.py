@@ -204,7 +204,7 @@ def posterior(
         for name in given:
             if name not in possible:
                 remedy = f"give one of {', '.join(possible)}"
-                raise BayescalError(f"there is no {what} '{name}'", "bc.plot.posterior", remedy)
+                raise BayescalError(f"there is no {what} `{name}`", "bc.plot.posterior", remedy)
     if kind == "density":
         return drawn(posterior_content(result.record, _draws(result, list(known)), names), width_mm, ax)
     from bayescal.posterior.inference import chains_figure

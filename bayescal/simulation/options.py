@@ -79,7 +79,7 @@ class Options:
             raise BayescalError(what, "--error-scale", f"give {LARGEST_SCALE:g} or less")
         for name in self.effects:
             if (effect := plain(name)) not in EFFECTS:
-                what = f"no effect is called '{effect}'"
+                what = f"no effect is called `{effect}`"
                 raise BayescalError(what, "--effects", f"known: {', '.join(EFFECTS)}")
         if self.seed_of_arm < 0:
             raise BayescalError("a negative value makes no sense", "--arm-seed", "give 0 or more")

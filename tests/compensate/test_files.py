@@ -76,7 +76,7 @@ def test_nominal_readings_are_kept_under_another_name(arm, session, tmp_path):
         (POSES, r"t\.csv:1: no rows below the header"),
         (POSES.replace("note", "u_mm") + ROWS, "column `u_mm` is written by a compensation"),
         ("id,note_mm\na,1\n", "the table has neither poses nor joints"),
-        (POSES.replace("note", "tool") + "a,450,0,200,180,0,0,pen\n", r"there is no tool 'pen'; tools: ball"),
+        (POSES.replace("note", "tool") + "a,450,0,200,180,0,0,pen\n", r"there is no tool `pen`; tools: ball"),
         (POSES.replace("note", "payload_kg") + "a,450,0,200,180,0,0,-1\n", r"t\.csv:2: `payload_kg` is -1"),
     ],
 )
@@ -151,7 +151,7 @@ def test_files_that_are_no_targets(arm, tmp_path):
             compensate_file(arm, table(tmp_path / name, text))
     with pytest.raises(BayescalError, match="no such file"):
         compensate_file(arm, tmp_path / "none.csv")
-    with pytest.raises(BayescalError, match="there is no format 'x'"):
+    with pytest.raises(BayescalError, match="there is no format `x`"):
         compensate_file(arm, table(tmp_path / "t.csv", POSES + ROWS), format_="x")
 
 

@@ -216,7 +216,7 @@ def test_a_plane_has_no_frame(arm):
 
 
 def test_the_tool_must_be_named_if_there_are_several(arm):
-    with pytest.raises(BayescalError, match="there is no tool 'pen'; tools: ball"):
+    with pytest.raises(BayescalError, match="there is no tool `pen`; tools: ball"):
         compensated(arm, [Target("", np.eye(4))], tool="pen")
 
 

@@ -275,8 +275,8 @@ def test_settings_of_several_sites_are_told_once_each():
     ("name", "words"),
     [
         ("geometry@3", "geometry has no setting"),
-        ("backlash@motor", "backlash has no form 'motor'"),
-        ("encoder-scale@2", "encoder-scale has no form '2'"),
+        ("backlash@motor", "backlash has no form `motor`"),
+        ("encoder-scale@2", "encoder-scale has no form `2`"),
         ("step@x", "'x' is not a number"),
         ("step@", "'' is not a number"),
         ("step@nan", "'nan' is not a number"),
@@ -287,7 +287,7 @@ def test_settings_of_several_sites_are_told_once_each():
         ("gear-mesh@100/x at joint 1 and joint 2", "'x' is not a number above 0"),
         ("gear-mesh@100/50 at joint 1", "2 settings; the number of sites is 1"),
         ("step@3/4", "step has one setting for all sites"),
-        ("nonsense@1", "no effect is called 'nonsense'"),
+        ("nonsense@1", "no effect is called `nonsense`"),
     ],
 )
 def test_settings_that_cannot_be(name, words, cube):

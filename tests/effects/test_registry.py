@@ -62,15 +62,15 @@ def test_an_unregistered_effect_is_gone():
     effects.register(OWN)
     effects.unregister(OWN.name)
     assert list(EFFECTS) == before
-    with pytest.raises(BayescalError, match="'cable-drag' was not registered"):
+    with pytest.raises(BayescalError, match="`cable-drag` was not registered"):
         effects.unregister(OWN.name)
-    with pytest.raises(BayescalError, match="'backlash' was not registered"):
+    with pytest.raises(BayescalError, match="`backlash` was not registered"):
         effects.unregister("backlash")
 
 
 @pytest.mark.parametrize("name", ["backlash", "joint", "tool", "null", "unknown", "nominal", "cable-drag"])
 def test_a_name_that_is_taken_is_refused(own, name):
-    with pytest.raises(BayescalError, match=f"the name '{name}' is in use"):
+    with pytest.raises(BayescalError, match=f"the name `{name}` is in use"):
         effects.register(replace(own, name=name))
     assert EFFECTS[own.name] is own
 
@@ -83,7 +83,7 @@ def test_a_name_that_no_option_could_give_is_refused(name):
 
 @pytest.mark.parametrize("field", ["confusable_with", "requires", "part_of"])
 def test_a_relation_to_no_effect_is_refused(field):
-    with pytest.raises(BayescalError, match=f"{field} of cable-drag names 'backlsh'"):
+    with pytest.raises(BayescalError, match=f"{field} of cable-drag names `backlsh`"):
         effects.register(replace(OWN, **{field: ("backlsh",)}))
     assert OWN.name not in EFFECTS
 
@@ -96,7 +96,7 @@ def test_what_is_no_effect_is_refused():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"unit": "mm"}, "the unit 'mm' is unknown"),
+        ({"unit": "mm"}, "the unit `mm` is unknown"),
         ({"sd": 0.0}, "is not normal"),
         ({"mean": np.nan}, "is not normal"),
         ({"terms": (Term(6, "rz", np.ones(3)),)}, "one value per row"),
@@ -107,7 +107,7 @@ def test_a_parameter_that_no_model_can_hold_is_refused(cube, change, words):
     spoilt = replace(OWN, parameters=lambda c: [replace(p, **change) for p in OWN.parameters(c)])
     effects.register(spoilt)
     try:
-        with pytest.raises(BayescalError, match=f"parameter 'cable-drag' of cable-drag: .*{words}"):
+        with pytest.raises(BayescalError, match=f"parameter `cable-drag` of cable-drag: .*{words}"):
             parameters_of((OWN.name,), circumstances(Scene(cube(seed=1).dataset)))
     finally:
         effects.unregister(OWN.name)
@@ -151,8 +151,8 @@ def test_entry_points_are_read_once_and_at_first_use(monkeypatch, tmp_path):
     ("names", "words"),
     [
         (("WRONG",), "entry point WRONG = .*: int is not an Effect"),
-        (("TAKEN",), "the name 'backlash' is in use"),
-        (("DRAG",), "requires of drag names 'sag'"),
+        (("TAKEN",), "the name `backlash` is in use"),
+        (("DRAG",), "requires of drag names `sag`"),
         (("SAG", "ABSENT"), "entry point ABSENT = .*: cannot be loaded: AttributeError"),
     ],
 )

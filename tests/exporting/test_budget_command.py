@@ -100,7 +100,7 @@ def test_csv_has_all_components_and_the_sum(run, command):
         (("--point", "1,2,3"), "3 readings"),
         (("--point", "1,2,x,4,5,6"), "no list of numbers"),
         (("--point", "1,2,nan,4,5,6"), "no finite number"),
-        (("--to", "xml"), "no format 'xml'"),
+        (("--to", "xml"), "no format `xml`"),
         (("--parameter", "a2", "--point", "1,2,3,4,5,6"), "more than one measurand"),
     ],
 )

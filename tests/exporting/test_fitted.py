@@ -77,7 +77,7 @@ def test_state_of_a_time_and_of_a_row(session):
     np.testing.assert_allclose(arm.at(q, time=m.time[0]).points, early, rtol=0, atol=1e-12)
     np.testing.assert_allclose(arm.at(q, row=m.ids[0]).points, early, rtol=0, atol=1e-15)
     assert np.linalg.norm(early - late) > 1e-6
-    with pytest.raises(BayescalError, match="there is no row 'x'"):
+    with pytest.raises(BayescalError, match="there is no row `x`"):
         arm.at(q, row="x")
 
 
@@ -128,7 +128,7 @@ def test_only_copies_in_the_run_folder_are_read(session, tmp_path, folder):
     record = json.loads(path.read_text())
     record["dataset"]["folders"] = [folder]
     path.write_text(json.dumps(record))
-    with pytest.raises(BayescalError, match=r"arm\.json: '.*' is not a copy of the dataset") as refusal:
+    with pytest.raises(BayescalError, match=r"arm\.json: `.*` is not a copy of the dataset") as refusal:
         open_run(path.parent)
     assert "\n" not in str(refusal.value)
 

@@ -149,7 +149,7 @@ def test_a_xacro_and_another_format_are_refused(tmp_path):
         export(arm, "urdf", into=str(tmp_path / "arm.xacro"))
     with pytest.raises(BayescalError, match="is always a new file"):
         export(arm, "robot.yaml", into="arm.yaml")
-    with pytest.raises(BayescalError, match="there is no format 'usd'"):
+    with pytest.raises(BayescalError, match="there is no format `usd`"):
         export(arm, "usd")
 
 

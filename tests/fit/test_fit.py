@@ -166,10 +166,10 @@ def test_one_seed_one_result(tmp_path, cube):
     ("arguments", "words"),
     [
         (["nowhere"], "no such folder"),
-        ([str(CUBE), "--model", "geometry,elasticity"], "no effect is called 'elasticity'"),
+        ([str(CUBE), "--model", "geometry,elasticity"], "no effect is called `elasticity`"),
         ([str(CUBE), "--model", "geometry@3"], "--model geometry@3: geometry has no setting"),
         ([str(CUBE), "--model", "geometry,step@x"], "--model step@x: 'x' is not a number"),
-        ([str(CUBE), "--model", "nonsense@1"], "no effect is called 'nonsense'"),
+        ([str(CUBE), "--model", "nonsense@1"], "no effect is called `nonsense`"),
         ([str(CUBE), "--model", "hysteresis@0.02,hysteresis@0.06"], "an effect is named twice"),
         ([str(CUBE), "--model", "geometry,gear-mesh"], "no reductions in the robot file"),
         ([str(CUBE), "--prior-width", "0"], "without priors"),

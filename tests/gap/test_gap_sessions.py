@@ -299,7 +299,7 @@ def test_an_upright_joint_that_is_found_to_lean(few):
 @pytest.mark.parametrize(
     ("change", "arguments", "words"),
     [
-        ("nothing", ["--model", "geometry,ghost"], "no effect is called 'ghost'"),
+        ("nothing", ["--model", "geometry,ghost"], "no effect is called `ghost`"),
         ("nothing", ["--model", "geometry,compliance,step@soon"], "'soon' is not a number"),
         ("velocity", ["--model", "geometry,compliance,backlash"], "no j1_degps"),
         ("contacts", [], "no row has the role calibrate"),

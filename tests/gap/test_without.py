@@ -110,10 +110,10 @@ def test_nothing_wrong_there_is_not_named():
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("geometry", "'geometry' is not an effect at a site"),
+        ("geometry", "`geometry` is not an effect at a site"),
         ("bending at link 2", "bending is not in the model; the model has: geometry, compliance"),
-        ("geometry at joint 6", "geometry has no parameters at 'joint 6'; its sites are: joint 1, link 1"),
-        ("compliance at link 2", "compliance has no parameters at 'link 2'; its sites are: joint 2"),
+        ("geometry at joint 6", "geometry has no parameters at `joint 6`; its sites are: joint 1, link 1"),
+        ("compliance at link 2", "compliance has no parameters at `link 2`; its sites are: joint 2"),
     ],
 )
 def test_refusals_are_one_line(words, told, dataset, tmp_path, monkeypatch, capsys):
@@ -134,6 +134,6 @@ def test_what_is_kept_and_what_is_refused(scene):
     own = build(scene, BASE).parameters
     assert kept(own, ()) == own
     assert kept(own, [Part("bending", link(2))]) == own  # no such effect here: nothing to take
-    with pytest.raises(BayescalError, match="no parameters at 'wrist'"):
+    with pytest.raises(BayescalError, match="no parameters at `wrist`"):
         kept(own, [Part.of("geometry at wrist")])
     assert parts_of(("geometry  at  joint 4", "geometry at joint 4"), BASE) == (Part("geometry", joint(4)),)

@@ -96,7 +96,7 @@ def test_logs(tmp_path, text, map_, words):
             {"map": ""},
             "log.csv: the contents and units of the columns are not stated.* A1, A2, .*, Y, Z",
         ),
-        ({"format": "xlsx"}, "--format: 'xlsx' is not known; must be csv or robodk"),
+        ({"format": "xlsx"}, "--format: `xlsx` is not known; must be csv or robodk"),
         ({"noise": ""}, "--noise: the uncertainty of the instrument is not stated"),
         ({"noise": "0.03"}, "--noise: '0.03' is not 1 number and a unit of length"),
         ({"map": "j*=A* deg"}, "no points, and no template"),

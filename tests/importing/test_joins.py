@@ -82,12 +82,12 @@ def test_a_tracker_whose_clock_is_wrong(tracked, tmp_path):
             STAMPED,
             "no rows of ctrl.csv and tracker.csv are within 0.1 s: the nearest differ by 0.3 s",
         ),
-        ("time", STAMPED, "'time' is not known; must be row, id or time:0.5 s"),
+        ("time", STAMPED, "`time` is not known; must be row, id or time:0.5 s"),
         ("time:1 mm", STAMPED, "`mm` is a unit of length, not of time"),
         ("time:1 s", STAMPED.replace("Time iso", "Time dmy"), "is not a date and time .dmy."),
         ("time:1 s", "id=Name, x=X mm, y=Y mm, z=Z mm", "tracker.csv: no column holds `time`"),
         ("row", STAMPED, "200 rows in ctrl.csv, 40 in tracker.csv"),
-        ("near", STAMPED, "'near' is not known"),
+        ("near", STAMPED, "`near` is not known"),
     ],
 )
 def test_refused_by_time(tracked, tmp_path, pair, map_, words):

@@ -110,10 +110,10 @@ def test_a_diagnosis_is_continued(session, setup, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--to", "rapid"), "there is no format 'rapid'"),
-        (("--for", "fun"), "'fun' is not known"),
-        (("--order", "alphabet"), "'alphabet' is not known"),
-        (("--levers", "payload,magic"), "'magic' is not known"),
+        (("--to", "rapid"), "there is no format `rapid`"),
+        (("--for", "fun"), "`fun` is not known"),
+        (("--order", "alphabet"), "`alphabet` is not known"),
+        (("--levers", "payload,magic"), "`magic` is not known"),
         (("--model", "geometri"), "geometri"),
         (("--contacts", "5"), "not more than"),
         (("--after", "."), "there is no dataset.yaml and no gap.json"),

@@ -130,7 +130,7 @@ def test_formats_are_written_beside_the_plan(plan, tmp_path):
     names = write_plan(plan, tmp_path / "run", ("poses", "csv", "poses"))
     assert {"plan-poses.csv", "plan-joints.csv"} <= set(names)
     assert (tmp_path / "run" / "plan-joints.csv").read_text() == FORMATS["csv"].text(plan)
-    with pytest.raises(BayescalError, match="there is no format 'rapid'"):
+    with pytest.raises(BayescalError, match="there is no format `rapid`"):
         formats_of(["csv", "rapid"])
     with pytest.raises(BayescalError, match="there is no format"):
         write_plan(plan, tmp_path / "other", ("rapid",))

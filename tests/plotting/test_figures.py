@@ -428,11 +428,11 @@ def test_plots_of_arviz_have_units(result, kind):
 
 
 def test_what_cannot_be_drawn_is_said_in_one_line(result, sessions):
-    with pytest.raises(BayescalError, match="'where' is of a diagnosis, not of a calibration"):
+    with pytest.raises(BayescalError, match="`where` is of a diagnosis, not of a calibration"):
         bc.plot.where(result)
-    with pytest.raises(BayescalError, match="there is no parameter 'a99'"):
+    with pytest.raises(BayescalError, match="there is no parameter `a99`"):
         bc.plot.posterior(result, ["a99"])
-    with pytest.raises(BayescalError, match="there is no plot 'violin'"):
+    with pytest.raises(BayescalError, match="there is no plot `violin`"):
         bc.plot.posterior(result, kind="violin")
     with pytest.raises(BayescalError, match="'posterior' is of a calibration"):
         bc.plot.posterior(sessions["named"])
@@ -441,7 +441,7 @@ def test_what_cannot_be_drawn_is_said_in_one_line(result, sessions):
     with pytest.raises(BayescalError, match=r"there is no budget\.json"):
         bc.plot.budget(result)
     old = {k: v for k, v in sessions["named"].items() if k != "rows"}
-    with pytest.raises(BayescalError, match="the record has no 'rows'"):
+    with pytest.raises(BayescalError, match="the record has no `rows`"):
         bc.plot.arm(old)
     with pytest.raises(BayescalError, match="there are no validation measurements"):
         bc.plot.distances(sessions["empty tables"])

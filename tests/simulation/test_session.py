@@ -179,7 +179,7 @@ def test_every_effect_can_be_simulated(name, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"effects": ("geometri",)}, "--effects: no effect is called 'geometri'"),
+        ({"effects": ("geometri",)}, "--effects: no effect is called `geometri`"),
         ({"effects": ("compliance",), "robot": "seven"}, "--effects: compliance cannot be judged"),
         ({"effects": ("gear-mesh",)}, "--effects: gear-mesh cannot be judged: no reductions"),
         ({"robot": "small"}, "small: four faces of a 228.6 mm cube are out of its reach"),

@@ -106,7 +106,7 @@ def compensate_file(
     content = _content(source)
     name = format_ or _format_of(source, content)
     if name not in FORMATS:
-        raise BayescalError(f"there is no format '{name}'", "--format", f"known: {', '.join(FORMATS)}")
+        raise BayescalError(f"there is no format `{name}`", "--format", f"known: {', '.join(FORMATS)}")
     n = arm.dataset.robot.n
     if name == TABLE:
         table = read_targets(source, n, payload)

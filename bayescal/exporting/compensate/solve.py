@@ -102,7 +102,7 @@ def _tool(arm: FittedArm, name: str | None) -> Tool:
     if name is None and len(tools) > 1:
         raise BayescalError("the session has several tools", "--tool", f"name one; {known}")
     if name is not None and name not in tools:
-        raise BayescalError(f"there is no tool '{name}'", "--tool", known)
+        raise BayescalError(f"there is no tool `{name}`", "--tool", known)
     return next(iter(tools.values())) if name is None else tools[name]
 
 

@@ -29,5 +29,5 @@ def formats_of(names: Sequence[str]) -> tuple[Format, ...]:
     """
     for name in names:
         if name not in FORMATS:
-            raise BayescalError(f"there is no format '{name}'", "--to", f"known: {', '.join(FORMATS)}")
+            raise BayescalError(f"there is no format `{name}`", "--to", f"known: {', '.join(FORMATS)}")
     return tuple(FORMATS[name] for name in dict.fromkeys(names))

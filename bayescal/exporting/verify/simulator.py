@@ -71,7 +71,7 @@ class Simulator:
         kinds = ("ACTUATOR", "SENSOR") if servos else ("JOINT",)
         for name in joints.names:
             if any(self._id(kind, name) < 0 for kind in kinds):
-                what = f"there is no {' and '.join(kinds).lower()} '{name}'"
+                what = f"there is no {' and '.join(kinds).lower()} `{name}`"
                 raise BayescalError(what, where, "give a file of bayescal export")
         if not servos:
             flags = self.mj.mjtDisableBit

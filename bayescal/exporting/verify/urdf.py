@@ -97,7 +97,7 @@ def _in_pinocchio(pin: Any, root: ET.Element, joints: list[str], tip: str, where
     for known, kind, names in ((model.existJointName, "joint", joints), (model.existFrame, "link", [tip])):
         for name in names:
             if not known(name):
-                raise BayescalError(f"Pinocchio finds no {kind} '{name}'", where, AGAIN)
+                raise BayescalError(f"Pinocchio finds no {kind} `{name}`", where, AGAIN)
     data, frame = model.createData(), model.getFrameId(tip)
     moving = [model.joints[model.getJointId(name)] for name in joints]
 

@@ -140,7 +140,7 @@ def content(name: str, record: Json) -> Content:
     if schema not in CONTENT[name]:
         of = " or ".join(KINDS[s] for s in CONTENT[name])
         raise BayescalError(
-            f"the figure '{name}' is of {of}, not of {KINDS.get(schema, schema)}", "bc.plot", f"give {of}"
+            f"the figure `{name}` is of {of}, not of {KINDS.get(schema, schema)}", "bc.plot", f"give {of}"
         )
     return CONTENT[name][schema](record)
 
@@ -173,5 +173,5 @@ def _needs(record: Json, *keys: str) -> None:
     for key in keys:
         if key not in record:
             raise BayescalError(
-                f"the record has no '{key}'", str(record.get("dataset", {}).get("name", "")), AGAIN
+                f"the record has no `{key}`", str(record.get("dataset", {}).get("name", "")), AGAIN
             )

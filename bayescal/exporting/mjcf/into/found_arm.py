@@ -108,7 +108,7 @@ def _end(model: Any, robot: Robot, tip: str, where: str) -> int:
     if tip:
         body = mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, tip)
         if body < 0:
-            raise BayescalError(f"there is no body '{tip}'", where, "name the last body of the arm")
+            raise BayescalError(f"there is no body `{tip}`", where, "name the last body of the arm")
         return int(body)
     count = [sum(int(model.body_jntnum[a]) for a in _above(model, b)) for b in range(model.nbody)]
     ends = [b for b in range(model.nbody) if count[b] == robot.n and model.body_jntnum[b]]
