@@ -98,13 +98,28 @@ def drawn(page, section: str) -> None:
     page.wait_for_selector(f"#{section}[data-drawn]", state="attached")
 
 
-def until(page, expression: str) -> None:
-    """Wait until an expression holds; the policy of the page forbids `wait_for_function`."""
-    for _ in range(WAIT // 50):
+def until(page, expression: str, act) -> None:
+    """Act, and again every second, until an expression holds: a page that is busy may lose an event.
+
+    The policy of the page forbids `wait_for_function`.
+    """
+    for k in range(WAIT // 50):
+        if k % 20 == 0:
+            act()
         if page.evaluate(expression):
             return
         page.wait_for_timeout(50)
     pytest.fail(f"never true: {expression}")
+
+
+def drag(page, place: str) -> None:
+    """Drag the mouse over a part of the page, then take it away."""
+    box = page.locator(place).bounding_box()
+    page.mouse.move(box["x"] + 300, box["y"] + 150)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 420, box["y"] + 190, steps=4)
+    page.mouse.up()
+    page.mouse.move(1, 1)  # a contact under the pointer poses the arm too
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -122,18 +137,12 @@ def test_the_arm_responds(opened, record):
     assert int(times["ready"]) < int(times["library"])  # a page to be read does not wait for plotly.js
     camera = "JSON.stringify(document.getElementById('scene-plot')._fullLayout.scene._scene.getCamera())"
     before = page.evaluate(camera)
-    box = page.locator("#scene-plot").bounding_box()
-    page.mouse.move(box["x"] + 300, box["y"] + 150)
-    page.mouse.down()
-    page.mouse.move(box["x"] + 420, box["y"] + 190, steps=4)
-    page.mouse.up()
-    until(page, f"{camera} !== {json.dumps(before)}")
-    page.mouse.move(1, 1)  # a contact under the pointer poses the arm too
+    until(page, f"{camera} !== {json.dumps(before)}", lambda: drag(page, "#scene-plot"))
     # the slider, which a keyboard moves too, poses the arm: its end is at the contact of the row
     line = "document.getElementById('scene-plot').data[0]"
     tip = f"[{line}.x.at(-1), {line}.y.at(-1), {line}.z.at(-1)]"
-    page.locator("#scene-row").fill("7")
-    until(page, f"{tip}[0] === {record['rows']['point_mm'][7][0]}")
+    posed = f"{tip}[0] === {record['rows']['point_mm'][7][0]}"
+    until(page, posed, lambda: page.locator("#scene-row").fill("7"))
     assert page.evaluate(tip) == pytest.approx(record["rows"]["point_mm"][7])
     assert record["rows"]["id"][7] in page.locator("#scene-pose").inner_text()
     page.evaluate(
