@@ -134,10 +134,9 @@ def alive(process: int) -> bool:
 def test_dask_does_the_same_though_a_worker_is_killed(cluster, tmp_path):
     found = dict(results(tiny_work.work, tiny(tmp_path, task5=1), dask=cluster.scheduler_address))
     assert squares(found.items()) == SQUARES
-    assert len({process for _, process in found.values()}) >= 2
     killed, other = tiny_work.begun(tmp_path, 5)
-    assert killed != other
-    for k in range(COUNT):  # results that the killed worker still held are computed again
+    assert killed != other  # both take part, though all results may be of one of them:
+    for k in range(COUNT):  # those that the killed worker still held are computed again
         first, *again = tiny_work.begun(tmp_path, k)
         assert not again or (first == killed and len(again) == 1)
 
