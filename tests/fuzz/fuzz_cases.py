@@ -281,11 +281,11 @@ def _accepted(ran: Ran, out: Path, folder: Path) -> tuple[str, str]:
 
 
 def _names(folder: Path) -> set[str]:
-    """Which of the words for numbers that are not finite are keys of YAML, that is names of a user."""
-    text = b"\n".join(
-        p.read_bytes() for p in sorted(folder.rglob("*.yaml")) if p.is_file() and os.access(p, os.R_OK)
-    )
-    return {found.decode() for found in re.findall(rb"(?<![^\s{,])(nan|-?inf):", text)}
+    """Which of the words for numbers that are not finite are names of a user: keys of YAML, names of XML."""
+    files = (p for p in sorted(folder.rglob("*")) if p.suffix in (".yaml", ".urdf", ".xacro", ".xml"))
+    text = b"\n".join(p.read_bytes() for p in files if p.is_file() and os.access(p, os.R_OK))
+    found = re.findall(rb"""(?<![^\s{,])(?:(nan|-?inf):|name(?:="|: ["']?)(nan|-?inf)\b)""", text)
+    return {word.decode() for pair in found for word in pair if word}
 
 
 def _refuse(constant: str) -> float:

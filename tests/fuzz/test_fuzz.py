@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fuzz_cases import FIT, case, run
+from fuzz_cases import FIT, Ran, case, judged, run
 from fuzz_mutations import PLAUSIBLE
 from fuzz_seeds import datasets
 
@@ -107,3 +107,20 @@ def test_rows_that_determine_no_place_are_refused_before_the_arm_is_fitted(tmp_p
         calibration.fit(session)
     targets = tuple(replace(t, u=20e-6) if t.name == "ball.A" else t for t in session.targets)
     check_located(Scene(replace(session, targets=targets)))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "kind"),
+    [
+        ("dataset.yaml", "tools:\n  inf: {ball_radius_mm: 3}\n", "accepted"),
+        ("dataset.yaml", "name: inf\n", "accepted"),
+        ("arm.urdf", '<robot name="inf"/>', "accepted"),
+        ("dataset.yaml", "tools:\n  ball: {ball_radius_mm: inf}\n", "FAIL"),
+        ("dataset.yaml", "offset_mm: inf\n", "FAIL"),
+        ("arm.urdf", '<mass value="inf"/>', "FAIL"),
+    ],
+)
+def test_infinity_in_an_output_is_a_failure_unless_it_is_a_name(tmp_path, name, text, kind):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / name).write_text(text)
+    assert judged(Ran(0, "", "tools  inf (18 rows)", ""), tmp_path / "out", tmp_path)[0] == kind
