@@ -21,6 +21,7 @@ from bayescal.model import ARM
 from bayescal.model.model import Model, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.planning.information import RESERVE
+from bayescal.predict.rows import check_located
 
 PARALLEL = 0.995  # cosine, 6 deg, of normals of faces that count as parallel
 LOCATES = 4
@@ -109,6 +110,10 @@ def _enough(scene: Scene, model: Model | None) -> Iterator[Finding]:
     except BayescalError as error:
         yield Finding.of(error, "too_few")
         return
+    try:
+        check_located(scene)
+    except BayescalError as error:
+        yield Finding.of(error, "not_located")
     values = sum(block.residuals for block in model.blocks)
     if values < model.size + RESERVE:
         what = (
