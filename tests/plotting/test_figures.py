@@ -21,7 +21,7 @@ from bayescal.reporting.figures import distances, levels, parameters, process, r
 from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, has
 from bayescal.reporting.figures.output import figures_of, png, svg
 from bayescal.reporting.figures.palette import FAINT, INK, MARKED, SERIES
-from bayescal.reporting.figures.posterior import weakest
+from bayescal.reporting.figures.posterior import BINS, weakest
 from bayescal.reporting.fit.posterior import parameter_draws
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.shared.rows import rows_record
@@ -412,11 +412,12 @@ def test_a_saved_run_draws_the_same_pictures(result, tmp_path):
 def test_a_posterior_is_that_of_the_draws(result, tmp_path):
     name = weakest(result.record)[0]
     axes = bc.plot.posterior(result, [name]).axes[0]
-    heights, edges = np.array([[p.get_height(), p.get_x()] for p in axes.patches]).T
+    (polygon,) = axes.patches
     draws = result.inference_data().posterior[name.replace(" ", "_")].values.ravel()
-    expected, at = np.histogram(draws, len(heights), density=True)
-    assert heights == pytest.approx(expected, rel=1e-6)
-    assert edges == pytest.approx(at[:-1])
+    expected, at = np.histogram(draws, BINS, density=True)
+    edges, heights = polygon.get_xy()[: 2 * BINS + 2].T  # of its upper side: two vertices at each edge
+    assert edges == pytest.approx(np.repeat(at, 2))
+    assert heights == pytest.approx([0.0, *np.repeat(expected, 2), 0.0], rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["trace", "rank", "pair", "autocorrelation"])
