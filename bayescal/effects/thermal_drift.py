@@ -34,7 +34,7 @@ ZERO_SD = 5e-5  # rad
 GROWTH_SD = 5e-5  # m per m
 BASE_SD = 2e-5  # m
 SHARES = (1 / 8, 1 / 4, 4.0)  # of the session: plausible time constants, the last nearly a straight line
-PAUSES = tuple(itertools.product((25, 40, 55, 70), (15, 30), (500, 1500)))
+PAUSES = tuple(itertools.product((25, 40, 55, 70), (15, 30, 45), (500, 1500)))
 """Begin and length, % of the session, of a time in which the arm cools, and time constant, s (assumed)."""
 FASTEST = 400.0  # s: an arm does not warm up with a shorter time constant (assumed)
 
