@@ -195,7 +195,7 @@ def posterior(
     from bayescal.reporting.figures.posterior import label, weakest
 
     if not isinstance(result, FitResult | SavedFit):
-        raise BayescalError("the figure 'posterior' is of a calibration", "bc.plot", "give a calibration")
+        raise BayescalError("the figure `posterior` is of a calibration", "bc.plot", "give a calibration")
     known = {p["name"]: p for p in result.record["parameters"]}
     for what, given, possible in (
         ("parameter", names, known),

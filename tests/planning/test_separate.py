@@ -168,7 +168,7 @@ def test_an_effect_with_stated_amplitudes_and_setting() -> None:
 
 
 def test_an_effect_that_the_session_cannot_show_is_refused() -> None:
-    with pytest.raises(BayescalError, match="no parameters at 'joint 9'"):
+    with pytest.raises(BayescalError, match="no parameters at `joint 9`"):
         contrasts(pool(), nominal(), [Pair((Suspect("backlash at joint 9"),))])
 
 

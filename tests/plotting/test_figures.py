@@ -435,7 +435,7 @@ def test_what_cannot_be_drawn_is_said_in_one_line(result, sessions):
         bc.plot.posterior(result, ["a99"])
     with pytest.raises(BayescalError, match="there is no plot `violin`"):
         bc.plot.posterior(result, kind="violin")
-    with pytest.raises(BayescalError, match="'posterior' is of a calibration"):
+    with pytest.raises(BayescalError, match="`posterior` is of a calibration"):
         bc.plot.posterior(sessions["named"])
     with pytest.raises(BayescalError, match="int is no result"):
         bc.plot.levels(3)
