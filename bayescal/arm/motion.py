@@ -171,7 +171,8 @@ class Motion:
         values = np.asarray(values, float)
         out = np.zeros((*values.shape[:-1], self.count, self.chain.n + 2, 6))
         for parameter, term in self.terms:
-            out[..., term.frame, AXES.index(term.axis)] += values[..., parameter, None] * term.driver
+            if np.any(values[..., parameter]):  # memory that stays zero is not taken from the system
+                out[..., term.frame, AXES.index(term.axis)] += values[..., parameter, None] * term.driver
         return out
 
     def points_reference(self, values: np.ndarray) -> np.ndarray:

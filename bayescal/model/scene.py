@@ -133,7 +133,7 @@ class Scene:
     @cached_property
     def flange(self) -> np.ndarray:
         """Nominal orientations of the flange in F0, (N, 3, 3)."""
-        return reference.frames(self.chain, self.q)[:, -1, :3, :3]
+        return reference.frames(self.chain, self.q)[:, -1, :3, :3].copy()  # not all frames in memory
 
     @cached_property
     def tool_frames(self) -> np.ndarray:

@@ -21,6 +21,7 @@ from bayescal.effects import Circumstances, Parameter
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.masses import masses
 from bayescal.estimate.compliances import with_compliances
+from bayescal.estimate.discrepancy.size import AT_ONCE
 from bayescal.estimate.estimate import Estimate
 from bayescal.estimate.linear import root
 
@@ -75,7 +76,10 @@ class Inputs:
         """Columns (R, K), changed in place, and residuals (R,) beyond what the errors may explain of them."""
         if not self.names:
             return columns, e
-        columns -= h @ (self.posterior @ (h.T @ columns))
+        explained = self.posterior @ (h.T @ columns)
+        for start in range(0, len(h), AT_ONCE):
+            part = slice(start, start + AT_ONCE)
+            columns[part] -= h[part] @ explained
         return columns, e - h @ (self.posterior @ self.score)
 
 

@@ -19,8 +19,8 @@ CHANCE = 0.1
 LIKELY = 0.16
 """The same of each family where the residuals are larger than the noise, so that there is a discrepancy
 (assumed)."""
-AT_ONCE = 8192
-"""Poses whose columns are held in memory twice."""
+AT_ONCE = 1024
+"""Poses whose columns are held in memory three times."""
 UNSEEN = 2.0
 """Factor from variances that residuals show to those stated: the fit absorbs a part of the smooth functions
 (tuned on halves of six sessions of real arms)."""

@@ -28,9 +28,9 @@ from bayescal.estimate.clusters import poses
 from bayescal.estimate.discrepancy.families import Family, families
 from bayescal.estimate.discrepancy.inputs import MASSES, Inputs, inputs, mixed
 from bayescal.estimate.discrepancy.poses import complement, scatter_factor
-from bayescal.estimate.discrepancy.size import AT_ONCE, CHANCE, LIKELY, UNSEEN, degrees_of_freedom, variances
+from bayescal.estimate.discrepancy.size import CHANCE, LIKELY, UNSEEN, degrees_of_freedom, variances
 from bayescal.estimate.estimate import Estimate
-from bayescal.estimate.linear import linearise, root
+from bayescal.estimate.linear import Linear, linearise, root
 from bayescal.estimate.unexplained import Unexplained, unexplained
 from bayescal.model import ARM, Model, with_parameters
 
@@ -38,6 +38,8 @@ LEAST_WHITE = 0.1
 """Smallest share of the residual variance that stays noise (assumed)."""
 
 
+ROWS = 8192
+"""Residuals whose columns are held in memory twice."""
 MOST_VALUES = 500_000
 """Values of the columns of functions computed at a time: the model of all takes several times more memory."""
 
@@ -140,39 +142,45 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
         functions of the whole.
     """
     model = fitted.model
-    if functions is None:
-        functions = families(model.scene.circumstances(model.scene.rows("calibrate")))
-    smooth = [p for f in functions for p in f.parameters]
+
+    def every() -> Sequence[Family]:
+        """Made anew each time: of a large session their drivers take as much memory as their columns."""
+        rows = model.scene.rows("calibrate")
+        return families(model.scene.circumstances(rows)) if functions is None else functions
+
+    smooth = every()
     held = inputs(fitted)
-    family = np.repeat(np.arange(len(functions)), np.array([len(f.parameters) for f in functions], int))
-    j, g, e, rows = _linearised(fitted, [*smooth, *held])
+    names = [f.name for f in smooth]
+    family = np.repeat(np.arange(len(smooth)), np.array([len(f.parameters) for f in smooth], int))
+    further = [*(p for f in smooth for p in f.parameters), *held]
+    del smooth
+    j, g, e, rows = _linearised(fitted, further)
     pose = poses(model.scene.dataset.measurements, rows)
     c = fitted.covariance
     by = j @ c
     a = by.T @ g
-    for start in range(0, len(g), AT_ONCE):
-        part = slice(start, start + AT_ONCE)
+    for start in range(0, len(g), ROWS):
+        part = slice(start, start + ROWS)
         g[part] -= j[part] @ a
-    errors = Inputs.of([p.name for p in held], a[:, len(smooth) :], g[:, len(smooth) :], e)
-    a = a[:, : len(smooth)]
+    errors = Inputs.of([p.name for p in held], a[:, len(family) :], g[:, len(family) :], e)
+    a = a[:, : len(family)]
     # in place: of a large session the columns are the largest array
-    h, left = errors.without(g[:, : len(smooth)], g[:, len(smooth) :], e)
-    level = LIKELY if unexplained(fitted).excess else CHANCE / max(len(functions), 1)
+    h, left = errors.without(g[:, : len(family)], g[:, len(family) :], e)
+    level = LIKELY if unexplained(fitted).excess else CHANCE / max(len(names), 1)
     shown = variances(h, left, pose, family, len(e) - float(np.sum(by * j)) - errors.dof, level)
     explained = float(np.einsum("rk,rk->k", h, h) @ shown[family]) / len(h) if len(family) else 0.0
     white = 1.0 - min(explained, 1.0 - LEAST_WHITE)
     size = UNSEEN * shown
     kept = np.flatnonzero(size[family] > 0)
     sd = np.sqrt(size[family[kept]])
-    names = [f.name for f in functions]
     sizes = dict(zip(names, size.tolist(), strict=True))
     dof = {
         name: degrees_of_freedom(h[:, family == k])
         for k, (name, own_size) in enumerate(zip(names, size, strict=True))
         if own_size > 0
     }
-    further = [*sized(functions, sizes), *mixed(held, errors.mixing)]
-    del functions, smooth, held, g, h  # of a large session more than all that follows
+    del g, h  # of a large session more than all that follows
+    further = [*(sized(every(), sizes) if len(kept) else ()), *mixed(held, errors.mixing)]
     wide, own, extra = _with(model, further)
     z, covariance = np.zeros(wide.size), np.zeros((wide.size, wide.size))
     z[own] = fitted.z
@@ -211,23 +219,40 @@ def sized(functions: Sequence[Family], variances: Mapping[str, float]) -> list[P
 
 
 def _linearised(
-    fitted: Estimate, every: Sequence[Parameter]
+    fitted: Estimate, every: list[Parameter]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Whitened columns of the unknowns and of further parameters, residuals, rows; without outliers."""
+    """Whitened columns of the unknowns and of further parameters, residuals, rows; without outliers.
+
+    `every` is empty afterwards: parameters are freed as soon as their columns are known.
+    """
     model = fitted.model
     rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in model.blocks])
     used = np.concatenate([np.tile(fitted.weights.row[b.name], b.kind.rows) for b in model.blocks]) > 0
     columns = np.empty((int(np.sum(used)), len(every)))
     at_once = max(MOST_VALUES // len(used), 1)
-    for start in range(0, max(len(every), 1), at_once):
-        some = slice(start, start + at_once)
-        wide, own, extra = _with(model, every[some])
-        z = np.zeros(wide.size)
-        z[own] = fitted.z
-        linear = linearise(wide, z, fitted.weights)
-        columns[:, some] = linear.jacobian[: len(used)][used][:, extra]
+    last = max(len(every) - 1, 0) // at_once * at_once
+    for start in range(0, last, at_once):
+        some, every[:at_once] = every[:at_once], []
+        columns[:, start : start + at_once] = _columns(fitted, some, used)
+    linear, own, extra = _widened(fitted, every)
+    columns[:, last:] = linear.jacobian[: len(used)][used][:, extra]
+    every.clear()
     mine = linear.jacobian[: len(used)][used][:, own]
     return mine, columns, linear.residual[: len(used)][used], rows[used]
+
+
+def _columns(fitted: Estimate, some: Sequence[Parameter], used: np.ndarray) -> np.ndarray:
+    """Whitened columns (R', K) of K further parameters, of the R' of all residuals that are `used`."""
+    linear, _, extra = _widened(fitted, some)
+    return linear.jacobian[: len(used), extra[0] : extra[-1] + 1][used]
+
+
+def _widened(fitted: Estimate, some: Sequence[Parameter]) -> tuple[Linear, np.ndarray, np.ndarray]:
+    """A fit with further parameters at zero, linearised; places of its own and of the further unknowns."""
+    wide, own, extra = _with(fitted.model, some)
+    z = np.zeros(wide.size)
+    z[own] = fitted.z
+    return linearise(wide, z, fitted.weights), own, extra
 
 
 def _with(model: Model, further: Sequence[Parameter]) -> tuple[Model, np.ndarray, np.ndarray]:

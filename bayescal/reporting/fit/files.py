@@ -59,14 +59,13 @@ def write_fit(
     """
     robot = robot_text(fit.final.estimate.model, fit.final.estimate.arm, FIT)
     contents = fit_contents(fit, compared)
-    record = indented(contents) + "\n"
-    budgets = usual(fit.basis)
     names = list(WRITTEN)
     with whole(folder, FIT) as stage:
         drawn = begun(contents, parameter_draws(fit)) if pictures else dict
-        (stage / FIT).write_text(record, encoding="utf-8")
+        (stage / FIT).write_text(indented(contents) + "\n", encoding="utf-8")
         save(fit_draws(fit), stage / "posterior.nc")
         (stage / "robot.yaml").write_text(robot, encoding="utf-8")
+        budgets = usual(fit.basis)
         (stage / BUDGET).write_text(json_text(budget_record(budgets, fit.basis, fit.seed)), encoding="utf-8")
         (stage / BUDGET_CSV).write_text(budget_csv(budgets), encoding="utf-8")
         write_arm(of_fit(fit), stage)

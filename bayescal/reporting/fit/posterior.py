@@ -43,7 +43,7 @@ def fit_draws(fit: Fit) -> Record:
     judged = _pointwise(fit)
     each = min(len(judged.replicated), predicted_draws(fit.dataset)) // len(draws.z)
     predictive, observed, coords = _predictions(fit, each)
-    predictive["residual_um"] = (("contact",), _some(fit, UM * judged.replicated, each))
+    predictive["residual_um"] = (("contact",), _some(fit, judged.replicated, each))
     observed["residual_um"] = (("contact",), UM * judged.observed)
     rows = scene.rows("calibrate")
     prior = prior_draws(model.size, len(noise_groups(model)), PRIOR_CHAINS, PRIOR_DRAWS, fit.seed)
@@ -61,7 +61,7 @@ def fit_draws(fit: Fit) -> Record:
     groups: dict[str, Variables] = {
         "posterior": _parameters(model, draws.z, draws.log_kappa),
         "sample_stats": {"lp": ((), draws.log_density)},
-        "log_likelihood": {"residual_um": (("contact",), _single(_chains(fit, judged.log_likelihood)))},
+        "log_likelihood": {"residual_um": (("contact",), _chains(fit, judged.log_likelihood))},
         "posterior_predictive": predictive,
         "prior": _parameters(model, *prior),
         "observed_data": observed,
@@ -130,7 +130,7 @@ def _some(fit: Fit, drawn: np.ndarray, each: int) -> np.ndarray:
 
 def _single(values: np.ndarray) -> np.ndarray:
     """Single precision: what varies by more than its seventh figure from draw to draw takes half the room."""
-    return values.astype(np.float32)
+    return values.astype(np.float32, copy=False)
 
 
 def _predictions(fit: Fit, each: int) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
