@@ -118,7 +118,7 @@ def _searched(
     robust: bool, further: bool,
 ) -> Examined:  # fmt: skip
     """Evaluate all effects that a fit lacks, with its derivatives."""
-    effects, generic = fitted.model.effects, cells(c)
+    effects = fitted.model.effects
     p = slopes.problem(fitted.z, known.pool, nuisance)
     if any(wide(effect, c) for effect in EFFECTS.values()):
         states = [fit_state(p, (), (), robust=robust)]
@@ -126,6 +126,7 @@ def _searched(
             states.append(fit_state(p, (), (), robust=False))
         known = screened(known, slopes, states, c, effects)
         p = slopes.problem(fitted.z, known.pool, nuisance)
+    generic = cells(c)
     columns = slopes.columns([q for cell in generic for own in cell.sets for q in own])
     pool = Pool.of(generic, columns, p.count, slopes.worth)
     search = Search(p, known, robust, further)

@@ -25,11 +25,15 @@ class State:
     kappa: float  # noise scale
     residual: np.ndarray  # (R,) at the optimum
     step: np.ndarray  # (D + k,) from the linearisation
-    design: np.ndarray  # (R, D + k)
     covariance: np.ndarray  # (D + k, D + k)
     effective_dof: float  # degrees of freedom that the fit takes up
     log_evidence: float
     robust: bool  # whether outliers were searched for
+
+    @property
+    def design(self) -> np.ndarray:
+        """Columns (R, D + k) of the model and of the hypothesis: not stored, a search has many states."""
+        return design(self.problem, self.columns, self.scales)
 
     @property
     def gross(self) -> int:
@@ -45,6 +49,11 @@ class State:
     def amplitudes(self) -> np.ndarray:
         """Fitted amplitudes of the columns, (k,), in units of their prior standard deviations."""
         return self.step[len(self.problem.z) :] * self.scales
+
+
+def design(p: Problem, columns: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    """Columns (R, D + k) of the model and of k columns of the pool, these times their scales."""
+    return np.column_stack([p.jacobian, p.pool[:, columns] * scales])
 
 
 def fit_state(
@@ -66,13 +75,13 @@ def fit_state(
         Search for outliers.
     """
     columns, scales = np.asarray(columns, int), np.asarray(scales, float)
-    design = np.column_stack([p.jacobian, p.pool[:, columns] * scales])
+    x = design(p, columns, scales)
     pull = np.concatenate([p.z, np.zeros(len(columns))])
     count = p.count
     base = p.base
     weight = base.copy() if start is None else np.where(start > 0, base, 0.0)
-    fixed = np.eye(design.shape[1]) + design[count:].T @ design[count:]
-    push = design[count:].T @ p.residual[count:] + pull
+    fixed = np.eye(x.shape[1]) + x[count:].T @ x[count:]
+    push = x[count:].T @ p.residual[count:] + pull
     size = np.bincount(p.contact)
 
     gram, score = np.zeros_like(fixed), np.zeros(len(pull))
@@ -82,21 +91,21 @@ def fit_state(
         nonlocal gram, score, of
         changed = np.flatnonzero(w[:count] != of)
         if 4 * len(changed) < count:  # only a few rows changed: update instead of a full evaluation
-            some = design[changed]
+            some = x[changed]
             weighted = some * (w[changed] - of[changed])[:, None]
             gram, score = gram + weighted.T @ some, score + weighted.T @ p.residual[changed]
         else:
             root = np.sqrt(w[:count])
-            half = design[:count] * root[:, None]
+            half = x[:count] * root[:, None]
             gram, score = half.T @ half, half.T @ (root * p.residual[:count])
         of = w[:count].copy()
         info = gram / kappa**2
         factor = factored(info + fixed)
         step = -solved(factor, score / kappa**2 + push)
-        return step, p.residual + design @ step, info, factor
+        return step, p.residual + x @ step, info, factor
 
     # rows that are worth less than 1 have a larger covariance in proportion
-    unit = (np.sqrt(base)[:, None] * design)[:count].T
+    unit = (np.sqrt(base)[:, None] * x)[:count].T
 
     def judged(r: np.ndarray, kappa: float, factor: np.ndarray) -> Judged:
         slopes = halved(factor, unit).T / kappa
@@ -148,9 +157,7 @@ def fit_state(
         + float(np.sum(p.gross[lost]))
         - 0.5 * np.log(2.0 * (kept - effective_dof + STATED_WORTH))
     )
-    return State(
-        p, columns, scales, weight, kappa, r, step, design, covariance, effective_dof, log_evidence, robust
-    )
+    return State(p, columns, scales, weight, kappa, r, step, covariance, effective_dof, log_evidence, robust)
 
 
 def again(state: State, p: Problem) -> State:

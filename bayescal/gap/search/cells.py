@@ -145,16 +145,17 @@ def movers(c: Circumstances) -> dict[Site, tuple[Mover, ...]]:
     """
 
     def displaced(axes: Mapping[int, tuple[str, ...]], rows: np.ndarray | float = 1.0) -> Mover:
-        return lambda d: [
-            Parameter(
-                "",
-                "m" if a[0] == "t" else "rad",
-                (Term(f, a, d * rows),),
-                CELLS.length if a[0] == "t" else CELLS.angle / 2,
-            )
-            for f, own in axes.items()
-            for a in own
+        every = [
+            (f, a, CELLS.length if a[0] == "t" else CELLS.angle / 2) for f, of in axes.items() for a in of
         ]
+
+        def move(d: np.ndarray) -> list[Parameter]:
+            own = d * rows  # one array for all axes
+            return [
+                Parameter("", "m" if a[0] == "t" else "rad", (Term(f, a, own),), sd) for f, a, sd in every
+            ]
+
+        return move
 
     def turn(j: int) -> Mover:
         return lambda d: list(at_joint(c, j, [d], side_of(c.robot)))

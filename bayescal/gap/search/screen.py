@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.effects import EFFECTS, Circumstances, Effect
+from bayescal.effects.location import Site
 from bayescal.effects.selection import plain
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_sets
 from bayescal.gap.linear.slopes import Slopes
@@ -24,7 +25,7 @@ class Screened:
     single: Single
     gain: float  # averaged over scales
     scale: float  # the best one
-    columns: np.ndarray  # (R, k)
+    columns: np.ndarray | None  # (R, k); only of the leading setting of each site
 
 
 def screened(
@@ -53,7 +54,7 @@ def screened(
 def _screen(effect: Effect, slopes: Slopes, state: State, c: Circumstances) -> list[Screened]:
     """Every setting of a scan at every site, by each driver, over a state."""
     assert effect.scan is not None
-    values, out = effect.scan.values(c), []
+    values, out, leading = effect.scan.values(c), list[Screened](), dict[Site, int]()
     for first in range(0, len(values), SEARCH.chunk):
         chunk = [float(value) for value in values[first : first + SEARCH.chunk]]
         every = [(value, p) for value in chunk for p in effect.at(c, value)]
@@ -64,10 +65,15 @@ def _screen(effect: Effect, slopes: Slopes, state: State, c: Circumstances) -> l
                 own.setdefault(Single(value, p.site, p.driver), []).append(k)
         sets = tuple(map(np.array, own.values()))
         nats = weigh_sets(state, Bank(columns, sets, len(slopes.contact), slopes.worth)) + SCALE_PRIOR
-        out += [
-            Screened(single, float(log_sum(row)), float(SCALES[np.argmax(row)]), columns[:, at])
-            for (single, at), row in zip(own.items(), nats, strict=True)
-        ]
+        for (single, at), row in zip(own.items(), nats, strict=True):
+            gain, before = float(log_sum(row)), leading.get(single.site)
+            leads = before is None or gain > out[before].gain
+            if leads and before is not None:
+                out[before] = replace(out[before], columns=None)
+            if leads:
+                leading[single.site] = len(out)
+            scale = float(SCALES[np.argmax(row)])
+            out.append(Screened(single, gain, scale, columns[:, at] if leads else None))
     return out
 
 
@@ -85,6 +91,7 @@ def _one_by_one(
         if best.gain <= np.log(len(found)):
             break
         out.append(best.single)
+        assert best.columns is not None
         width, size = state.problem.pool.shape[1], best.columns.shape[1]
         state = fit_state(
             replace(state.problem, pool=np.column_stack([state.problem.pool, best.columns])),

@@ -109,15 +109,12 @@ def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
 
 
 def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray | None = None) -> State:
-    """A state with a set of columns of a pool added."""
+    """A state with a set of columns of a pool added; its problem has no other columns than those it uses."""
     p = state.problem
     own = pool.sets[at]
-    width = p.pool.shape[1]
-    wide = replace(p, pool=np.column_stack([p.pool, pool.columns[:, own]]))
-    columns = np.concatenate([state.columns, np.arange(width, width + len(own))])
-    return fit_state(
-        wide, columns, np.concatenate([state.scales, np.full(len(own), scale)]), start, state.robust
-    )
+    wide = replace(p, pool=np.column_stack([p.pool[:, state.columns], pool.columns[:, own]]))
+    scales = np.concatenate([state.scales, np.full(len(own), scale)])
+    return fit_state(wide, np.arange(len(scales)), scales, start, state.robust)
 
 
 def unknown(hypothesis: Hypothesis, pool: Pool, null: float) -> tuple[float, list[CellFit]]:
