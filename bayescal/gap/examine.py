@@ -21,7 +21,7 @@ from bayescal.gap.search.candidates import Candidates, candidates, wide
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.refit import refit
 from bayescal.gap.search.screen import screened
-from bayescal.gap.search.unknown import Pool, with_set
+from bayescal.gap.search.unknown import Pool, filled, with_set
 from bayescal.gap.search.verdict import Decision, decide
 from bayescal.gap.settings import LINEAR, VERDICT
 from bayescal.model import ORIENTATION
@@ -125,10 +125,9 @@ def _searched(
         if states[0].gross:  # an outlier may be what an effect explains
             states.append(fit_state(p, (), (), robust=False))
         known = screened(known, slopes, states, c, effects)
+        del states  # with the columns of the first problem
         p = slopes.problem(fitted.z, known.pool, nuisance)
-    generic = cells(c)
-    columns = slopes.columns([q for cell in generic for own in cell.sets for q in own])
-    pool = Pool.of(generic, columns, p.count, slopes.worth)
+    pool = filled(cells(c), slopes.columns, len(slopes.residual), p.count, slopes.worth)
     search = Search(p, known, robust, further)
     search.run()
     return Examined(fitted, c, known, p, pool, search, decide(search, pool))

@@ -13,8 +13,8 @@ from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome.where import places
 from bayescal.gap.search import history
-from bayescal.gap.search.cells import cells
-from bayescal.gap.search.unknown import Pool, unknown
+from bayescal.gap.search.cells import cells, sets_of
+from bayescal.gap.search.unknown import Pool, filled, unknown
 from bayescal.model.scene import Scene
 
 
@@ -263,3 +263,23 @@ def test_every_cell_of_a_joint_that_does_not_move_has_columns(dataset):
     found = cells(replace(c, q=still, readings=still))
     assert all(own for cell in found for own in cell.sets)
     assert not [q for q in found if q.driver in (Driver("travel", 4), Driver("angle", 4, form="waves"))]
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_sets_that_are_not_kept_are_made_anew(bench, kept, monkeypatch):
+    """Of a large session the columns of all cells are computed one cell after another, and the sets freed."""
+    if not kept:
+        monkeypatch.setattr("bayescal.gap.search.unknown.MOST_VALUES", 0)
+    c, of = bench.circumstances, bench.pool
+    every = cells(c)
+    pool = filled(cells(c), bench.slopes.columns, len(bench.slopes.residual), of.count, of.worth)
+    np.testing.assert_array_equal(pool.columns, of.columns)
+    assert [own.tolist() for own in pool.sets] == [own.tolist() for own in of.sets]
+    np.testing.assert_array_equal(pool.owner, of.owner)
+    assert all(bool(cell.sets) == kept for cell in pool.cells)
+    for k, (cell, whole) in enumerate(zip(pool.cells, every, strict=True)):
+        assert (cell.site, cell.driver) == (whole.site, whole.driver)
+        if k % 20 == 0:
+            for own, same in zip(sets_of(cell, k, c), whole.sets, strict=True):
+                for a, b in zip(own, same, strict=True):
+                    assert a.same(b)

@@ -16,6 +16,7 @@ from bayescal.effects.location import BASE, Driver, Site
 from bayescal.gap.linear.evidence import SCALE_PRIOR, Bank, log_sum, weigh_sets
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.result import Amplitude, Event
+from bayescal.gap.search.cells import sets_of
 from bayescal.gap.search.unknown import CellFit, Pool
 from bayescal.gap.settings import CELLS, OUTCOME
 
@@ -41,7 +42,7 @@ def sizes(
     """
     cell = pool.cells[f.cell]
     own = pool.sets[f.best]
-    parameters = cell.sets[f.best - int(np.flatnonzero(pool.owner == f.cell)[0])]
+    parameters = sets_of(cell, f.cell, c)[f.best - int(np.flatnonzero(pool.owner == f.cell)[0])]
     if cell.driver == EVENT:
         event, with_it = _event(without, with_it, pool, f, len(own))
         return event, _amplitudes(cell.site, cell.driver, parameters, _axes(parameters), with_it)

@@ -16,6 +16,7 @@ from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.outcome.sudden import sizes
 from bayescal.gap.result import Curve, Place
 from bayescal.gap.search.beam import Hypothesis
+from bayescal.gap.search.cells import sets_of
 from bayescal.gap.search.unknown import CellFit, Pool, cell_fits, with_set
 from bayescal.gap.settings import OUTCOME
 
@@ -124,7 +125,7 @@ def _of_cell(
     own = pool.sets[f.best]
     amplitude = wider.amplitudes[len(state.columns) :]
     first = int(np.flatnonzero(pool.owner == f.cell)[0])
-    parameters = cell.sets[f.best - first]
+    parameters = sets_of(cell, f.cell, c)[f.best - first]
     place = _place(
         cell.site, cell.driver, parameters, pool.columns[:, own], amplitude, state, wider, c, excess, size,
         tests, f.gain, "",

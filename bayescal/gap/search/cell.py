@@ -17,7 +17,7 @@ class Cell:
     """A site, a coordinate, and its sets of columns: one smooth set, or many local ones.
 
     With `clusters` it is a random error, drawn anew in each cluster of rows: its only set has one
-    parameter, the motion by that error.
+    parameter, the motion by that error. Without sets they are those of `cells.sets_of`.
     """
 
     site: Site

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from bayescal.effects import Parameter
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_clusters, weigh_sets
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.cell import Cell
 from bayescal.gap.settings import UNKNOWN
+
+MOST_VALUES = 10_000_000
+"""Values of columns, up to which the sets of cells are kept: their drivers take as much memory."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,37 @@ class Pool:
                 owner.append(i)
                 first += len(own)
         return cls(tuple(cells), columns, tuple(sets), np.array(owner, int), count, worth)
+
+
+def filled(
+    cells: list[Cell],
+    columns_of: Callable[[Sequence[Parameter]], np.ndarray],
+    rows: int,
+    count: int,
+    worth: np.ndarray | None,
+) -> Pool:
+    """Pool of cells whose columns are computed cell by cell; `cells` is empty afterwards.
+
+    Of a large session, each cell is without its sets as soon as its columns are known.
+
+    Parameters
+    ----------
+    cells : list of Cell
+    columns_of : callable
+        Columns (R, k) of k parameters.
+    rows : int
+        R, of which `count` are contacts, with their `worth`.
+    """
+    size = sum(len(own) for cell in cells for own in cell.sets)
+    out = Pool.of(cells, np.empty((rows, size), order="F"), count, worth)
+    out, known, first = replace(out, cells=()), list[Cell](), 0
+    while cells:
+        cell = cells.pop(0)
+        every = [q for own in cell.sets for q in own]
+        out.columns[:, first : first + len(every)] = columns_of(every)
+        first += len(every)
+        known.append(cell if out.columns.size <= MOST_VALUES else replace(cell, sets=()))
+    return replace(out, cells=tuple(known))
 
 
 @dataclass(frozen=True)
