@@ -13,6 +13,8 @@ from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError, listed
 
 TURNING = ("revolute", "continuous")
+KINDS = (*TURNING, "fixed", "prismatic", "floating", "planar")
+"""Types of joints that a URDF may have."""
 MOST = 4000
 """Links and joints of a URDF; a cell with several arms has some hundred."""
 LARGEST, HEAVIEST = 1e4, 1e6
@@ -91,6 +93,10 @@ def read_tree(root: ElementTree.Element, file: str) -> Tree:
     pruned = _pruned(root, file)
     if len(pruned) > MOST:
         raise BayescalError(f"has {len(pruned)} links and joints, at most {MOST} are read", file, FEWER)
+    for element in pruned.findall("joint"):
+        if element.get("type") not in KINDS:
+            what = f"joint `{element.get('name')}` has the type `{element.get('type')}`"
+            raise BayescalError(what, file, f"known: {', '.join(KINDS)}")
     text = ElementTree.tostring(pruned)
     try:
         parsed = URDF.from_xml_string(text)

@@ -124,3 +124,9 @@ def test_infinity_in_an_output_is_a_failure_unless_it_is_a_name(tmp_path, name, 
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / name).write_text(text)
     assert judged(Ran(0, "", "tools  inf (18 rows)", ""), tmp_path / "out", tmp_path)[0] == kind
+
+
+@pytest.mark.parametrize(("output", "kind"), [("FAILED: geometry differs", "accepted"), ("", "FAIL")])
+def test_an_exit_code_without_a_message_needs_a_verdict(tmp_path, output, kind):
+    (tmp_path / "in").mkdir()
+    assert judged(Ran(1, "", output, ""), tmp_path / "out", tmp_path)[0] == kind

@@ -49,8 +49,10 @@ def chain(count: int) -> str:
         (ROBOT.format('<joint name="j" type="continuous"><parent link="root"/><child link="a"/>'
                       '<axis xyz="0 0 1e308"/></joint><link name="a"/>'),
          "the axis of `j` has the number 1e+308; no arm has more than 10000"),
+        (ROBOT.format('<joint name="j" type="nan"><parent link="root"/><child link="a"/></joint>'),
+         "joint `j` has the type `nan`; known: revolute"),
     ],
-    ids=["levels", "elements", "links", "encoding", "link", "axis", "mass", "long axis"],
+    ids=["levels", "elements", "links", "encoding", "link", "axis", "mass", "long axis", "type"],
 )  # fmt: skip
 def test_a_robot_in_xml_that_is_refused(tmp_path, text, words):
     (tmp_path / "arm.urdf").write_text(text)

@@ -113,7 +113,7 @@ SPOILT = [
         ),
         "joint `mount` follows another joint",
     ),
-    (PLAIN.replace('"continuous"', '"hinge"'), "not a URDF"),
+    (PLAIN.replace('"continuous"', '"hinge"'), "joint `lift` has the type `hinge`; known: revolute"),
     (
         PLAIN.replace('<parent link="arm"/>', '<parent link="arm"/><axis xyz="1 0 0"/>'),
         "lift has several <axis>",

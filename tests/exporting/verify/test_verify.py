@@ -73,7 +73,7 @@ def test_missing_simulator_is_one_line_with_the_extra(run, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("<mujoco><worldbody/></mujoco>", "no actuator and sensor 'J1'"),
+        ("<mujoco><worldbody/></mujoco>", "no actuator and sensor `J1`"),
         ("<mujoco>", "not XML"),
         ('<!DOCTYPE x [<!ENTITY a "b">]><mujoco model="&a;"/>', "has a DOCTYPE or entities"),
         ("<mujoco><worldbody><joint/></worldbody></mujoco>", "MuJoCo refuses the file"),
