@@ -75,11 +75,14 @@ def check_inside(path: Path, folder: Path, what: str) -> None:
     BayescalError
         For an absolute path, one that leaves the folder, and a link to a file elsewhere.
     """
-    try:
-        inside = path.resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError):  # links that lead to one another
-        raise BayescalError(f"{what} is a link to itself", path.name, "give a file on disk") from None
-    if not inside:
+    try:  # links that lead to one another: an error, and from Python 3.13 on what is left is a link
+        real = path.resolve()
+        circular = real.is_symlink()
+    except (OSError, RuntimeError):
+        circular = True
+    if circular:
+        raise BayescalError(f"{what} is a link to itself", path.name, "give a file on disk")
+    if not real.is_relative_to(folder.resolve()):
         remedy = "copy the file into the folder, and name the copy"
         raise BayescalError(f"{what} is outside the dataset folder", path.name, remedy)
 
