@@ -94,8 +94,8 @@ def test_csv_has_all_components_and_the_sum(run, command):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--parameter", "zz"), "no parameter 'zz'"),
-        (("--distance", "ball.A@1", "cube.+y"), "no target 'cube.+y' with a centre"),
+        (("--parameter", "zz"), "no parameter `zz`"),
+        (("--distance", "ball.A@1", "cube.+y"), "no target `cube.+y` with a centre"),
         (("--distance", "ball.A@1", "ball.A@1"), "both ends are ball.A@1"),
         (("--point", "1,2,3"), "3 readings"),
         (("--point", "1,2,x,4,5,6"), "no list of numbers"),

@@ -37,7 +37,7 @@ def centre(basis: Basis, name: str) -> Centre:
     centred = [t.name for t in scene.dataset.targets if scene.declared_of(t.name).centred]
     if name not in centred:
         there = f"those with a centre: {', '.join(centred)}" if centred else "this session has none"
-        raise BayescalError(f"there is no target '{name}' with a centre", "--distance", there)
+        raise BayescalError(f"there is no target `{name}` with a centre", "--distance", there)
     if name in model.block_of:
         block, z = model.block_of[name], wide.z[model.slices[name]]
         by_z = np.zeros((3, model.size))

@@ -137,7 +137,7 @@ def parameter(basis: Basis, name: str) -> Measurand:
     plain, wide = basis.stated.plain, basis.stated.wide
     names = plain.model.names
     if name not in names:
-        what = f"the model has no parameter '{name}'"
+        what = f"the model has no parameter `{name}`"
         raise BayescalError(what, "--parameter", f"parameters: {', '.join(names)}")
     k = names.index(name)
     sd = np.concatenate([plain.model.sd, *(b.sd for b in plain.model.states)])
