@@ -24,7 +24,7 @@ SHOW_CURSOR = "\x1b[?25h"
 """A progress bar hides the cursor."""
 _kept: list[Callable[[], str]] = [lambda: "nothing was written"]
 _leaving: list[int] = []
-"""The exit code of this process, as soon as its command has ended."""
+"""The exit code of a stopped command, as soon as it ends."""
 _told = Lock()
 """Held as soon as the end of the process is reported."""
 
@@ -124,23 +124,14 @@ def leave(stopped: Stopped) -> NoReturn:
     sys.exit(stopped.code)
 
 
-def ending(code: object) -> None:
-    """The command of this process has ended with an exit code: only handlers at exit follow."""
-    if code is None or isinstance(code, int):
-        _leaving.append(code or 0)
-
-
 def _at_end(numbers: tuple[signal.Signals, ...]) -> None:
-    """Let signals end the process while Python itself ends, without a traceback; after a command end it now.
+    """Let signals end the process while Python itself ends, without a traceback; a stopped one ends now.
 
-    Python frees all modules at its end: a third of a second of processor time, in which no other thread runs.
+    Python frees all modules at its end: half a second of processor time, in which no other thread runs.
     """
     for number in numbers:
         signal.signal(number, signal.SIG_DFL)
     if _leaving:
-        try:
+        with suppress(OSError, ValueError):
             sys.stdout.flush()
-        except (OSError, ValueError):
-            if not _leaving[0]:
-                return  # Python reports at its end what it cannot write
         os._exit(_leaving[0])

@@ -5,7 +5,6 @@ This module imports little: a signal soon after the start then finds `main` prep
 
 from __future__ import annotations
 
-import atexit
 import os
 import sys
 
@@ -26,21 +25,10 @@ def __getattr__(name: str) -> object:
 
 
 def main() -> None:
-    """Entry point of the console script.
-
-    As the program of a process it ends this process, after the handlers at exit, without freeing the modules.
-    """
-    # handlers that were registered before ours would be called after it: Python is then to end as usual
-    program = getattr(sys.modules["__main__"], "main", None) is main and not atexit._ncallbacks()
+    """Entry point of the console script."""
     try:
         from bayescal.cli.entry import run
-        from bayescal.stopping import ending
     except KeyboardInterrupt:
         sys.stderr.write("bayescal: stopped; nothing was written\n")
         os._exit(130)
-    try:
-        run()
-    except SystemExit as ended:
-        if program:
-            ending(ended.code)
-        raise
+    run()

@@ -191,7 +191,8 @@ class Search:
         """Effects that are not detectable at any plausible amplitude are not candidates."""
         whole = fit_state(self.problem, state.columns, state.scales, robust=False)
         projected = project(whole, self.problem.pool)
-        seen = np.sum(projected.weighted**2, axis=0) - np.sum(projected.across * projected.solved, axis=0)
+        own = np.einsum("rk,rk->k", projected.weighted, projected.weighted)  # without a copy of all columns
+        seen = own - np.einsum("dk,dk->k", projected.across, projected.solved)
         seen *= (whole.kappa / state.kappa) ** 2  # at the noise without outliers
         most = {
             name: max(float(np.sum(seen[v.columns])) for v in variants)
