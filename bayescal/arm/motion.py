@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,6 +48,44 @@ def _padded(rows: np.ndarray, fill: np.ndarray | None = None) -> np.ndarray:
     return out
 
 
+@dataclass(frozen=True)
+class Terms:
+    """The T terms of several parameters that move frames, with each of their K drivers once.
+
+    Prepared once for motions of any rows.
+    """
+
+    sites: np.ndarray  # (T,) 6 x frame + axis
+    parameters: np.ndarray  # (T,)
+    index: np.ndarray  # (T,) its driver
+    drivers: tuple[np.ndarray | float, ...]  # (K,) numbers, or one value per row, (N,)
+
+    @classmethod
+    def of(cls, terms: Iterable[tuple[int, Term]]) -> Terms:
+        """Of parameter indices and terms; those that are not of a frame, or always zero, are left out."""
+        table, known = list[tuple[int, int, int]](), dict[bytes, int]()
+        drivers = list[np.ndarray | float]()
+        for parameter, term in terms:
+            if term.frame < 0 or (isinstance(term.driver, float) and not term.driver):
+                continue
+            key = np.asarray(term.driver, float).tobytes()
+            if key not in known:
+                known[key] = len(drivers)
+                drivers.append(term.driver)
+            table.append((6 * term.frame + AXES.index(term.axis), parameter, known[key]))
+        sites, parameters, index = np.array(table, np.int64).reshape(-1, 3).T
+        return cls(sites, parameters, index, tuple(drivers))
+
+    def at(self, rows: np.ndarray) -> Terms:
+        """The terms in some of the rows."""
+        return replace(self, drivers=tuple(d if np.ndim(d) == 0 else np.asarray(d)[rows] for d in self.drivers))
+
+
+def _sorted(table: np.ndarray) -> np.ndarray:
+    """Rows of a table (R, 3) in order of their first value, then of the second, then of the third."""
+    return np.ascontiguousarray(table[np.lexsort(table.T[::-1])])
+
+
 class Motion:
     """Ball centres of C rows and their derivatives, for P parameters (the kernel's prepared input).
 
@@ -58,7 +96,7 @@ class Motion:
         Nominal link angles, rad.
     tool : np.ndarray, shape (C, 3)
         Nominal ball centres in the flange frame, m.
-    terms : sequence of (int, Term)
+    terms : Terms, or sequence of (int, Term)
         Parameter index and term; drivers are numbers or of shape (C,). Those at the contact, of a
         certificate or of the tool's own turn move no frame and are left to the residual.
     size : int
@@ -66,54 +104,49 @@ class Motion:
     """
 
     def __init__(
-        self, chain: Chain, q: np.ndarray, tool: np.ndarray, terms: Sequence[tuple[int, Term]], size: int
+        self,
+        chain: Chain,
+        q: np.ndarray,
+        tool: np.ndarray,
+        terms: Terms | Sequence[tuple[int, Term]],
+        size: int,
     ) -> None:
         self.chain, self.q, self.tool, self.size = chain, q, tool, size
-        self.terms = tuple((k, term) for k, term in terms if term.frame >= 0)
         self.count = len(q)
-        n = chain.n
-        constant: list[tuple[int, int]] = []
-        varying: list[tuple[int, int, int]] = []
-        drivers: list[np.ndarray] = []
-        index: dict[bytes, int] = {}
-        for parameter, term in self.terms:
-            site = 6 * term.frame + AXES.index(term.axis)
-            if isinstance(term.driver, float) and term.driver in (0.0, 1.0):  # most terms of a geometry
-                if term.driver:
-                    constant.append((site, parameter))
-                continue
-            driver = np.broadcast_to(np.asarray(term.driver, float), (self.count,))
-            if self.count == 0 or np.all(driver == 1.0):
-                constant.append((site, parameter))
-                continue
-            if not np.any(driver):
-                continue
-            key = driver.tobytes()
-            if key not in index:
-                index[key] = len(drivers)
-                drivers.append(driver)
-            varying.append((site, parameter, index[key]))
-        varying.sort()
-        every = sorted([*varying, *((site, parameter, len(drivers)) for site, parameter in constant)])
+        n, of = chain.n, terms if isinstance(terms, Terms) else Terms.of(terms)
+        drivers = np.empty((len(of.drivers), self.count))
+        for row, driver in zip(drivers, of.drivers, strict=True):
+            row[:] = driver
+        one = np.all(drivers == 1.0, axis=1)[of.index]
+        varies = np.any(drivers, axis=1)[of.index] & ~one
+        used, driver = np.unique(of.index[varies], return_inverse=True)
+        constant = np.column_stack([of.sites, of.parameters])[one]
+        varying = _sorted(np.column_stack([of.sites[varies], of.parameters[varies], driver]))
+        every = _sorted(np.concatenate([varying, np.insert(constant, 2, len(used), axis=1)]))
         sites = np.arange(6 * (n + 2) + 1)
-        self._constant = np.array(constant, np.int64).reshape(-1, 2)
-        self._varying = np.array(varying, np.int64).reshape(-1, 3)
-        self._every = np.array(every, np.int64).reshape(-1, 3)
-        self._firsts = np.searchsorted(self._varying[:, 0], sites).astype(np.int64)
-        self._every_firsts = np.searchsorted(self._every[:, 0], sites).astype(np.int64)
+        self._constant, self._varying, self._every = constant, varying, every
+        self._firsts = np.searchsorted(varying[:, 0], sites).astype(np.int64)
+        self._every_firsts = np.searchsorted(every[:, 0], sites).astype(np.int64)
         self._general = np.zeros(n + 2, np.bool_)
-        for site in self._varying[:, 0]:
-            frame, component = divmod(int(site), 6)
-            self._general[frame] |= component != 0 or not 1 <= frame <= n
+        frames, axes = np.divmod(varying[:, 0], 6)
+        self._general[frames[(axes != 0) | (frames < 1) | (frames > n)]] = True
         # a tool turned about its own point moves it only together with a slide: leave that to the exact path
-        self._general[n + 1] |= any(s >= 6 * (n + 1) and (s - 6 * (n + 1)) % 2 == 0 for s, _ in constant)
-        self._drivers = _padded(np.array([*drivers, np.ones(self.count)]))
+        self._general[n + 1] |= bool(np.any((constant[:, 0] >= 6 * (n + 1)) & (constant[:, 0] % 2 == 0)))
+        self._drivers = _padded(np.concatenate([drivers[used], np.ones((1, self.count))]))
         self._sines = _padded(np.sin(q.T))
         self._cosines = _padded(np.cos(q.T))
         self._tool = _padded(np.broadcast_to(tool, (self.count, 3)).T)
         self._base = np.ascontiguousarray(chain.base, float)
         self._link = np.ascontiguousarray(chain.link, float)
         self._d = np.ascontiguousarray(chain.d, float)
+
+    @property
+    def terms(self) -> list[tuple[int, Term]]:
+        """Parameter index and term, in order of frames and axes; without terms that are zero in all rows."""
+        return [
+            (parameter, Term(site // 6, AXES[site % 6], self._drivers[driver, : self.count]))
+            for site, parameter, driver in self._every.tolist()
+        ]
 
     def points(self, values: np.ndarray) -> np.ndarray:
         """Ball centres in F0, (..., 3, C), m, at parameter deviations `values` (..., P), SI."""

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Motion, Term
+from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Motion, Terms
 from bayescal.dataset import Certificate as CertificateEntry
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import UNITS, Parameter, parameters_of
@@ -157,16 +157,16 @@ class Model:
         pairs = [UNITS[unit] for unit in self.units]
         return tuple(name for name, _ in pairs), np.array([factor for _, factor in pairs])
 
+    @cached_property
+    def terms(self) -> Terms:
+        """All terms that move the arm, in all rows of the session."""
+        return Terms.of((k, t) for k, p in enumerate(self.parameters) for t in p.terms)
+
     def motion(self, rows: np.ndarray) -> Motion:
         """Motion of any rows of the session under this model's parameters."""
-        terms = [
-            (k, t if np.ndim(t.driver) == 0 else Term(t.frame, t.axis, np.asarray(t.driver)[rows]))
-            for k, p in enumerate(self.parameters)
-            for t in p.terms
-            if t.frame >= 0
-        ]
+        scene = self.scene
         return Motion(
-            self.scene.chain, self.scene.q[rows], self.scene.tools[rows], terms, len(self.parameters)
+            scene.chain, scene.q[rows], scene.tools[rows], self.terms.at(rows), len(self.parameters)
         )
 
     def block(self, target: int, rows: np.ndarray) -> Block:

@@ -65,14 +65,14 @@ def _screen(effect: Effect, slopes: Slopes, state: State, c: Circumstances) -> l
                 own.setdefault(Single(value, p.site, p.driver), []).append(k)
         sets = tuple(map(np.array, own.values()))
         nats = weigh_sets(state, Bank(columns, sets, len(slopes.contact), slopes.worth)) + SCALE_PRIOR
-        for (single, at), row in zip(own.items(), nats, strict=True):
-            gain, before = float(log_sum(row)), leading.get(single.site)
+        gains, scales = log_sum(nats, axis=1).tolist(), SCALES[np.argmax(nats, axis=1)].tolist()
+        for (single, at), gain, scale in zip(own.items(), gains, scales, strict=True):
+            before = leading.get(single.site)
             leads = before is None or gain > out[before].gain
             if leads and before is not None:
                 out[before] = replace(out[before], columns=None)
             if leads:
                 leading[single.site] = len(out)
-            scale = float(SCALES[np.argmax(row)])
             out.append(Screened(single, gain, scale, columns[:, at] if leads else None))
     return out
 
