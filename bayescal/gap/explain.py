@@ -55,7 +55,7 @@ def explain(
         last = examine(scene, (*effects, COMPLIANCE), robust, prior_width, without, further=True)
     progress("refit", 0.6)
     before = validation_errors(first.fitted)
-    alone = _judging(last.fitted)
+    alone = before if last is first and before.how == VALIDATED else _judging(last.fitted)
 
     known: dict[tuple[int, ...], tuple[Estimate, ValidationErrors]] = {(): (last.fitted, alone)}
 
@@ -67,7 +67,8 @@ def explain(
         return known[key]
 
     confirmed_last, final, after = _confirmed(last, alone, fitted)
-    after = after if after.how == VALIDATED else validation_errors(final)
+    if after.how != VALIDATED:
+        after = before if final is first.fitted else validation_errors(final)
     return Explained(first, confirmed_last, promoted, before, final, after)
 
 

@@ -50,11 +50,6 @@ class States:
         """The solutions with these indices."""
         return States(*(getattr(self, f.name)[places] for f in fields(States)))
 
-    def and_then(self, others: States) -> States:
-        """These solutions, and others after them."""
-        pairs = ((getattr(self, f.name), getattr(others, f.name)) for f in fields(States))
-        return States(*map(np.concatenate, pairs))
-
 
 def search(
     kind: Kind,
@@ -64,7 +59,7 @@ def search(
     tool_slopes: np.ndarray | None = None,
     tool_sd: float = 0.0,
     start: np.ndarray | None = None,
-    limit: float = np.inf,
+    beside: float = np.inf,
 ) -> States:
     """Levenberg-Marquardt for S problems at once: draws of the ball centres, or starts.
 
@@ -84,9 +79,9 @@ def search(
         Prior standard deviation of those shifts, m.
     start : np.ndarray, shape (S, size) or (size,), optional
         Initial states of the target; the stated state if not given.
-    limit : float
-        Cost, nats: a search that is not expected to come below it ends early. Where no place explains the
-        rows, a search may rest only after a hundred steps.
+    beside : float
+        Cost, nats, beyond that of the first problem: once that rests, a search that is not expected to come
+        below it ends early. Where no place explains the rows, a search may rest only after a hundred steps.
     """
     free = kind.sd > 0
     count, size = len(p), int(free.sum())
@@ -105,12 +100,11 @@ def search(
         q = p if tool_slopes is None else p + np.einsum("sj,sjkc->skc", tool, tool_slopes)
         r, u, dx = kind.linearise(x, q)
         r = ((r if noise is None else r - noise) * inverse_sigma).reshape(count, -1)
-        slopes = [dx[..., free]]
+        slopes = dx[..., free]
         if tool_slopes is not None:
-            slopes.append(
-                np.einsum("srkc,sjkc->srcj", u, np.broadcast_to(tool_slopes, (count, 3, *q.shape[1:])))
-            )
-        j = (np.concatenate(slopes, axis=-1) * inverse_sigma[..., None]).reshape(*r.shape, len(sd)) * sd
+            by = np.einsum("srkc,sjkc->srcj", u, np.broadcast_to(tool_slopes, (count, 3, *q.shape[1:])))
+            slopes = np.concatenate([slopes, by], axis=-1)
+        j = (slopes * inverse_sigma[..., None]).reshape(*r.shape, len(sd)) * sd
         gradient = np.einsum("sri,sr->si", j, r) + y
         cost = 0.5 * (np.sum(r**2, axis=1) + np.sum(y**2, axis=1))
         return cost, gradient, np.swapaxes(j, 1, 2) @ j + identity
@@ -126,6 +120,7 @@ def search(
         damped = information + diagonal[:, :, None] * identity
         newton, step = np.linalg.solve(np.stack([information, damped]), gradient[..., None])[..., 0]
         left = np.sqrt(np.sum(gradient * newton, axis=1))
+        limit = cost[0] + beside if left[0] <= RESTS else np.inf
         active = (left > RESTS) & (cost - SLOW * left**2 < limit)
         if k == ITERATIONS or not active.any():
             break
@@ -179,16 +174,12 @@ def locate(
         If another position explains the rows equally well.
     """
     begin = starts(kind, p)
+    every = np.broadcast_to(p, (len(begin), *p.shape))
 
     def best(keep: np.ndarray) -> tuple[States, States]:
-        def of(some: np.ndarray, limit: float = np.inf) -> States:
-            every = np.broadcast_to(p, (len(some), *p.shape))
-            return search(kind, every, keep / sigma, None, tool_slopes, tool_sd, some, limit)
-
-        found = of(begin[:1])
-        further = begin[1:][_plausible(kind, found, begin[1:])]
-        if len(further):
-            found = found.and_then(of(further, found.cost[0] + RIVAL if _rests(found)[0] else np.inf))
+        found = search(kind, every, keep / sigma, None, tool_slopes, tool_sd, begin, RIVAL)
+        further = 1 + np.flatnonzero(_plausible(kind, found.some([0]), begin[1:]))
+        found = found.some(np.append(0, further))
         return found, found.some([int(np.nanargmin(found.cost))])
 
     keep = np.ones(p.shape[1])
