@@ -78,7 +78,8 @@ class Terms:
 
     def at(self, rows: np.ndarray) -> Terms:
         """The terms in some of the rows."""
-        return replace(self, drivers=tuple(d if np.ndim(d) == 0 else np.asarray(d)[rows] for d in self.drivers))
+        own = (d if np.ndim(d) == 0 else np.asarray(d)[rows] for d in self.drivers)
+        return replace(self, drivers=tuple(own))
 
 
 def _sorted(table: np.ndarray) -> np.ndarray:

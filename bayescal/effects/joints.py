@@ -63,14 +63,9 @@ def waves(c: Circumstances, effect: str, joint: int, order: float, sd: float) ->
     """
     angle = order * c.q[:, joint - 1]
     name = f"{effect} {c.robot.joint_names[joint - 1]}"
+    where = at(joint, Driver("angle", joint, order))
     return [
-        Parameter(
-            f"{name} {wave}",
-            "rad",
-            (Term(joint, "rz", driver),),
-            sd,
-            **at(joint, Driver("angle", joint, order)),
-        )
+        Parameter(f"{name} {wave}", "rad", (Term(joint, "rz", driver),), sd, **where)
         for wave, driver in (("sin", np.sin(angle)), ("cos", np.cos(angle)))
     ]
 

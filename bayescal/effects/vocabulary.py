@@ -170,10 +170,10 @@ class Parameter:
         if not isinstance(self.site, Site) or not isinstance(self.driver, Driver):
             return "its site is not a Site, or its driver is not a Driver"
         for term in self.terms:
-            shape = np.shape(term.driver)
-            if term.frame != CERTIFICATE and shape not in ((), (rows,)):
-                return f"a driver is a number or one value per row, ({rows},), not {shape}"
-            if not np.all(np.isfinite(term.driver)):
+            driver = np.asarray(term.driver)
+            if term.frame != CERTIFICATE and driver.shape not in ((), (rows,)):
+                return f"a driver is a number or one value per row, ({rows},), not {driver.shape}"
+            if not np.isfinite(driver).all():
                 return "a driver has values that are not finite"
         return ""
 

@@ -39,7 +39,7 @@ def screened(
     for effect in EFFECTS.values():
         if effect.name in modelled or not wide(effect, c) or effect.scan is None:
             continue
-        found = [_screen(effect, slopes, state, c) for state in states]
+        found = _screen(effect, slopes, states, c)
         best: dict[float, float] = {}
         for one in (one for every in found for one in every):
             best[one.single.setting] = max(one.gain, best.get(one.single.setting, -np.inf))
@@ -51,10 +51,13 @@ def screened(
     return known
 
 
-def _screen(effect: Effect, slopes: Slopes, state: State, c: Circumstances) -> list[Screened]:
-    """Every setting of a scan at every site, by each driver, over a state."""
+def _screen(
+    effect: Effect, slopes: Slopes, states: Sequence[State], c: Circumstances
+) -> list[list[Screened]]:
+    """Every setting of a scan at every site, by each driver, over each of several states."""
     assert effect.scan is not None
-    values, out, leading = effect.scan.values(c), list[Screened](), dict[Site, int]()
+    values = effect.scan.values(c)
+    out, leading = [list[Screened]() for _ in states], [dict[Site, int]() for _ in states]
     for first in range(0, len(values), SEARCH.chunk):
         chunk = [float(value) for value in values[first : first + SEARCH.chunk]]
         every = [(value, p) for value in chunk for p in effect.at(c, value)]
@@ -63,17 +66,18 @@ def _screen(effect: Effect, slopes: Slopes, state: State, c: Circumstances) -> l
         for k, (value, p) in enumerate(every):
             if seen[k]:
                 own.setdefault(Single(value, p.site, p.driver), []).append(k)
-        sets = tuple(map(np.array, own.values()))
-        nats = weigh_sets(state, Bank(columns, sets, len(slopes.contact), slopes.worth)) + SCALE_PRIOR
-        gains, scales = log_sum(nats, axis=1).tolist(), SCALES[np.argmax(nats, axis=1)].tolist()
-        for (single, at), gain, scale in zip(own.items(), gains, scales, strict=True):
-            before = leading.get(single.site)
-            leads = before is None or gain > out[before].gain
-            if leads and before is not None:
-                out[before] = replace(out[before], columns=None)
-            if leads:
-                leading[single.site] = len(out)
-            out.append(Screened(single, gain, scale, columns[:, at] if leads else None))
+        bank = Bank(columns, tuple(map(np.array, own.values())), len(slopes.contact), slopes.worth)
+        for state, found, of_site in zip(states, out, leading, strict=True):
+            nats = weigh_sets(state, bank) + SCALE_PRIOR
+            gains, scales = log_sum(nats, axis=1).tolist(), SCALES[np.argmax(nats, axis=1)].tolist()
+            for (single, at), gain, scale in zip(own.items(), gains, scales, strict=True):
+                before = of_site.get(single.site)
+                leads = before is None or gain > found[before].gain
+                if leads and before is not None:
+                    found[before] = replace(found[before], columns=None)
+                if leads:
+                    of_site[single.site] = len(found)
+                found.append(Screened(single, gain, scale, columns[:, at] if leads else None))
     return out
 
 
@@ -99,5 +103,5 @@ def _one_by_one(
             np.append(state.scales, np.full(size, best.scale)),
             robust=state.robust,
         )
-        found = _screen(effect, slopes, state, c)
+        (found,) = _screen(effect, slopes, [state], c)
     return out
