@@ -13,7 +13,7 @@ from bayescal.dataset import Dataset
 from bayescal.estimate import Estimate, check_enough
 from bayescal.estimate.discrepancy import stated
 from bayescal.gap.design.advise import advise
-from bayescal.gap.design.blind_spots import blind_spots, unseen
+from bayescal.gap.design.blind_spots import blind_spots, places_of, unseen
 from bayescal.gap.design.undecided import rivals, undecided
 from bayescal.gap.explain import Explained, Progress, explain
 from bayescal.gap.level_fits import fitted_levels
@@ -90,7 +90,8 @@ def diagnose(
     errors = [known.get(id(e)) or validation_errors(e, strict=False) for _, e in levels]
     plain = without_nuisance(last.problem, last.fitted.model.size)
     named = tuple(m.effect for m in members)
-    spots = blind_spots(last.fitted, last.candidates, plain, again(chosen.state, plain), named)
+    spheres = places_of(last.fitted)
+    spots = blind_spots(last.fitted, last.candidates, plain, again(chosen.state, plain), named, spheres)
     pairs = [
         (replace(a, state=again(a.state, plain)), replace(b, state=again(b.state, plain)))
         for a, b in rivals(last)
@@ -113,7 +114,7 @@ def diagnose(
         verdict=verdict,
         shrinkage=reduction,
         levels=model_levels(levels, errors, kept(before, after)),
-        advice=advise(last.fitted, last.candidates, pairs),
+        advice=advise(last.fitted, last.candidates, pairs, places=spheres),
         blind_spots=unseen(spots),
         residuals=_residuals(first.fitted, final),
         warnings=(

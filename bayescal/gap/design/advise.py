@@ -14,6 +14,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.estimate import Estimate
+from bayescal.gap.design.blind_spots import NOWHERE, Places
 from bayescal.gap.design.candidate_contacts import Possible, Side, possibilities
 from bayescal.gap.design.interventions import AGAIN
 from bayescal.gap.result import Advice, NextContact
@@ -57,6 +58,7 @@ def advise(
     known: Candidates,
     pairs: Sequence[tuple[Hypothesis, Hypothesis]],
     contacts: int = DESIGN.contacts,
+    places: Places = NOWHERE,
 ) -> tuple[Advice, ...]:
     """Next measurements to distinguish each pair of hypotheses: the best intervention, or the best two.
 
@@ -70,6 +72,8 @@ def advise(
         Effects that both contain belong to the model.
     contacts : int
         New contacts.
+    places : Places
+        Of spheres and sockets, where they are known: `places_of`.
 
     Returns
     -------
@@ -85,7 +89,7 @@ def advise(
     members = [m for pair in pairs for h in pair for m in h.members]
     if not members:
         return ()
-    interventions = possibilities(fitted, known, members)
+    interventions = possibilities(fitted, known, members, places)
     dataset = fitted.model.scene.dataset
     readings = dataset.measurements.readings
     out: list[Advice] = []

@@ -6,8 +6,9 @@ The calibration absorbs z = Cov J'x of it, which displaces every located centre.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -20,9 +21,14 @@ from bayescal.gap.result import BlindSpot
 from bayescal.gap.search.candidates import Candidates
 from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
+from bayescal.model.scene import Scene
 from bayescal.predict.locate import locate
 from bayescal.predict.rows import certified_diameters
 from bayescal.predict.targets import centre_of, with_diameter
+
+Places = Mapping[int, np.ndarray]
+"""Parts of z of targets that were not fitted, by their number, at the fitted arm."""
+NOWHERE: Places = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,12 @@ def seats(known: Candidates, named: Sequence[str] = ()) -> list[Seat]:
 
 
 def blind_spots(
-    fitted: Estimate, known: Candidates, p: Problem, state: State, named: tuple[str, ...] = ()
+    fitted: Estimate,
+    known: Candidates,
+    p: Problem,
+    state: State,
+    named: tuple[str, ...] = (),
+    places: Places = NOWHERE,
 ) -> tuple[BlindSpot, ...]:
     """Detectability of every effect that is neither in the model nor named, largest distance error first.
 
@@ -68,6 +79,8 @@ def blind_spots(
         Baseline and named effects, with weights and noise.
     named : tuple of str
         Effects that are not assessed.
+    places : Places
+        Of spheres and sockets, where they are known: `places_of`.
 
     Returns
     -------
@@ -92,7 +105,7 @@ def blind_spots(
     seen = project(state, p.pool[:, used])
     raw = np.sum(seen.weighted**2, axis=0)
     strength = np.maximum(raw - np.sum(seen.across * seen.solved, axis=0), DESIGN.rounding * raw)
-    moved = distances(fitted, [known.pool[k] for k in used], state, used, seen)
+    moved = distances(fitted, [known.pool[k] for k in used], state, used, seen, places)
     harm = np.mean(moved**2, axis=0) if len(moved) else np.full(len(used), np.nan)
     best: dict[str, tuple[tuple[bool, float], BlindSpot]] = {}
     for s in judged:
@@ -116,7 +129,12 @@ def unseen(spots: Iterable[BlindSpot]) -> tuple[BlindSpot, ...]:
 
 
 def distances(
-    fitted: Estimate, extra: Sequence[Parameter], state: State, used: np.ndarray, seen: Projected
+    fitted: Estimate,
+    extra: Sequence[Parameter],
+    state: State,
+    used: np.ndarray,
+    seen: Projected,
+    places: Places = NOWHERE,
 ) -> np.ndarray:
     """Errors of distances (Q, K), m, by one prior standard deviation of each of K unmodelled candidates.
 
@@ -131,6 +149,8 @@ def distances(
         Indices of the candidates in the pool, ascending.
     seen : Projected
         Their columns, projected by the state.
+    places : Places
+        As for `blind_spots`.
 
     Returns
     -------
@@ -151,9 +171,9 @@ def distances(
     off[own + np.arange(count), np.arange(count)] -= 1.0
     off *= wide.sd[:, None]
     centres: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    pairs = [c.targets for c in model.scene.dataset.certificates if c.kind == "distance"]
+    pairs = certified_distances(model.scene)
     for name in dict.fromkeys(name for pair in pairs for name in pair):
-        found = _centre(fitted, wide, name, values, off, seen.solved)
+        found = _centre(fitted, wide, name, values, off, seen.solved, places)
         if found is not None:
             centres[name] = found
     ends = [(centres[a], centres[b]) for a, b in pairs if a in centres and b in centres]
@@ -165,8 +185,22 @@ def distances(
     return out
 
 
+def certified_distances(scene: Scene) -> list[tuple[str, ...]]:
+    """Targets of all certified distances."""
+    return [c.targets for c in scene.dataset.certificates if c.kind == "distance"]
+
+
+def places_of(fitted: Estimate) -> Places:
+    """Places of the validation spheres and sockets of all certified distances, for `located`."""
+    model = fitted.model
+    names = {name for pair in certified_distances(model.scene) for name in pair} - set(model.block_of)
+    index = [k for k, t in enumerate(model.scene.dataset.targets) if t.name in names]
+    found = ((k, located(fitted, model, k, fitted.arm)) for k in index)
+    return {k: of[1] for k, of in found if of is not None}
+
+
 def located(
-    fitted: Estimate, wide: Model, target: int, values: np.ndarray
+    fitted: Estimate, wide: Model, target: int, values: np.ndarray, places: Places = NOWHERE
 ) -> tuple[Block, np.ndarray] | None:
     """A validation sphere or socket as a block of its own contacts, and its part of z at the solution.
 
@@ -182,14 +216,17 @@ def located(
         return None
     if (u := certified_diameters(scene).get(block.target)) is not None:
         block = with_diameter(block, u)
+    if target in places:
+        return block, places[target]
     sigma = np.tile(block.sigma, (block.kind.rows, 1))
     at, _ = locate(block.target, block.kind, block.motion.points(values), sigma)
     return block, at.x[0, block.free] / block.sd
 
 
 def _centre(
-    fitted: Estimate, wide: Model, name: str, values: np.ndarray, off: np.ndarray, solved: np.ndarray
-) -> tuple[np.ndarray, np.ndarray] | None:
+    fitted: Estimate, wide: Model, name: str, values: np.ndarray, off: np.ndarray, solved: np.ndarray,
+    places: Places,
+) -> tuple[np.ndarray, np.ndarray] | None:  # fmt: skip
     """Centre of a target (3,) and its errors (3, K), m, for errors `off` (P + K, K) of the arm."""
     model = fitted.model
     if name in model.block_of:
@@ -200,7 +237,7 @@ def _centre(
         shift[block.free] = solved[own] * block.sd[:, None]
         return centre_of(block, block.state(fitted.z[own])), shift[:3]
     index = next(k for k, t in enumerate(model.scene.dataset.targets) if t.name == name)
-    found = located(fitted, wide, index, values)
+    found = located(fitted, wide, index, values, places)
     if found is None:
         return None
     block, z = found

@@ -16,7 +16,7 @@ from bayescal.effects import EFFECTS, Circumstances, Parameter, Setting, paramet
 from bayescal.effects.selection import in_proportion
 from bayescal.estimate import Estimate
 from bayescal.estimate.compliances import with_compliances
-from bayescal.gap.design.blind_spots import located
+from bayescal.gap.design.blind_spots import NOWHERE, Places, located
 from bayescal.gap.design.interventions import Intervention, widened
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.search.beam import Hypothesis, Member
@@ -107,7 +107,9 @@ class Possible:
         return any(np.max(np.abs(d), initial=0.0) > DESIGN.changed for d in changed)
 
 
-def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]) -> list[Possible]:
+def possibilities(
+    fitted: Estimate, known: Candidates, members: Sequence[Member], places: Places = NOWHERE
+) -> list[Possible]:
     """All interventions, linearised at the estimate; the first is `interventions.AGAIN`."""
     model = fitted.model
     dataset, interventions = widened(model.scene, _poses(fitted))
@@ -126,7 +128,7 @@ def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]
     main = main_group(model)
     return [
         *(_linear(fitted, wide, values, intervention, used, main) for intervention in interventions),
-        *_spheres(fitted, wide, values, used, main),
+        *_spheres(fitted, wide, values, used, main, places),
     ]
 
 
@@ -164,14 +166,15 @@ def _linear(
 
 
 def _spheres(
-    fitted: Estimate, wide: Model, values: np.ndarray, used: np.ndarray, main: str
+    fitted: Estimate, wide: Model, values: np.ndarray, used: np.ndarray, main: str, places: Places
 ) -> list[Possible]:
     """The validation contacts on spheres whose distances are certified, if any."""
     model, scene = fitted.model, fitted.model.scene
     certified = [c for c in scene.dataset.certificates if c.kind == "distance"]
     names = {name for c in certified for name in c.targets} - set(model.block_of)
     index = {t.name: k for k, t in enumerate(scene.dataset.targets) if t.name in names}
-    found = {n: f for n, k in index.items() if (f := located(fitted, wide, k, values)) is not None}
+    tried = ((name, located(fitted, wide, k, values, places)) for name, k in index.items())
+    found = {name: of for name, of in tried if of is not None}
     if not found:
         return []
     starts = dict(zip(found, np.cumsum([0, *(b.size for b, _ in found.values())]), strict=False))
