@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -42,10 +43,6 @@ class Loads:
     moments: np.ndarray
     weights: np.ndarray
 
-    def minus(self, other: Loads) -> Loads:
-        """What remains without other loads."""
-        return Loads(self.moments - other.moments, self.weights - other.weights)
-
 
 @dataclass(frozen=True)
 class Hinges:
@@ -59,6 +56,41 @@ class Hinges:
         weight = weight[:, :, None]
         about = moment[:, :, None] - cross(self.origins, weight)
         return Loads(np.sum(self.axes * about, axis=-1), np.sum(self.axes * weight, axis=-1))
+
+    @cached_property
+    def arms(self) -> np.ndarray:
+        """Moments, m, that a unit force on F0's origin along x, y and z has about each axis, reversed."""
+        return cross(self.axes, self.origins)
+
+    def by_mass(self, body: int, weight: np.ndarray, at: np.ndarray, turn: np.ndarray) -> list[Loads]:
+        """Loads by a mass that frames 0 to `body` carry, and by a shift of it along each axis of its frame.
+
+        Parameters
+        ----------
+        body : int
+        weight : np.ndarray, shape (C, 3)
+            N, in F0.
+        at : np.ndarray, shape (C, 3)
+            Its centre in F0, m.
+        turn : np.ndarray, shape (C, 3, 3)
+            Orientation in F0 of its frame.
+
+        Returns
+        -------
+        list of Loads
+            Four: by the mass, and by each of the shifts, per m.
+        """
+        count, of = len(self.axes), slice(0, body + 1)
+        moment = np.stack([cross(at, weight), *(cross(turn[:, :, k], weight) for k in range(3))], axis=-1)
+        axes, arms = (x[:, of].reshape(count, -1, 3) for x in (self.axes, self.arms))
+        pull, moments = axes @ weight[..., None], axes @ moment
+        moments[..., :1] -= arms @ weight[..., None]  # a shift adds no weight
+        out = []
+        for k, weights in enumerate((pull, *3 * [np.zeros_like(pull)])):
+            own = np.zeros((2, *self.axes.shape[:-1]))
+            own[:, :, of] = np.stack([moments[..., k], weights[..., 0]]).reshape(2, count, body + 1, 3)
+            out.append(Loads(*own))
+        return out
 
 
 def hinges(chain: Chain, pose: np.ndarray, delta: np.ndarray | None = None) -> Hinges:

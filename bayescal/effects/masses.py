@@ -39,15 +39,10 @@ def masses(c: Circumstances) -> list[Parameter]:
         return []
     delta = None if c.stance is None else c.stance.delta
     pose = frames(c.chain, link_angles(robot, c.readings), delta)
-    about, carried = hinges(c.chain, pose, delta), np.arange(n + 1)[:, None]
+    about = hinges(c.chain, pose, delta)
     out: list[Parameter] = []
 
-    def add(name: str, unit: str, sd: float, body: int, moment: np.ndarray, weight: np.ndarray) -> None:
-        """Add a parameter: moment about F0's origin and weight by its unit, (N, 3), up to frame `body`."""
-        loads = about.loads(*(np.where(carried <= body, x[:, None], 0.0) for x in (moment, weight)))
-        out.append(Parameter(name, unit, deflections(c, loads), sd))
-
-    def add_body(
+    def add(
         name: str,
         share: float,
         body: int,
@@ -57,17 +52,16 @@ def masses(c: Circumstances) -> list[Parameter]:
         off: np.ndarray,
     ) -> None:
         """Add mass (N,) and centre of mass (N, 3) in F0 of a body of orientation (N, 3, 3); `off` (3,), m."""
-        weight = mass[:, None] * c.gravity
-        add(f"mass of {name}", "1", share, body, np.cross(at, weight), weight)
-        for k, axis in enumerate("xyz"):
-            moment = np.cross(turn[:, :, k], weight)
-            add(f"centre of {name} {axis}", "m", float(off[k]), body, moment, 0.0 * weight)
+        of_mass, *of_centre = about.by_mass(body, mass[:, None] * c.gravity, at, turn)
+        out.append(Parameter(f"mass of {name}", "1", deflections(c, of_mass), share))
+        for axis, loads, sd in zip("xyz", of_centre, off.tolist(), strict=True):
+            out.append(Parameter(f"centre of {name} {axis}", "m", deflections(c, loads), sd))
 
     for i, (mass, centre) in enumerate(zip(robot.masses, robot.centres_of_mass, strict=True), start=1):
         at = placed(pose[:, i], centre_of_mass(robot, c.chain, i, c.stance))
         turn = (pose[:, i] if robot.convention == "mdh" else pose[:, i] @ c.chain.link[i])[:, :3, :3]
         off = CENTRE_OFF + MASS_SHARE * np.abs(centre)
-        add_body(f"link {i}", MASS_SHARE, i, np.full(len(at), mass), at, turn, off)
+        add(f"link {i}", MASS_SHARE, i, np.full(len(at), mass), at, turn, off)
     flange, off = pose[:, n + 1], np.full(3, LOAD_OFF)
-    add_body("load", LOAD_SHARE, n, c.load_mass, placed(flange, c.load_centre), flange[:, :3, :3], off)
+    add("load", LOAD_SHARE, n, c.load_mass, placed(flange, c.load_centre), flange[:, :3, :3], off)
     return out if any(p.terms for p in out) else []

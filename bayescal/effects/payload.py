@@ -16,12 +16,12 @@ is clamped by hand hangs some centimetres off).
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
-from bayescal.arm.chain import link_angles
-from bayescal.arm.statics import Loads, gravity_loads
+from bayescal.arm.chain import frames, link_angles
+from bayescal.arm.statics import Loads, hinges, placed
 from bayescal.effects.deflection import deflections
 from bayescal.effects.joints import without_masses
 from bayescal.effects.location import TOOL, Driver
@@ -34,12 +34,14 @@ SHARE_SD, SHIFT_SD = 0.3, 0.06  # of the mass, m
 ADDED = 0.05  # kg, from which on a row carries an added load
 
 
-def _loads(c: Circumstances, mass: np.ndarray, centre: np.ndarray) -> Loads:
-    """Loads of a mass (N,), kg, with its centre (N, 3), m, in the flange frame of a weightless arm."""
-    n = c.robot.n
-    weightless = replace(c.robot, masses=np.zeros(n), centres_of_mass=np.zeros((n, 3)))
-    q = link_angles(c.robot, c.readings)
-    return gravity_loads(weightless, c.chain, q, c.gravity, mass, centre, c.stance)
+def _loads(c: Circumstances, mass: np.ndarray) -> list[Loads]:
+    """Loads by a mass (N,), kg, in the centre of the load, and by its shifts along the axes of the flange."""
+    delta = None if c.stance is None else c.stance.delta
+    pose = frames(c.chain, link_angles(c.robot, c.readings), delta)
+    flange = pose[:, -1]
+    return hinges(c.chain, pose, delta).by_mass(
+        c.robot.n, mass[:, None] * c.gravity, placed(flange, c.load_centre), flange[:, :3, :3]
+    )
 
 
 def _parameter(c: Circumstances, name: str, unit: str, sd: float, loads: Loads) -> list[Parameter]:
@@ -47,24 +49,25 @@ def _parameter(c: Circumstances, name: str, unit: str, sd: float, loads: Loads) 
     return [Parameter(f"payload {name}", unit, terms, sd, site=TOOL, driver=Driver("mass"))] if terms else []
 
 
-def _shifted(c: Circumstances, name: str, unit: str, sd: float, mass: np.ndarray) -> list[Parameter]:
-    """Parameters of the centre of a mass (N,), kg, along the axes of the flange."""
-    at_centre = _loads(c, mass, c.load_centre)
+def _shifted(c: Circumstances, name: str, unit: str, sd: float, loads: Sequence[Loads]) -> list[Parameter]:
+    """Parameters of the centre of a mass, by the loads of its shifts."""
     return [
         p
-        for axis, metre in zip("xyz", np.eye(3), strict=True)
-        for p in _parameter(
-            c, f"{name} {axis}", unit, sd, _loads(c, mass, c.load_centre + metre).minus(at_centre)
-        )
+        for axis, by in zip("xyz", loads, strict=True)
+        for p in _parameter(c, f"{name} {axis}", unit, sd, by)
     ]
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    return _parameter(c, "mass", "kg", SD, _loads(c, np.ones(len(c.q)), c.load_centre))
+    return _parameter(c, "mass", "kg", SD, _loads(c, np.ones(len(c.q)))[0])
 
 
 def _elsewhere(c: Circumstances) -> list[Parameter]:
-    return [*_parameters(c), *_shifted(c, "moment", "kg m", MOMENT_SD, np.ones(len(c.q)))]
+    of_mass, *of_shifts = _loads(c, np.ones(len(c.q)))
+    return [
+        *_parameter(c, "mass", "kg", SD, of_mass),
+        *_shifted(c, "moment", "kg m", MOMENT_SD, of_shifts),
+    ]
 
 
 def _added(c: Circumstances) -> list[Parameter]:
@@ -73,8 +76,9 @@ def _added(c: Circumstances) -> list[Parameter]:
     mass = c.load_mass - np.array([least[t] for t in c.tool.tolist()])
     if not np.any(mass[c.fitted] > ADDED):
         return []
-    share = _parameter(c, "added share", "1", SHARE_SD, _loads(c, mass, c.load_centre))
-    return [*share, *_shifted(c, "added centre", "m", SHIFT_SD, mass)]
+    of_mass, *of_shifts = _loads(c, mass)
+    share = _parameter(c, "added share", "1", SHARE_SD, of_mass)
+    return [*share, *_shifted(c, "added centre", "m", SHIFT_SD, of_shifts)]
 
 
 def _missing(c: Circumstances) -> str:
