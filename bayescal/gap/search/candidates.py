@@ -132,7 +132,7 @@ def extended(
     seen = {p.site for _, parameters in found for p in parameters}
     missing = known.missing | {f"{effect.name} at {site}": ALIASED for site in sites if site not in seen}
     count = max(len(found), 0 if effect.scan is None else len(effect.scan.values(c)))
-    forms = [] if lacks else _other_forms(effect, c)
+    forms = [] if lacks else _other_forms(effect, c, dict(tables).get(None))
     usual = float(np.log1p(-sum(form.odds for form, _, _ in forms) * SEARCH.other_forms / max(len(forms), 1)))
     pool, variants = list(known.pool), []
     for value, parameters in found:
@@ -202,13 +202,17 @@ def with_own_settings(known: Candidates, effect: Effect, own: Sequence[Single], 
     return replace(known, variants=known.variants | {effect.name: tuple(shared)})
 
 
-def _other_forms(effect: Effect, c: Circumstances) -> list[tuple[Form, list[Parameter], set[Site]]]:
+def _other_forms(
+    effect: Effect, c: Circumstances, usual: Sequence[Parameter] | None
+) -> list[tuple[Form, list[Parameter], set[Site]]]:
     """Other forms of an effect in a session, their parameters, and sites that differ from the usual form."""
-    usual = {p.name: p for p in effect.at(c)} if effect.forms else {}
+    if not effect.forms:
+        return []
+    known = {p.name: p for p in (effect.at(c) if usual is None else usual)}
     out = []
     for form in effect.forms:
         parameters = effect.at(c, form.name)
-        sites = {p.site for p in parameters if p.name not in usual or not _same_motion(p, usual[p.name])}
+        sites = {p.site for p in parameters if p.name not in known or not _same_motion(p, known[p.name])}
         if sites:
             out.append((form, parameters, sites))
     return out

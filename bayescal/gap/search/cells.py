@@ -46,20 +46,14 @@ def _made(c: Circumstances) -> Iterator[Cell]:
 
 def _joints(c: Circumstances) -> Iterator[Cell]:
     n = c.robot.n
+    courses = [_courses(c, k) for k in range(1, n + 1)]
     for j in range(1, n + 1):
         site = joint(j)
-        for k in range(1, n + 1):
-            forms = [
-                (side, angle)
-                for side in moves(c, j)
-                for of in passes(c, k)
-                if smooth(angle := motion(c.robot, k, c.readings, of), c.fitted)
-            ]
-            if forms:
-                waves = [at_joint(c, j, smooth(angle, c.fitted), side) for side, angle in forms]
-                yield Cell(site, Driver("angle", k), tuple(waves))
-                bends = [at_joint(c, j, [d], side) for side, angle in forms for d in _beyond(angle, c.fitted)]
-                yield Cell(site, Driver("angle", k, form="beyond"), tuple(bends))
+        for k, forms in enumerate(courses, start=1):
+            waves = [at_joint(c, j, own, side) for side in moves(c, j) for own, _ in forms]
+            yield Cell(site, Driver("angle", k), tuple(waves))
+            bends = [at_joint(c, j, [d], side) for side in moves(c, j) for _, own in forms for d in own]
+            yield Cell(site, Driver("angle", k, form="beyond"), tuple(bends))
         yield Cell(site, Driver("angle", j, form="one place"), tuple(_bumps(c, j)))
         if c.torques is not None:
             torque = c.torques[:, j - 1]
@@ -75,6 +69,12 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
             yield Cell(site, Driver("direction", j), tuple(play), known=True)
             late = [at_joint(c, j, [v / np.sqrt(np.mean(v[c.fitted] ** 2))], side) for side, v in speeds]
             yield Cell(site, Driver("joint speed", j), tuple(late))
+
+
+def _courses(c: Circumstances, k: int) -> list[tuple[list[np.ndarray], list[np.ndarray]]]:
+    """Functions of the angle of joint k, smooth ones and those beyond a value, by each of its motions."""
+    angles = [motion(c.robot, k, c.readings, of) for of in passes(c, k)]
+    return [(waves, list(_beyond(x, c.fitted))) for x in angles if (waves := smooth(x, c.fitted))]
 
 
 def _beyond(x: np.ndarray, fitted: np.ndarray) -> Iterator[np.ndarray]:
@@ -106,10 +106,11 @@ def _bumps(c: Circumstances, j: int) -> Iterator[tuple[Parameter, ...]]:
     angle = c.q[:, j - 1]
     mine = angle[c.fitted]
     for width in CELLS.bump_widths:
-        for centre in np.arange(np.min(mine), np.max(mine) + width, width):
-            driver = np.exp(-0.5 * ((angle - centre) / width) ** 2)
-            if np.sum(driver[c.fitted] > 0.5) >= CELLS.fewest / 2:
-                yield (Parameter("", "rad", (Term(j, "rz", driver),), CELLS.angle),)
+        centres = np.arange(np.min(mine), np.max(mine) + width, width)
+        drivers = np.exp(-0.5 * ((angle - centres[:, None]) / width) ** 2)
+        seen = np.sum(drivers[:, c.fitted] > 0.5, axis=1) >= CELLS.fewest / 2
+        for driver in drivers[seen]:
+            yield (Parameter("", "rad", (Term(j, "rz", driver),), CELLS.angle),)
 
 
 def _bending(c: Circumstances) -> Iterator[Cell]:

@@ -36,7 +36,8 @@ def fading(angle: np.ndarray, lengths: np.ndarray) -> np.ndarray:
 def slack(angle: np.ndarray, widths: np.ndarray) -> np.ndarray:
     """Position within lost motion of L widths, along successive angles (..., N): (..., L, N) in -1 to 1.
 
-    From 0, the state persists from contact to contact: a travel d moves it by 2 d / width, at most to its end.
+    The state persists from contact to contact: a travel d moves it by 2 d / width, at most to its end. It
+    begins at 0.
     """
     step = 2.0 * np.diff(angle, prepend=angle[..., :1])[..., None, :] / widths[:, None]
     out, state = np.empty(step.shape), np.zeros(step.shape[:-1])
