@@ -11,7 +11,7 @@ from bayescal.dataset.checks.certified import contradictions
 from bayescal.errors import BayescalError
 from bayescal.estimate.added_mass import Secants, acts
 from bayescal.estimate.checks import check_converged, check_length, check_within_reach
-from bayescal.estimate.linear import Linear, linearise
+from bayescal.estimate.linear import Evaluations, Linear, linearise
 from bayescal.estimate.noise import rescaled_weights
 from bayescal.estimate.outliers import without_outliers
 from bayescal.estimate.solver import solve
@@ -175,19 +175,19 @@ def estimate(
     """
     check_length(model)
     z = np.zeros(model.size) if start is None else start
-    weights = unit_weights(model, z)
-    z, covariance, iterations = solve(model, weights, z)
+    weights, evaluations = unit_weights(model, z), Evaluations(model)
+    z, covariance, iterations = solve(model, weights, z, evaluations)
     weights = replace(unit_weights(model, z), scale=weights.scale)
     if left_out is not None:
         row = {b.name: (~np.isin(b.rows, left_out)).astype(float) for b in model.blocks}
         weights = replace(weights, row=row)
     elif robust:
-        z, weights, more = without_outliers(model, z, weights)
+        z, weights, more = without_outliers(model, z, weights, evaluations)
         iterations += more
     for _ in range(ROUNDS):
-        z, covariance, more = solve(model, weights, z)
+        z, covariance, more = solve(model, weights, z, evaluations)
         iterations += more
-        linear = linearise(model, z, weights)
+        linear = linearise(model, z, weights, evaluations)
         cov = covariance()
         rescaled, dof = rescaled_weights(model, weights, linear, cov)
         if max(abs(np.log(rescaled.scale[g] / weights.scale[g])) for g in weights.scale) < 1e-4:

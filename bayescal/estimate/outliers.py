@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import chdtri, fdtrc
 
 from bayescal.distributions import f_isf, f_noncentrality
-from bayescal.estimate.linear import linearise
+from bayescal.estimate.linear import Evaluations, linearise
 from bayescal.estimate.noise import STATED_WORTH, by_group
 from bayescal.estimate.solver import solve
 from bayescal.estimate.weights import Weights
@@ -243,10 +243,16 @@ class Judged:
         return rejected(self.chi2, self.rows, max(size, 1e-3), self.dof, kept, STATED_WORTH)
 
 
-def judged(model: Model, z: np.ndarray, weights: Weights, covariance: np.ndarray) -> dict[str, Judged]:
+def judged(
+    model: Model,
+    z: np.ndarray,
+    weights: Weights,
+    covariance: np.ndarray,
+    evaluations: Evaluations | None = None,
+) -> dict[str, Judged]:
     """All measurements of a fit by noise group, in the order of the group's blocks."""
     unit = replace(weights, row={name: np.ones_like(w) for name, w in weights.row.items()})
-    linear = linearise(model, z, unit)
+    linear = linearise(model, z, unit, evaluations)
     out = {}
     for group, blocks in by_group(model).items():
         parts = []
@@ -261,26 +267,29 @@ def judged(model: Model, z: np.ndarray, weights: Weights, covariance: np.ndarray
     return out
 
 
-def without_outliers(model: Model, z: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights, int]:
+def without_outliers(
+    model: Model, z: np.ndarray, weights: Weights, evaluations: Evaluations | None = None
+) -> tuple[np.ndarray, Weights, int]:
     """Student t reweighting until the fit rests, then the measurements that are rejected left out."""
-    z, covariance, iterations = solve(model, weights, z)
+    evaluations = evaluations or Evaluations(model)
+    z, covariance, iterations = solve(model, weights, z, evaluations)
     for _ in range(ROUNDS):
-        found = judged(model, z, weights, covariance())
+        found = judged(model, z, weights, covariance(), evaluations)
         row = {g: own.student_weights() for g, own in found.items()}
         weights, before = _reweighted(model, weights, row, found), z
-        z, covariance, more = solve(model, weights, z)
+        z, covariance, more = solve(model, weights, z, evaluations)
         iterations += more
         if np.max(np.abs(z - before), initial=0.0) < 1e-3:
             break
     for _ in range(HARD_ROUNDS):
-        found = judged(model, z, weights, covariance())
+        found = judged(model, z, weights, covariance(), evaluations)
         # leverage at another scale misjudges where priors determine as much as contacts: fit at it first
         changed = any(own.rescales(weights.scale[g]) for g, own in found.items())
         row = {g: own.weight if changed else 1.0 - own.outliers() for g, own in found.items()}
         old, weights = weights, _reweighted(model, weights, row, found)
         if not changed and all(np.array_equal(w, old.row[name]) for name, w in weights.row.items()):
             break
-        z, covariance, more = solve(model, weights, z)
+        z, covariance, more = solve(model, weights, z, evaluations)
         iterations += more
     return z, weights, iterations
 
