@@ -99,7 +99,7 @@ class CellSettings:
     """Centres of regions of the workspace along each base axis, half extents (cost)."""
     region_size: float = 0.5
     """Radius of such a region, half extents (assumed)."""
-    face_spots: tuple[tuple[float, float, int], ...] = ((0.2, 0.9, 7), (0.4, 0.8, 4))
+    face_spots: tuple[tuple[float, float, int], ...] = ((0.2, 0.9, 13), (0.4, 0.8, 5))
     """Spots on a face: standard width and largest centre (half extents), centres along an axis (assumed)."""
     fewest_on_spot: int = 3
     """Contacts that must lie on a spot of a face (assumed)."""

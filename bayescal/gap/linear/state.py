@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayescal.estimate import STATED_WORTH
 from bayescal.estimate.cholesky import factored, halved, solved
-from bayescal.estimate.outliers import Judged, scale, student_weights
+from bayescal.estimate.outliers import Judged, limit, scale, student_weights
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.settings import LINEAR
 
@@ -163,3 +163,18 @@ def fit_state(
 def again(state: State, p: Problem) -> State:
     """A state of another form of its problem, with the same row weights."""
     return fit_state(p, state.columns, state.scales, state.weight, robust=False)
+
+
+def limited(state: State) -> State:
+    """The hypothesis fitted to all contacts, with residuals no larger than the limit of rejection.
+
+    Excluded contacts count, and none more than the others: what several of them share shows, beside an
+    outlier of any size.
+    """
+    p = state.problem
+    own = state.residual[: p.count]
+    square = np.bincount(p.contact, own**2)
+    most = limit(np.bincount(p.contact)) * state.kappa**2
+    residual = p.residual.copy()
+    residual[: p.count] -= own * (1.0 - np.sqrt(most / np.maximum(square, most)))[p.contact]
+    return fit_state(replace(p, residual=residual), state.columns, state.scales, robust=False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from bayescal.effects import Parameter
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_clusters, weigh_sets
-from bayescal.gap.linear.state import State, fit_state
+from bayescal.gap.linear.state import State, fit_state, limited
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.cell import Cell
 from bayescal.gap.settings import UNKNOWN
@@ -157,14 +157,13 @@ def unknown(hypothesis: Hypothesis, pool: Pool, null: float) -> tuple[float, lis
 
     A cell with the site and driver of a named effect fits its form better. It contradicts the name by its
     nats beyond a share of those of all names, relative to the log evidence `null` of noise only.
-    If the hypothesis excludes contacts as outliers, the leading cells are also fitted to all contacts:
+    If the hypothesis excludes contacts as outliers, the leading cells are also fitted with these:
     a local defect looks like a few outliers.
     """
     state = hypothesis.state
     cells = cell_fits(state, pool)
     if state.gross:
-        whole = fit_state(state.problem, state.columns, state.scales, robust=False)
-        linear = [f for f in approximate_fits(whole, pool) if pool.cells[f.cell].clusters is None]
+        linear = [f for f in approximate_fits(limited(state), pool) if pool.cells[f.cell].clusters is None]
         for rank in sorted(linear, key=lambda f: -f.gain)[: UNKNOWN.tried]:
             anew = refitted(state, pool, rank)
             if anew.gain > cells[rank.cell].gain:
