@@ -91,7 +91,7 @@ class Bench:
         fitted = unsolved(dataset, off=0.0)
         scene = fitted.model.scene
         c = scene.circumstances(scene.rows("calibrate"))
-        known, generic = candidates(c, BASELINE), cells(c)
+        known, generic = candidates(c, BASELINE), list(cells(c))
         slopes = Slopes.of(fitted, [p for p in known.pool if of_certificate(p)])
         pool = Pool.of(
             generic,

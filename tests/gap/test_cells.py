@@ -1,6 +1,7 @@
 """Cells of two coordinates, of a memory and of random errors: their functions, and what they find."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -260,7 +261,7 @@ def test_every_cell_of_a_joint_that_does_not_move_has_columns(dataset):
     scene = Scene(dataset)
     c = scene.circumstances(scene.rows("calibrate"))
     still = np.where(np.arange(6) == 3, 0.2, c.readings)
-    found = cells(replace(c, q=still, readings=still))
+    found = list(cells(replace(c, q=still, readings=still)))
     assert all(own for cell in found for own in cell.sets)
     assert not [q for q in found if q.driver in (Driver("travel", 4), Driver("angle", 4, form="waves"))]
 
@@ -269,10 +270,10 @@ def test_every_cell_of_a_joint_that_does_not_move_has_columns(dataset):
 def test_sets_that_are_not_kept_are_made_anew(bench, kept, monkeypatch):
     """Of a large session the columns of all cells are computed one cell after another, and the sets freed."""
     if not kept:
-        monkeypatch.setattr("bayescal.gap.search.unknown.MOST_VALUES", 0)
+        monkeypatch.setattr("bayescal.gap.search.unknown.MOST_ROWS", 0)
     c, of = bench.circumstances, bench.pool
-    every = cells(c)
-    pool = filled(cells(c), bench.slopes.columns, len(bench.slopes.residual), of.count, of.worth)
+    every = list(cells(c))
+    pool = filled(partial(cells, c), bench.slopes.columns, len(bench.slopes.residual), of.count, of.worth)
     np.testing.assert_array_equal(pool.columns, of.columns)
     assert [own.tolist() for own in pool.sets] == [own.tolist() for own in of.sets]
     np.testing.assert_array_equal(pool.owner, of.owner)

@@ -202,10 +202,10 @@ def test_a_joint_that_stood_still_has_no_empty_cells(cube):
     still = replace(
         c, q=np.where(np.arange(6) == 3, 0.2, c.q), readings=np.where(np.arange(6) == 3, 0.2, c.readings)
     )
-    found = cells(still)
+    found = list(cells(still))
     assert all(own for cell in found for own in cell.sets)
     assert not [c for c in found if str(c.site) in ("joint 4", "link 4") and c.driver == Driver("angle", 4)]
-    alone = cells(replace(c, fitted=c.fitted[:1]))
+    alone = list(cells(replace(c, fitted=c.fitted[:1])))
     assert all(own for cell in alone for own in cell.sets)
 
 

@@ -17,7 +17,7 @@ from bayescal.gap.outcome.sudden import sizes
 from bayescal.gap.result import Curve, Place
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.cells import sets_of
-from bayescal.gap.search.unknown import CellFit, Pool, cell_fits, with_set
+from bayescal.gap.search.unknown import CellFit, Pool, gains, with_set
 from bayescal.gap.settings import OUTCOME
 
 
@@ -50,7 +50,7 @@ def places(
     seen = {(p.site, p.driver) for p in out}
     most = max(OUTCOME.places, len(out) + OUTCOME.places_left)  # further locations are always listed
     while len(out) < most:
-        ranked = sorted(cell_fits(state, pool), key=lambda f: -f.gain)
+        ranked = sorted(gains(state, pool), key=lambda f: -f.gain)
         ranked = [f for f in ranked if (pool.cells[f.cell].site, pool.cells[f.cell].driver) not in seen]
         if not ranked:
             break
@@ -122,6 +122,8 @@ def _of_cell(
         return _of_random_cell(state, pool, f, c, excess, tests), state
     start = state.weight if not state.gross else None
     wider = with_set(state, pool, f.best, f.scale, start)
+    if wider.gross < state.gross:  # contacts that it explains are no outliers
+        state = fit_state(state.problem, state.columns, state.scales, wider.weight, robust=False)
     own = pool.sets[f.best]
     amplitude = wider.amplitudes[len(state.columns) :]
     first = int(np.flatnonzero(pool.owner == f.cell)[0])

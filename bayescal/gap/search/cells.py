@@ -25,23 +25,18 @@ from bayescal.gap.search.cell import Cell, at_joint, moves, passes, sides_of, sm
 from bayescal.gap.settings import CELLS
 
 
-def cells(c: Circumstances) -> list[Cell]:
-    """All cells of a session."""
-    return list(_made(c))
-
-
-def sets_of(cell: Cell, number: int, c: Circumstances) -> tuple[tuple[Parameter, ...], ...]:
-    """The sets of a cell, by its number in `cells`: made anew where a large session has not kept them."""
-    return cell.sets or next(itertools.islice(_made(c), number, None)).sets
-
-
-def _made(c: Circumstances) -> Iterator[Cell]:
+def cells(c: Circumstances) -> Iterator[Cell]:
     """All cells of a session, one after another, always in the same order."""
     makers = (_joints, _bending, _time, _sway, _probe, _region, _faces, *combined.MAKERS, *history.MAKERS)
     for make in makers:
         for cell in make(c):
             if any(cell.sets):  # a joint that did not move has no function of its angle
                 yield cell
+
+
+def sets_of(cell: Cell, number: int, c: Circumstances) -> tuple[tuple[Parameter, ...], ...]:
+    """The sets of a cell, by its number in `cells`: made anew where a large session has not kept them."""
+    return cell.sets or next(itertools.islice(cells(c), number, None)).sets
 
 
 def _joints(c: Circumstances) -> Iterator[Cell]:

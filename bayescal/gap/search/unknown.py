@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,8 +15,8 @@ from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.cell import Cell
 from bayescal.gap.settings import UNKNOWN
 
-MOST_VALUES = 10_000_000
-"""Values of columns, up to which the sets of cells are kept: their drivers take as much memory."""
+MOST_ROWS = 3000
+"""Rows up to which the sets of cells are kept: their drivers take as much memory as the columns."""
 
 
 @dataclass(frozen=True)
@@ -50,44 +50,52 @@ class Pool:
         cls, cells: Sequence[Cell], columns: np.ndarray, count: int, worth: np.ndarray | None = None
     ) -> Pool:
         """Pool of cells whose columns (R, K) are in the order of the cells; `count` rows are contacts."""
-        sets, owner, first = [], [], 0
-        for i, cell in enumerate(cells):
-            for own in cell.sets:
-                sets.append(np.arange(first, first + len(own)))
-                owner.append(i)
-                first += len(own)
-        return cls(tuple(cells), columns, tuple(sets), np.array(owner, int), count, worth)
+        return cls(tuple(cells), columns, *_numbered(map(_sizes, cells)), count, worth)
+
+
+def _sizes(cell: Cell) -> list[int]:
+    """Number of columns of each set of a cell."""
+    return [len(own) for own in cell.sets]
+
+
+def _numbered(sizes: Iterable[Sequence[int]]) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """Sets of consecutive columns, and the cell (sets,) of each, by the sizes of the sets of every cell."""
+    every = [(i, size) for i, own in enumerate(sizes) for size in own]
+    ends = np.cumsum([size for _, size in every], dtype=int)
+    sets = tuple(np.arange(end - size, end) for end, (_, size) in zip(ends, every, strict=True))
+    return sets, np.array([i for i, _ in every], int)
 
 
 def filled(
-    cells: list[Cell],
+    make: Callable[[], Iterable[Cell]],
     columns_of: Callable[[Sequence[Parameter]], np.ndarray],
     rows: int,
     count: int,
     worth: np.ndarray | None,
 ) -> Pool:
-    """Pool of cells whose columns are computed cell by cell; `cells` is empty afterwards.
+    """Pool of cells whose columns are computed cell by cell.
 
-    Of a large session, each cell is without its sets as soon as its columns are known.
+    Those of a large session are made twice, and none has its sets any more when the next one is made.
 
     Parameters
     ----------
-    cells : list of Cell
+    make : callable
+        Makes the cells, one after another, always in the same order.
     columns_of : callable
         Columns (R, k) of k parameters.
     rows : int
         R, of which `count` are contacts, with their `worth`.
     """
-    size = sum(len(own) for cell in cells for own in cell.sets)
-    out = Pool.of(cells, np.empty((rows, size), order="F"), count, worth)
-    out, known, first = replace(out, cells=()), list[Cell](), 0
-    while cells:
-        cell = cells.pop(0)
+    kept = list(make()) if rows <= MOST_ROWS else None
+    sets, owner = _numbered([_sizes(cell) for cell in kept or make()])
+    columns = np.empty((rows, sum(map(len, sets))), order="F")
+    cells, first = list[Cell](), 0
+    for cell in kept or make():
         every = [q for own in cell.sets for q in own]
-        out.columns[:, first : first + len(every)] = columns_of(every)
+        columns[:, first : first + len(every)] = columns_of(every)
         first += len(every)
-        known.append(cell if out.columns.size <= MOST_VALUES else replace(cell, sets=()))
-    return replace(out, cells=tuple(known))
+        cells.append(cell if kept else replace(cell, sets=()))
+    return Pool(tuple(cells), columns, sets, owner, count, worth)
 
 
 @dataclass(frozen=True)
@@ -99,6 +107,21 @@ class CellFit:
     best: int  # index of the set in the pool
     scale: float
     rival: bool = True  # False for a form of the vocabulary
+
+
+def gains(state: State, pool: Pool) -> list[CellFit]:
+    """Gain of every cell over a state, of leading ones also with the contacts that it excludes.
+
+    A local defect looks like a few outliers.
+    """
+    cells = cell_fits(state, pool)
+    if state.gross:
+        linear = [f for f in approximate_fits(limited(state), pool) if pool.cells[f.cell].clusters is None]
+        for rank in sorted(linear, key=lambda f: -f.gain)[: UNKNOWN.tried]:
+            anew = refitted(state, pool, rank)
+            if anew.gain > cells[rank.cell].gain:
+                cells[rank.cell] = anew
+    return cells
 
 
 def cell_fits(state: State, pool: Pool) -> list[CellFit]:
@@ -157,17 +180,9 @@ def unknown(hypothesis: Hypothesis, pool: Pool, null: float) -> tuple[float, lis
 
     A cell with the site and driver of a named effect fits its form better. It contradicts the name by its
     nats beyond a share of those of all names, relative to the log evidence `null` of noise only.
-    If the hypothesis excludes contacts as outliers, the leading cells are also fitted with these:
-    a local defect looks like a few outliers.
     """
     state = hypothesis.state
-    cells = cell_fits(state, pool)
-    if state.gross:
-        linear = [f for f in approximate_fits(limited(state), pool) if pool.cells[f.cell].clusters is None]
-        for rank in sorted(linear, key=lambda f: -f.gain)[: UNKNOWN.tried]:
-            anew = refitted(state, pool, rank)
-            if anew.gain > cells[rank.cell].gain:
-                cells[rank.cell] = anew
+    cells = gains(state, pool)
     forgiven = UNKNOWN.forgiven * max(hypothesis.log_evidence - null, 0.0)
     weight, same = pool.log_prior, same_place(hypothesis, pool)
     cells = [
