@@ -46,6 +46,7 @@ def test_a_dent_is_found_beside_larger_outliers(bench, seed):
     # the contacts that it explains count in its size
     assert first.rms == pytest.approx(np.sqrt(np.mean((there[: p.lengths] * p.sigma) ** 2)), rel=0.4)
     assert np.isin(p.rows[p.contact[hit]], first.curve.rows).all()
+    assert np.all(bench.circumstances.faces[1].rows[first.curve.rows])  # its curve is that of the face
 
 
 def test_an_outlier_of_any_size_counts_as_one_at_the_limit(bench):

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayescal.distributions import f_sf
 from bayescal.effects import Circumstances, Driver, Parameter, Site
-from bayescal.effects.location import ARM
+from bayescal.effects.location import ARM, face
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import State, fit_state
@@ -199,7 +199,8 @@ def _curve(
     rows = p.rows[p.contact[: p.lengths]]
     fitted = contribution[: p.lengths] * p.sigma
     residual = state.residual[: p.lengths] * p.sigma + fitted
-    keep = state.weight[: p.lengths] > 0
+    on = next((f.rows for f in c.faces if face(f.name) == site), np.ones(len(c.q)))
+    keep = (state.weight[: p.lengths] > 0) & (on[rows] > 0)  # of a face, the contacts on it
     lever, unit = None, ""
     frames = {(t.frame, t.axis) for q in parameters for t in q.terms}
     one = len(frames) == 1 or all(axis == "rz" for _, axis in frames)
