@@ -128,7 +128,7 @@ def _searched(
         known = screened(known, slopes, states, c, effects)
         del states  # with the columns of the first problem
         p = slopes.problem(fitted.z, known.pool, nuisance)
-    pool = filled(partial(cells, c), slopes.columns, len(slopes.residual), p.count, slopes.worth)
+    pool = filled(partial(cells, c), slopes.columns, p)
     search = Search(p, known, robust, further)
     search.run()
     return Examined(fitted, c, known, p, pool, search, decide(search, pool))

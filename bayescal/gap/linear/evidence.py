@@ -22,6 +22,8 @@ SCALE_PRIOR = SCALE_PRIOR - np.log(np.sum(np.exp(SCALE_PRIOR)))
 NODES, _WEIGHTS = np.polynomial.hermite.hermgauss(LINEAR.noise_nodes)
 LOG_WEIGHTS = np.log(_WEIGHTS)
 """Of the quadrature over the noise."""
+MOST_VALUES = 100_000
+"""Values of columns of which products are computed at once: copies that stay in the processor's cache."""
 
 
 def log_sum(x: np.ndarray, axis: int | None = None) -> np.ndarray:
@@ -66,18 +68,42 @@ def project(state: State, pool: np.ndarray) -> Projected:
 
 @dataclass(frozen=True)
 class Bank:
-    """Columns (R, K) and sets of them whose evidence is often evaluated, with their constant products."""
+    """Columns (R, K) and sets of them whose evidence is often evaluated, with their constant products.
+
+    `jacobian` (R, D) is that of the states over which they are evaluated, if all have the same.
+    """
 
     columns: np.ndarray
     sets: tuple[np.ndarray, ...]
     count: int  # rows that are contacts
     worth: np.ndarray | None = None  # (C,) see `Problem`
+    jacobian: np.ndarray | None = None
 
     @cached_property
     def weighted(self) -> np.ndarray:
         """Columns of the contacts (C, K), each row by the root of what it is worth."""
         own = self.columns[: self.count]
         return own if self.worth is None else own * np.sqrt(self.worth)[:, None]
+
+    @cached_property
+    def by_jacobian(self) -> tuple[np.ndarray, np.ndarray]:
+        """Products (D, K) with the Jacobian, over contacts, by what each is worth, and constraints."""
+        assert self.jacobian is not None
+        own, count = self.jacobian[: self.count], self.count
+        own = own if self.worth is None else own * self.worth[:, None]
+        return own.T @ self.columns[:count], self.jacobian[count:].T @ self.columns[count:]
+
+    def across(self, state: State, weight: np.ndarray) -> np.ndarray:
+        """Products (D + k, K) with the design of a state, by its row weights (R,) over the noise."""
+        p = state.problem
+        if p.jacobian is not self.jacobian:
+            return (state.design * weight[:, None]).T @ self.columns
+        contacts, constraints = self.by_jacobian
+        left = np.flatnonzero(state.weight[: self.count] == 0)
+        gone = (p.jacobian[left] * p.base[left, None]).T @ self.columns[left]
+        further = p.pool[:, state.columns] * (weight[:, None] * state.scales)
+        own = (contacts - gone) / state.kappa**2 + constraints
+        return np.concatenate([own, further.T @ self.columns])
 
     @cached_property
     def groups(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
@@ -89,11 +115,20 @@ class Bank:
         for members in by_size.values():
             at = np.array([self.sets[i] for i in members], int).reshape(len(members), -1)
             contacts, constraints = (
-                np.stack([x.T @ x for x in (part[:, own] for own in at)])
-                for part in (self.weighted, self.columns[self.count :])
+                _products(part, at) for part in (self.weighted, self.columns[self.count :])
             )
             out.append((np.array(members), at, contacts, constraints))
         return out
+
+
+def _products(columns: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """X'X (B, k, k) of B sets `at` (B, k) of columns (R, K)."""
+    out = np.empty((*at.shape, at.shape[1]))
+    step = max(MOST_VALUES // max(at.shape[1] * len(columns), 1), 1)
+    for first in range(0, len(at), step):
+        x = columns.T[at[first : first + step]]
+        np.matmul(x, np.swapaxes(x, 1, 2), out=out[first : first + step])
+    return out
 
 
 def weigh_sets(state: State, bank: Bank) -> np.ndarray:
@@ -101,7 +136,7 @@ def weigh_sets(state: State, bank: Bank) -> np.ndarray:
     count = bank.count
     weight = state.weight.copy()
     weight[:count] /= state.kappa**2
-    across = (state.design * weight[:, None]).T @ bank.columns
+    across = bank.across(state, weight)
     solved = state.covariance @ across
     score = -(bank.columns.T @ (state.residual * weight))
     left = np.flatnonzero(state.weight[:count] == 0)

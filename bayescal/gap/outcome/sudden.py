@@ -24,6 +24,9 @@ EVENT, ROCKING = Driver("event"), Driver("base moment", form="sign")
 UNKNOWN = "unknown"
 TAIL = 0.025
 """Probability on either side of a 95 % interval (convention)."""
+SAME = 1e-6
+"""Nats, up to which rows are equally probable: a contact that is left out does not distinguish its row from
+the next. The first of them is told."""
 
 
 def sizes(
@@ -76,7 +79,7 @@ def _event(without: State, with_it: State, pool: Pool, f: CellFit, size: int) ->
     nats = log_sum(weigh_sets(bare, Bank(columns, sets, p.count, p.worth)) + SCALE_PRIOR, axis=1)
     share = np.cumsum(np.exp(nats - log_sum(nats)))
     low, high = (int(np.searchsorted(share, q)) for q in (TAIL, 1.0 - TAIL))
-    most = int(np.argmax(nats))
+    most = int(np.argmax(nats > np.max(nats) - SAME))
     wide = replace(p, pool=np.column_stack([p.pool, columns[:, sets[most]]]))
     state = fit_state(
         wide,

@@ -118,7 +118,8 @@ class Search:
         """All variants of all candidates, in order."""
         if self.bank is None:
             sets = [v.columns for own in self.candidates.variants.values() for v in own]
-            self.bank = Bank(self.problem.pool, tuple(sets), self.problem.count, self.problem.worth)
+            p = self.problem
+            self.bank = Bank(p.pool, tuple(sets), p.count, p.worth, p.jacobian)
         return self.bank
 
     def allowed(self, names: Sequence[str]) -> bool:

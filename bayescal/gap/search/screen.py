@@ -63,10 +63,11 @@ def _screen(
         every = [(value, p) for value in chunk for p in effect.at(c, value)]
         columns, seen = slopes.columns([p for _, p in every]), unaliased([p for _, p in every], c)
         own: dict[Single, list[int]] = {}
-        for k, (value, p) in enumerate(every):
+        for k, (value, q) in enumerate(every):
             if seen[k]:
-                own.setdefault(Single(value, p.site, p.driver), []).append(k)
-        bank = Bank(columns, tuple(map(np.array, own.values())), len(slopes.contact), slopes.worth)
+                own.setdefault(Single(value, q.site, q.driver), []).append(k)
+        p, sets = states[0].problem, tuple(map(np.array, own.values()))
+        bank = Bank(columns, sets, p.count, p.worth, p.jacobian)
         for state, found, of_site in zip(states, out, leading, strict=True):
             nats = weigh_sets(state, bank) + SCALE_PRIOR
             gains, scales = log_sum(nats, axis=1).tolist(), SCALES[np.argmax(nats, axis=1)].tolist()

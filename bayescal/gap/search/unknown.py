@@ -10,6 +10,7 @@ import numpy as np
 
 from bayescal.effects import Parameter
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_clusters, weigh_sets
+from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import State, fit_state, limited
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.cell import Cell
@@ -29,11 +30,12 @@ class Pool:
     owner: np.ndarray
     count: int  # number of rows that are contacts
     worth: np.ndarray | None = None  # (C,) see `Problem`
+    jacobian: np.ndarray | None = None  # (R, D) of the problem
 
     @cached_property
     def bank(self) -> Bank:
         """The sets, prepared for the evaluation of their evidence."""
-        return Bank(self.columns, self.sets, self.count, self.worth)
+        return Bank(self.columns, self.sets, self.count, self.worth, self.jacobian)
 
     @cached_property
     def log_prior(self) -> np.ndarray:
@@ -69,9 +71,7 @@ def _numbered(sizes: Iterable[Sequence[int]]) -> tuple[tuple[np.ndarray, ...], n
 def filled(
     make: Callable[[], Iterable[Cell]],
     columns_of: Callable[[Sequence[Parameter]], np.ndarray],
-    rows: int,
-    count: int,
-    worth: np.ndarray | None,
+    p: Problem,
 ) -> Pool:
     """Pool of cells whose columns are computed cell by cell.
 
@@ -83,19 +83,19 @@ def filled(
         Makes the cells, one after another, always in the same order.
     columns_of : callable
         Columns (R, k) of k parameters.
-    rows : int
-        R, of which `count` are contacts, with their `worth`.
+    p : Problem
+        The problem, of R rows.
     """
-    kept = list(make()) if rows <= MOST_ROWS else None
+    kept = list(make()) if len(p.residual) <= MOST_ROWS else None
     sets, owner = _numbered([_sizes(cell) for cell in kept or make()])
-    columns = np.empty((rows, sum(map(len, sets))), order="F")
+    columns = np.empty((len(p.residual), sum(map(len, sets))), order="F")
     cells, first = list[Cell](), 0
     for cell in kept or make():
         every = [q for own in cell.sets for q in own]
         columns[:, first : first + len(every)] = columns_of(every)
         first += len(every)
         cells.append(cell if kept else replace(cell, sets=()))
-    return Pool(tuple(cells), columns, sets, owner, count, worth)
+    return Pool(tuple(cells), columns, sets, owner, p.count, p.worth, p.jacobian)
 
 
 @dataclass(frozen=True)
