@@ -1,5 +1,7 @@
 """Row and size of an unmodelled sudden change, and size of a rocking of the base, with their uncertainty."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_problems import Bench
@@ -8,7 +10,9 @@ from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects import Parameter
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint
 from bayescal.effects.stand import base_terms, tilts
+from bayescal.gap.linear.evidence import weigh_sets
 from bayescal.gap.linear.state import fit_state
+from bayescal.gap.outcome import sudden
 from bayescal.gap.outcome.sudden import sizes
 from bayescal.gap.outcome.where import places
 from bayescal.gap.search.beam import Search
@@ -22,8 +26,8 @@ def bench(cube):
     return Bench.of(cube(seed=7, count=160).dataset)
 
 
-def measured(bench, site, driver, parameters, amplitudes):
-    """What is told of a cell of a session with a made-up error."""
+def measured(bench, site, driver, parameters, amplitudes, left_out=()):
+    """What is told of a cell of a session with a made-up error, without the contacts of some rows."""
     columns = bench.slopes.columns(parameters)
     # the error is what the model has to be moved by: residuals have the opposite sign
     p = bench.made_up(4, -columns @ (amplitudes / np.array([q.sd for q in parameters])))
@@ -31,6 +35,8 @@ def measured(bench, site, driver, parameters, amplitudes):
     at = next(k for k, x in enumerate(bench.pool.cells) if (x.site, x.driver) == (site, driver))
     f = cell_fits(state, bench.pool)[at]
     wider = with_set(state, bench.pool, f.best, f.scale)
+    kept = ~np.isin(p.rows[p.contact], left_out)
+    wider = replace(wider, weight=np.append(wider.weight[: p.count] * kept, wider.weight[p.count :]))
     return sizes(state, wider, bench.pool, f, bench.circumstances)
 
 
@@ -60,6 +66,19 @@ def test_a_small_change_has_an_interval_of_many_rows(bench):
     assert np.ptp(event.interval95) > np.ptp(large.interval95)
     assert (shift.what, shift.unit) == ("shift", "m")
     assert abs(shift.value - 4e-6) < 3.5 * shift.u
+
+
+def test_rows_that_a_contact_left_out_does_not_distinguish(bench, monkeypatch):
+    """The first of them is told, whatever rounding adds to their evidence."""
+    shifted = [Parameter("", "m", (Term(CONTACT, "normal", since(bench)),), 1e-5)]
+    first = bench.circumstances.fitted[bench.circumstances.fitted >= ROW][0]
+    arguments = bench, PROBE, Driver("event"), shifted, np.array([300e-6]), [first]
+    event, _ = measured(*arguments)
+    assert event.row == first
+    monkeypatch.setattr(
+        sudden, "weigh_sets", lambda *a: weigh_sets(*a) + 1e-9 * np.arange(len(a[1].sets))[:, None]
+    )
+    assert measured(*arguments)[0].row == first
 
 
 def test_the_zero_of_a_joint_that_changes(bench):
