@@ -9,7 +9,7 @@ from gap_problems import Bench
 
 from bayescal.arm.motion import TURN
 from bayescal.effects.location import BASE, TOOL, Driver, joint
-from bayescal.gap.linear.evidence import weigh_clusters, weigh_sets
+from bayescal.gap.linear.evidence import Bank, weigh_clusters, weigh_sets
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome.where import places
@@ -284,3 +284,17 @@ def test_sets_that_are_not_kept_are_made_anew(bench, kept, monkeypatch):
             for own, same in zip(sets_of(cell, k, c), whole.sets, strict=True):
                 for a, b in zip(own, same, strict=True):
                     assert a.same(b)
+
+
+@pytest.mark.parametrize("worth", [False, True])
+def test_evidence_with_constant_products_of_the_jacobian(bench, worth):
+    """With effects in the state, rows left out and rows that are worth less: as from the state's design."""
+    rng = np.random.default_rng(3)
+    p = bench.made_up(5, gross=0.05)
+    if worth:
+        p = replace(p, worth=rng.uniform(0.3, 1.0, p.count))
+    state = fit_state(p, [0, 7], [1.0, 2.0])
+    assert state.gross
+    sets = tuple(rng.choice(p.pool.shape[1], size, replace=False) for size in (1, 2, 2, 5))
+    plain, known = (Bank(p.pool, sets, p.count, p.worth, of) for of in (None, p.jacobian))
+    np.testing.assert_allclose(weigh_sets(state, known), weigh_sets(state, plain), rtol=1e-6, atol=1e-7)
