@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import signal
 import sys
@@ -45,6 +46,8 @@ def _command() -> None:
         os.getcwd()
     except OSError:
         raise BayescalError("it does not exist any more", "working directory", "change to another") from None
+    # cycles are rare here: to look for them as often as by default takes a twelfth of a diagnosis
+    gc.set_threshold(50_000)
     from bayescal.cli.commands import app
 
     app()
