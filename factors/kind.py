@@ -42,15 +42,9 @@ class Kind(Protocol):
 def tangents(normal: np.ndarray) -> np.ndarray:
     """Two unit vectors (2, 3) that complete a unit normal (3,) to a right-handed basis."""
     helper = np.eye(3)[np.argmin(np.abs(normal))]
-    first = _cross(helper, normal)
+    first = np.cross(helper, normal)
     first /= np.linalg.norm(first)
-    return np.stack([first, _cross(normal, first)])
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product of two vectors (3,), with numbers of Python: NumPy takes twenty times as long."""
-    (p, q, r), (u, v, w) = a.tolist(), b.tolist()
-    return np.array((q * w - r * v, r * u - p * w, p * v - q * u))
+    return np.stack([first, np.cross(normal, first)])
 
 
 def direction(v: np.ndarray, axis: int = -1) -> tuple[np.ndarray, np.ndarray]:

@@ -181,12 +181,6 @@ class Parameter:
         """Whether another parameter is equal, with equal drivers (arrays, which ``==`` does not compare)."""
         return replace(self, terms=()) == replace(other, terms=()) and same_terms(self.terms, other.terms)
 
-    def of_effect(self, name: str) -> Parameter:
-        """The same parameter, marked with the name of its effect."""
-        out = object.__new__(type(self))
-        out.__dict__.update(self.__dict__, effect=name)  # `replace` takes ten times as long
-        return out
-
     def widened(self, factor: float) -> Parameter:
         """The same parameter with a prior `factor` times as wide."""
         return replace(self, sd=self.sd * factor)
@@ -310,7 +304,7 @@ class Effect:
         for p in parameters:
             if fault := p.fault(len(circumstances.q)):
                 raise BayescalError(fault, f"parameter `{p.name}` of {self.name}", "correct the effect")
-        return [p.of_effect(self.name) for p in parameters]
+        return [replace(p, effect=self.name) for p in parameters]
 
     def words(self, setting: Setting) -> str:
         """A setting or a form as text for a report; "" for the usual form."""
