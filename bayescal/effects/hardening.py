@@ -8,7 +8,8 @@ Driver: gravity torque times its magnitude, in addition to `compliance`. Prior: 
 laser tracker). So the compliance of every joint is assumed to change by 30 % at 1.6 mrad: the prior is 0.3
 of the compliance divided by the torque that causes this wind-up. For joints other than the elbow this is an
 assumption. A gear may also be soft up to a knee and linear beyond it: ``hardening@0.4`` has the knee at 40 %
-of the joint's usual torque, the 90th percentile over the contacts. Knees are scanned.
+of the joint's usual torque, the 90th percentile over the contacts. Knees are scanned. The two flanks of the
+teeth may differ: ``hardening@uneven`` has a deflection of its own for each sign of the torque.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ from bayescal.effects.compliance import loaded
 from bayescal.effects.joints import at, usual, without_torques
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import Size
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
+from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
 
 CHANGE = 0.3  # of the compliance
 WOUND_UP = 1.6e-3  # rad
 KNEES = np.array([0.2, 0.3, 0.45, 0.8])
+UNEVEN_KNEE = 0.45
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
@@ -34,6 +36,19 @@ def _parameters(c: Circumstances) -> list[Parameter]:
             CHANGE * compliance**2 / WOUND_UP, **at(j, Driver("torque", j)),
         )
         for j, name, compliance, torque in loaded(c)
+    ]  # fmt: skip
+
+
+def _uneven(c: Circumstances) -> list[Parameter]:
+    """Parameters of a soft part that differs between the signs of the torque."""
+    return [
+        Parameter(
+            f"hardening {name} {words}", "rad", (Term(j, "rz", side * np.maximum(side * soft, 0.0)),),
+            CHANGE * compliance * UNEVEN_KNEE * usual(c, torque), **at(j, Driver("torque", j)),
+        )
+        for j, name, compliance, torque in loaded(c)
+        for soft in [np.tanh(torque / (UNEVEN_KNEE * usual(c, torque)))]
+        for side, words in ((1.0, "positive"), (-1.0, "negative"))
     ]  # fmt: skip
 
 
@@ -71,4 +86,5 @@ HARDENING = Effect(
     ),
     confusable_with=("hysteresis",),
     requires=("compliance",),
+    forms=(Form("uneven", "of another amount at each sign of the torque", _uneven),),
 )
