@@ -44,7 +44,7 @@ def _uneven(c: Circumstances) -> list[Parameter]:
     return [
         Parameter(
             f"hardening {name} {words}", "rad", (Term(j, "rz", side * np.maximum(side * soft, 0.0)),),
-            CHANGE * compliance * UNEVEN_KNEE * usual(c, torque), **at(j, Driver("torque", j)),
+            CHANGE * compliance * UNEVEN_KNEE * usual(c, torque), **at(j, Driver("torque", j, form="uneven")),
         )
         for j, name, compliance, torque in loaded(c)
         for soft in [np.tanh(torque / (UNEVEN_KNEE * usual(c, torque)))]

@@ -116,6 +116,7 @@ FORMS: dict[str, Form] = {
     "sign": {"words": "sign of {}", "text": "sign of the {}"},
     "past": {"words": "past {}", "text": "earlier {}"},
     "level": {"words": "{}, levelling off", "text": "{}, levelling off"},
+    "uneven": {"words": "{}, by its sign", "text": "{}, another at each sign"},
     "late": {"words": "{}, late", "text": "{}, followed late"},
     "one place": {"words": "{}, one place", "text": "{}, local"},
     "beyond": {"words": "{}, beyond one place", "text": "{} beyond a threshold"},

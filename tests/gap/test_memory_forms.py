@@ -98,6 +98,23 @@ def test_an_eccentricity_of_one_order_keeps_its_form(bench):
     assert (member.effect, member.variant.setting) == ("eccentricity", None)
 
 
+def test_a_stiffness_that_differs_between_the_flanks(bench):
+    """Two corners, at 55 % of the usual torque of one sign and 25 % of the other: it was unmodelled."""
+    torque = bench.circumstances.torques[:, 4]
+    usual = np.quantile(np.abs(torque[bench.circumstances.fitted]), 0.9)
+    wind = np.clip(torque, -0.55 * usual, 0.25 * usual)
+    decision, member = named(bench, Parameter("truth", "rad", (Term(5, "rz", wind),), 1e-4), 300.0)
+    assert (decision.kind, member.effect, member.variant.site, member.variant.setting) == (
+        "named",
+        "hardening",
+        "joint 5",
+        "uneven",
+    )
+    even = np.clip(torque, -0.4 * usual, 0.4 * usual)
+    _, member = named(bench, Parameter("truth", "rad", (Term(5, "rz", even),), 1e-4), 300.0)
+    assert (member.effect, member.variant.setting) in {("hardening", knee) for knee in (0.3, 0.45, 0.8)}
+
+
 def test_a_state_that_lags(bench):
     """Along a straight path in equal steps d the lag is d times the sum of the powers of exp(-d/length)."""
     c = bench.circumstances
@@ -123,7 +140,9 @@ def test_the_order_is_that_of_time_and_each_session_begins_anew(bench):
     assert own[100] == path[100]
 
 
-@pytest.mark.parametrize(("effect", "form"), [("hysteresis", "late-20"), ("coupling", "levels-off")])
+@pytest.mark.parametrize(
+    ("effect", "form"), [("hysteresis", "late-20"), ("coupling", "levels-off"), ("hardening", "uneven")]
+)
 def test_no_element_of_mujoco_has_them(bench, effect, form):
     c = bench.circumstances
     usual, other = (EFFECTS[effect].at(c, setting)[0] for setting in (None, form))

@@ -20,8 +20,9 @@ TOUCHED = ("contact speed", "contact direction", "face", "certificate")
 """Drivers of errors of the probe and the artefact: they move no link."""
 
 
-UNHELD = ("late", "level")
-"""Forms of a dependence that no element of MuJoCo has: a memory of earlier rows, a curve of an angle."""
+UNHELD = ("late", "level", "uneven")
+"""Forms of a dependence that no element of MuJoCo has: a memory of earlier rows, a curve of an angle, a spring
+of two sides."""
 
 
 @dataclass(frozen=True)
