@@ -180,6 +180,8 @@ class VerdictSettings:
     """The same where a leading hypothesis has an effect at that site along that coordinate (tuned)."""
     same_place: float = 0.15
     """The same where a leading hypothesis has an effect with the cell's site and driver (tuned)."""
+    rival: float = 4.6
+    """Nats below the leading hypothesis up to which another one counts for this (convention: 100 to 1)."""
     footnote: float = 0.05
     """Share of the named variance below which an effect is a footnote (assumed)."""
     structure: float = 5.0

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from bayescal.effects import confusable
+from bayescal.effects.location import Driver, joint
 from bayescal.gap.search.beam import Hypothesis, Member
 from bayescal.gap.search.candidates import Variant
+from bayescal.gap.search.cell import Cell
 from bayescal.gap.search.unknown import CellFit
 from bayescal.gap.search.verdict import (
     Weighed,
     contradicted,
     credible_set,
+    given_away,
     probabilities,
     softened,
     verdict_of,
@@ -99,3 +102,18 @@ def test_only_confusable_effects_come_closer():
     leader, alike, other = (w.score for w in softened(sets))
     assert (leader, other) == (5.0, -5.0)
     assert leader - alike == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize(("behind", "expected"), [(0.0, 0.15), (4.0, 0.15), (5.0, 0.04), (50.0, 0.04)])
+def test_an_effect_of_an_improbable_hypothesis_is_no_rival_of_a_cell(behind, expected):
+    """A cell gives away nats to an effect at its place, but not to one of odds below 1 to 100."""
+    place = (joint(3), Driver("torque", 3))
+    there = Variant("hardening", None, (joint(3),), np.zeros(0, int), 0.0, (place,))
+    elsewhere = Variant(
+        "eccentricity", None, (joint(3),), np.zeros(0, int), 0.0, ((joint(3), Driver("angle", 3)),)
+    )
+    ranked = [
+        Hypothesis((Member(variant, 1.0, 0.0),), None, 60.0 - less, 0.0)
+        for variant, less in ((elsewhere, 0.0), (there, behind))
+    ]
+    assert given_away(Cell(*place, ()), ranked) == expected

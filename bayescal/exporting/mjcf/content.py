@@ -21,8 +21,8 @@ TOUCHED = ("contact speed", "contact direction", "face", "certificate")
 
 
 UNHELD = ("late", "level", "uneven")
-"""Forms of a dependence that no element of MuJoCo has: a memory of earlier rows, a curve of an angle, a spring
-of two sides."""
+"""Forms of a dependence that no element of MuJoCo has: a memory of earlier rows, a curve of an angle,
+a spring that differs between the signs of the torque."""
 
 
 @dataclass(frozen=True)

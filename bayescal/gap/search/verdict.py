@@ -107,7 +107,8 @@ def _at_names(h: Hypothesis, pool: Pool, cells: Sequence[CellFit]) -> float:
 
 def given_away(cell: Cell, ranked: Sequence[Hypothesis]) -> float:
     """Discount on the nats of a cell, by the effects of the leading hypotheses at its site and driver."""
-    members = [m for h in ranked[: VERDICT.leaders + 1] for m in h.members]
+    leaders = [h for h in ranked[: VERDICT.leaders + 1] if h.score > ranked[0].score - VERDICT.rival]
+    members = [m for h in leaders for m in h.members]
     named = {(site, driver.course) for m in members for site, driver in m.variant.places}
     if (cell.site, cell.driver) in named:
         return VERDICT.same_place
