@@ -26,7 +26,7 @@ from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, 
 CHANGE = 0.3  # of the compliance
 WOUND_UP = 1.6e-3  # rad
 KNEES = np.array([0.2, 0.3, 0.45, 0.8])
-UNEVEN_KNEE = 0.45
+UNEVEN_KNEE = 0.45  # as a share of the usual torque
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:

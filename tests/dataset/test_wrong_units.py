@@ -51,3 +51,11 @@ def test_shuffled_points_and_a_wrong_tool(tracker):
         assert suspicion(shuffled) is None
         tool = replace(data.tools[0], centre=data.tools[0].centre + rng.normal(0, 0.2, 3))
         assert suspicion(replace(data, tools=(tool,))) is None
+
+
+def test_a_number_near_the_largest_is_no_overflow(cube):
+    data = cube(count=30).dataset
+    readings = data.measurements.readings.copy()
+    readings[2, 0] = -1e308
+    with np.errstate(over="raise"):
+        assert suspicion(with_rows(data, readings=readings)) is None

@@ -86,7 +86,7 @@ def _angles(dataset: Dataset) -> Iterator[Other]:
     for joints in (list(range(n)), *([j] for j in range(n))):
         size = largest[joints].max()
         for factor in ANGLES:
-            if size > TURNS if factor < 1 else 0 < factor * size <= TURNS:
+            if size > TURNS if factor < 1 else 0 < size <= TURNS / factor:
                 readings = rows.readings.copy()
                 readings[:, joints] *= factor
                 other = replace(dataset, measurements=replace(rows, readings=readings))
