@@ -27,6 +27,7 @@ CHANGE = 0.3  # of the compliance
 WOUND_UP = 1.6e-3  # rad
 KNEES = np.array([0.2, 0.3, 0.45, 0.8])
 UNEVEN_KNEE = 0.45  # as a share of the usual torque
+UNEVEN_ODDS = 0.1  # assumed: two amounts fit other errors by torque too
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
@@ -86,5 +87,5 @@ HARDENING = Effect(
     ),
     confusable_with=("hysteresis",),
     requires=("compliance",),
-    forms=(Form("uneven", "of another amount at each sign of the torque", _uneven),),
+    forms=(Form("uneven", "of another amount at each sign of the torque", _uneven, UNEVEN_ODDS),),
 )
