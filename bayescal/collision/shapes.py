@@ -136,7 +136,7 @@ class HalfSpace:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder by its centre (3,), m in F0, its axis (3,), a unit vector, half its length, and radius, m."""
+    """A cylinder by its centre (3,), m in F0, its axis (3,), half its length and radius, m."""
 
     centre: np.ndarray
     axis: np.ndarray
