@@ -34,7 +34,11 @@ def plan(
         ),
     ] = None,
     levers: Annotated[
-        str, typer.Option(help="What may be varied beside the pose, separated by commas: payload, approach.")
+        str,
+        typer.Option(
+            help="What may be varied beside the pose, separated by commas: payload (the masses that "
+            "`plan: {payload_kg}` of dataset.yaml lists), approach."
+        ),
     ] = "payload,approach",
     model: Annotated[
         str,
@@ -43,6 +47,9 @@ def plan(
             "the diagnosis]."
         ),
     ] = "",
+    validation: Annotated[
+        bool, typer.Option(help="Add contacts that validate spheres of certified distances.")
+    ] = True,
     order: Annotated[
         str, typer.Option(help="sweeps (each visits all targets), shortest, or random.")
     ] = "sweeps",
@@ -69,6 +76,7 @@ def plan(
             after=after,
             levers=levers,
             order=order,
+            validation=validation,
             candidates=candidates,
             seed=seed,
             allow_xacro=allow_xacro,

@@ -12,6 +12,7 @@ from bayescal.dataset import session
 from bayescal.dataset.checks import orientation_check, plausibility, torque_check
 from bayescal.dataset.rows import measurements_of
 from bayescal.dataset.schema import SCHEMA, file_model
+from bayescal.dataset.solids import solids_of
 from bayescal.dataset.table import Table, read_table
 from bayescal.dataset.types import Dataset, Measurements
 from bayescal.errors import BayescalError
@@ -113,6 +114,7 @@ def read_settings(
         temperature_of=file.temperature_of,
         torques=file.torques,
         plan=session.plan_of(document, file, targets, robot.n),
+        solids=solids_of(document, file.solids, path.parent, [t.name for t in targets]),
         source=file.source,
         unfilled=tuple(document.unfilled),
         sha256=_digest(document.content, robot_content),

@@ -9,7 +9,7 @@ import yaml
 from tiny_dataset import SETTINGS
 
 import bayescal as bc
-from bayescal.dataset import schema
+from bayescal.dataset import schema, solids
 from bayescal.dataset.schema import CERTIFICATES, entry_of
 from bayescal.dataset.table import COLUMNS, JOINT, PLAIN
 from bayescal.dataset.target_kinds import KINDS
@@ -25,6 +25,7 @@ ROBOTS = sorted((ROOT / "bayescal" / "robots").glob("*.yaml"))
 MODELS = (
     schema.DatasetFile, schema.ToolEntry, schema.NoiseEntry, schema.Loose, *map(entry_of, KINDS.values()),
     *CERTIFICATES.values(), schema.PlanEntry, schema.VolumeEntry, schema.RegionEntry,
+    solids.BoxEntry, solids.CylinderEntry, solids.MeshEntry,
     of_robots.RobotFile, of_robots.Joint, of_robots.Link, of_robots.Place,
 )  # fmt: skip
 
