@@ -16,7 +16,9 @@ STEP = np.radians(0.05)
 LINE = 0.25e-3
 """m: of the tool, between configurations on a line."""
 NEAR = 0.06
-"""m: pairs that are farther at a configuration are not computed there."""
+"""m: larger clearances are not of interest."""
+FAR = 0.3
+"""m: axes of capsules that are farther from a box are not compared with it; radii are smaller."""
 
 
 @dataclass
@@ -174,8 +176,8 @@ def from_box(a, b, turn, centre, half) -> np.ndarray:
     a, b = (a - centre) @ turn, (b - centre) @ turn
     reach = 0.5 * np.linalg.norm(b - a, axis=1)
     rough = np.linalg.norm(np.maximum(np.abs(0.5 * (a + b)) - half, 0), axis=1) - reach
-    out = np.maximum(rough, NEAR)
-    near = np.flatnonzero(rough < 2 * NEAR)
+    out = np.array(rough)
+    near = np.flatnonzero(rough < FAR)
     if not len(near):
         return out
     a, b = a[near], b[near]

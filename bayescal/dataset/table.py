@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +27,8 @@ PLAIN = (
     "payload_kg",
     "repeat",
 )
+CLEARANCE = "clearance_mm"
+"""Column of a plan that a session does not have."""
 JOINT = ("deg", "degps", "command_deg", "nm")
 """Columns there are one of a joint: ``j1_deg`` ... ``jn_deg``, and so on."""
 
@@ -126,14 +128,16 @@ class Table:
         return np.array(self.cells[column]) if column in self.cells else None
 
 
-def read_table(path: Path, n: int, beside: Collection[str] = ()) -> Table:
+def read_table(path: Path, n: int) -> Table:
     """Read measurements.csv of an arm with `n` joints: header and shape checked, cells still text.
 
-    `beside`: columns that may be there, and are not checked.
+    The clearance of a plan, which may be there, is not read.
     """
-    return read_cells(
-        path, lambda header, where: _check_header([c for c in header if c not in beside], where, n)
-    )
+
+    def check(header: list[str], where: str) -> None:
+        _check_header([name for name in header if name != CLEARANCE], where, n)
+
+    return read_cells(path, check)
 
 
 def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Table:

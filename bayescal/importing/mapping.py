@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bayescal.dataset.table import CLEARANCE, PLAIN, joint_columns
 from bayescal.dataset.table import JOINT as JOINTS
-from bayescal.dataset.table import PLAIN, joint_columns
 from bayescal.errors import BayescalError
 from bayescal.files import read_document, stem_of, unknown
 from bayescal.importing.rotations import CONVENTIONS
@@ -116,6 +116,8 @@ def own_map(header: Sequence[str], n: int, where: str) -> dict[str, Column]:
     every = [*PLAIN, *(c for kind in JOINTS for c in joint_columns(kind, n))]
     out: dict[str, Column] = {}
     for name in header:
+        if name == CLEARANCE:
+            continue
         if name not in every:
             what, remedy = unknown("column", name, every)
             raise BayescalError(what, f"{where}:1", f"{remedy}, or state the columns by --map")

@@ -96,11 +96,11 @@ class Transits:
             some = np.array([k for k, own in enumerate(places) if own is place and not stops[k]], int)
             for k, way in zip(some, place.ways(approach[some - 1], approach[some]), strict=True):
                 via[k] = way
-        for k in [k for k, way in enumerate(via) if way is None and not stops[k]]:
+        for lost in [k for k, way in enumerate(via) if way is None and not stops[k]]:
             every = self._place(
-                int(tool[k]), EVERY
-            )  # among more solids, where a way to each contact is known
-            via[k] = every.ways(approach[[k - 1]], approach[[k]])[0]
+                int(tool[lost]), EVERY
+            )  # more solids, among which contacts are known to be free
+            via[lost] = every.ways(approach[[lost - 1]], approach[[lost]])[0]
         words = tuple(by_hand(end) if way is None else "" for end, way in zip(approach, via, strict=True))
         clear = self._clearance(rows, places, leave, via)
         return Ways(tuple(leave), tuple(via), changes, words, clear)
@@ -196,5 +196,10 @@ def stopped(
 
 def by_hand(end: np.ndarray) -> str:
     """How the arm is moved by hand to readings (n,), rad, to which no free way is known."""
-    joints = ", ".join(f"J{k} {angle:.1f}" for k, angle in enumerate(np.degrees(end), 1))
-    return f"move by hand: raise the tool above all that stands there, then to {joints} deg"
+    joints = [f"J{k} {angle:.1f}" for k, angle in enumerate(np.degrees(end), 1)]
+    first, *rest = joints
+    return (
+        "move by hand from where the arm stands: first raise the tool above all that stands there (J2, J3); "
+        f"then {first} deg; then the wrist, {', '.join(rest[2:]) or first} deg; at last lower the arm to "
+        f"{', '.join(rest[:2]) or first} deg"
+    )

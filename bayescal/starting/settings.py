@@ -257,16 +257,7 @@ def _of_certificate(certificate: Certificate, key: str) -> str:
 def _plan(draft: Draft) -> Iterator[str]:
     regions = {name: p for outline in draft.outlines.values() for name, p in outline.regions.items()}
     yield from _explained(DatasetFile, "plan")
-    keys = (
-        "volume_of_interest",
-        "regions",
-        "table_mm",
-        "payload_kg",
-        "cone_deg",
-        "clearance_mm",
-        "poses_deg",
-    )
-    for key in keys:
+    for key in PlanEntry.model_fields:
         yield from _comment(f"  {key}: {PlanEntry.model_fields[key].description}")
     if regions and draft.placed:
         yield from plan_lines(PlanSettings(regions=regions))

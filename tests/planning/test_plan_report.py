@@ -117,7 +117,16 @@ def test_the_table_is_a_session_without_results(plan, tmp_path):
     text = table_of_plan(plan)
     header, first, *_ = text.splitlines()
     joints = [f"j{k}_{kind}" for kind in ("deg", "degps") for k in range(1, 7)]
-    assert header.split(",") == ["id", "role", "target", "tool", *joints, "payload_kg", "repeat"]
+    assert header.split(",") == [
+        "id",
+        "role",
+        "target",
+        "tool",
+        *joints,
+        "payload_kg",
+        "repeat",
+        "clearance_mm",
+    ]
     assert first.startswith("p001,calibrate,cube.+z,ball,")
     (tmp_path / "session").mkdir()
     assert write_setup(plan.session, tmp_path / "session") == ("dataset.yaml", "robot.yaml")
