@@ -131,7 +131,6 @@ def diagnose(
         arm=arm,
         calibrated=first.fitted,
         covariance=wide.limited,
-        inputs=wide.inputs,
         undetermined=lacking,
     )
 

@@ -40,7 +40,7 @@ def test_columns_are_kept_and_corrected_readings_added(arm, tmp_path):
     assert [r["id"] for r in rows] == ["a", "b", "c"]
     assert rows[0]["note"] == "one, two"
     assert done.text.decode().splitlines()[0] == POSES.strip() + (
-        ",j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,u_mm,inside_probed_region,reason,error_mm,solutions"
+        ",j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,u_mm,inside_probed_region,reason,error_mm,solutions,U_mm,verdict"
     )
     readings = np.radians([[float(r[f"j{k}_deg"]) for k in range(1, 7)] for r in rows[:2]])
     at = arm.at(readings)

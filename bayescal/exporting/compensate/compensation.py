@@ -111,7 +111,7 @@ def compensate_file(
     if name == TABLE:
         table = read_targets(source, n, payload)
         found = compensated(arm, table.targets, frame=frame or BASE, tool=tool, time=time, row=row)
-        text = written(table, found, n).encode()
+        text = written(table, found, n, "").encode()
         return Compensation(source.name, name, frame or BASE, table.targets, tuple(found), text)
     form, code = PROGRAMS[name], content.decode("latin-1")
     try:
@@ -167,6 +167,6 @@ def _positions(lines: Sequence[tuple[str, int]], found: Sequence[Corrected], n: 
         for (name, line), own in zip(lines, found, strict=True):
             assert own.nominal is not None
             before = [f"{x:.{DEGREES}f}" for x in np.degrees(own.nominal)]
-            yield [name, str(line), *before, *cells(own, n)]
+            yield [name, str(line), *before, *cells(own, n, "")]
 
     return csv_text(["position", "line", *map(nominal, joints), *joints, *OUTPUT], rows())
