@@ -7,8 +7,8 @@ covariance without these errors, and A what each error added to the parameters, 
 
     J S J' + (G - J A)(G - J A)' + s^2 1        (Kennedy and O'Hagan 2001; `estimate.discrepancy.stated`)
 
-A compliance that is too small for masses that are too large deflects the arm as before: the uncertainty of the
-point is less than that of the compliances.
+A compliance that is too small for masses that are too large deflects the arm as before: the uncertainty of
+the point is less than that of the compliances.
 """
 
 from __future__ import annotations

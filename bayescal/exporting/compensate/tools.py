@@ -1,13 +1,13 @@
 """The working tool: a tool of the session, or another one that was not measured.
 
 Of a tool that the fitted rows used, the fit knows the point. Another one is carried by the fitted flange, at
-the place that is stated. The fitted offset of the probe is no part of it; so errors that the fit cannot separate
-from that offset (along the last joint) are in the uncertainty of its point.
+the place that is stated. The fitted offset of the probe is no part of it. So errors that the fit cannot
+separate from that offset (along the last joint) are in the uncertainty of its point.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -113,7 +113,7 @@ def _carrying(arm: FittedArm, tool: Tool) -> FittedArm:
     return replace(arm, model=replace(arm.model, scene=replace(scene, dataset=dataset)))
 
 
-def check_stated(stated: list[ToolStatement], working: Working) -> None:
+def check_stated(stated: Sequence[ToolStatement], working: Working) -> None:
     """Refuse a program that has another tool, or whose tool cannot be compared and is not given.
 
     Raises
