@@ -179,7 +179,7 @@ def test_a_position_that_is_not_used_stops_nothing(arm, tmp_path):
     source.write_bytes(far.replace(b"L P[1:start]", b"L PR[1]"))
     done = compensate_file(arm, source, tool="ball")
     assert done.notes[0] == "prog.ls, line 9, P[1]: not used by the program, and without solution; kept"
-    assert b"X =  4500.000  mm" in done.text
+    assert b"X =   4500.000  mm" in done.text
     rows = read(done.positions)
     assert [bool(r["j1_deg"]) for r in rows] == [True, False]
     assert rows[1]["reason"].startswith("out of reach")
