@@ -22,6 +22,7 @@ from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.joint import JOINT
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, calibrated, check_enough, estimate
+from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded
 from bayescal.estimate.discrepancy import Stated, stated
 from bayescal.estimate.flatness import FORM, FaceCheck, check_faces, with_form
 from bayescal.estimate.latent import with_latent_readings
@@ -74,6 +75,7 @@ class Fit:
     without: tuple[str, ...] = ()  # parts of the effects that stay nominal: "geometry at joint 4"
     excess: float = 0.0  # m a coordinate, of points: unexplained, beyond the discrepancy of `stated`
     known: Prepared | None = None  # validation rows and located targets of `stated.wide`
+    rigid: Rigid = UNCHANGED  # parameters that the fit set to rigid
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -147,6 +149,7 @@ def fit(
     levels: list[ModelLevel] = []
     faces: tuple[FaceCheck, ...] = ()
     causes: tuple[SharedCause, ...] = ()
+    rigid = UNCHANGED
     for k, step in enumerate(steps):
         progress("estimate", k / len(steps))
         if step:
@@ -164,6 +167,7 @@ def fit(
                 found = with_sharing_rows(found, causes)
             if latent_joints:
                 found = with_latent_readings(found)
+            found, rigid = bounded(found)
         left = unexplained(found)
         if not last:
             z, kappa = approximate(found, of_draws, predicted_draws(dataset))
@@ -200,7 +204,7 @@ def fit(
     expected = forecast(found, z, checked, rest.excess, of_forecast, wide.wide)
     tests = replace(tests, determined=not rests_on_priors(expected, left))
     told = findings(
-        Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, wide.sd)
+        Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, wide.sd, rigid)
     )
     decided = None if tolerance is None else conformance(tolerance, expected, checked, tests)
     progress("done", 1.0)
@@ -208,7 +212,7 @@ def fit(
         dataset, seed, prior_width, tuple(levels), wide, draws,
         replace(draws, z=wide.reported(every).reshape(draws.z.shape)), determined,
         lacking, faces, expected, seen, tests, told, decided, robust, tuple(map(str, parts)), rest.excess,
-        known,
+        known, rigid,
     )  # fmt: skip
 
 
