@@ -41,7 +41,7 @@ TIGHT = 1e-6
 FITS = 8
 """Most fits with gravity moments at the pose of the fit before, and with further parameters at zero."""
 AT_REST = 1e-2
-"""Displacement of the tool point by such a fit, in units of the smallest noise, at which they end."""
+"""Displacement of the TCP by such a fit, in units of the smallest noise, at which they end."""
 CAUSE = "the model lacks an effect, or masses are wrong: run bayescal gap"
 """What a value that is significantly negative comes from, and what to do."""
 PAIRS = 400
@@ -66,7 +66,7 @@ class Negative:
     def figures(self) -> str:
         """Value and u in the unit of files."""
         unit, factor = UNITS[self.unit]
-        return f"{factor * self.value:.3g} {unit.replace('u', 'µ')} (u {factor * self.u:.2g})"
+        return f"{factor * self.value:.3g} {unit.replace('urad', 'µrad')} (u {factor * self.u:.2g})"
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ def _fitted(found: Estimate, names: Sequence[str]) -> Estimate:
 
 
 def _changed(before: Estimate, after: Estimate) -> tuple[float, float]:
-    """RMS and largest change, m, of distances between tool points of the fitted rows."""
+    """RMS and largest change, m, of distances between TCP positions of the fitted measurements."""
     rows = np.unique(np.concatenate([b.rows for b in before.model.states]))
     one, other = np.random.default_rng(0).integers(0, len(rows), (2, PAIRS))
     length = []

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bayescal.gap.result import Gap, Verdict
 
 REDUCED = 0.5
-"""Uncertainty of distances between tool points, as a share of that of the prior, above which the fit is taken
+"""Uncertainty of distances between TCPs, as a share of that of the prior, above which the fit is taken
 for not identified (assumed)."""
 REMAINS = {
     "unknown": "an unmodelled effect remains, which the arm does not have",
@@ -116,7 +116,9 @@ def of_fit(fit: Fit) -> Use:
     reasons = of_estimate(fit.final.estimate, fit.stated.limited)
     if not reasons and not fit.acceptance.determined:
         share = 100 * fit.forecast.prior_share
-        reasons = (f"{share:.0f} % of the variance of a predicted distance is that of priors, not of rows",)
+        reasons = (
+            f"{share:.0f} % of the variance of a predicted distance is that of priors, not of measurements",
+        )
     tests = fit.acceptance
     told = () if tests.explains and tests.validated else (f"verdict of the fit: {tests.verdict}",)
     return Use((*sampler, *reasons), told, fit.rigid)
@@ -142,7 +144,7 @@ def left_out(verdict: Verdict) -> tuple[str, ...]:
 
 
 def not_gained(gains: Sequence[tuple[str, float]]) -> tuple[str, ...]:
-    """Names whose gain of log predictive density of the validation rows, nats, is not positive."""
+    """Names whose gain of log predictive density of the validation measurements, nats, is not positive."""
     return tuple(
         f"{name} does not make the validation data more probable ({nats:+.1f} nats)"
         for name, nats in gains
@@ -157,13 +159,13 @@ def of_estimate(found: Estimate, covariance: np.ndarray) -> tuple[str, ...]:
         return ("no certified length was fitted: the size of the arm rests on its tolerances", *below)
     share = _left_of_prior(found, covariance)
     if share > REDUCED:
-        what = "the fit is not identified: distances between tool points keep"
+        what = "the fit is not identified: distances between TCP positions keep"
         return (f"{what} {100 * share:.0f} % of the uncertainty of the priors", *below)
     return below
 
 
 def _left_of_prior(found: Estimate, covariance: np.ndarray) -> float:
-    """Uncertainty of distances between tool points of the fitted rows, over that of the arm's prior."""
+    """Uncertainty of distances between TCP positions of the fitted data, over that of the arm's prior."""
     model = found.model
     arm = model.slices[ARM]
     rows = np.concatenate([b.rows for b in model.states])

@@ -87,7 +87,7 @@ def test_a_good_session_is_silent(fits, cube):
     [
         (("cube.+y", "cube.-y", "cube.+z"), "x", "hardly a row looks along x of the base"),
         (("cube.+y", "cube.-y", "cube.-x"), "z", "hardly a row looks along z of the base"),
-        (("cube.+y", "cube.-y"), "xz", "all rows look along y of the base"),
+        (("cube.+y", "cube.-y"), "xz", "all measurements look along y of the base"),
     ],
 )
 def test_the_missing_direction_is_named(cube, faces, missing, words):
