@@ -110,7 +110,8 @@ def test_a_program_is_corrected_in_place(arm, tmp_path, name):
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["out", "out.positions.csv", source.name])
     rows = read((tmp_path / "out.positions.csv").read_bytes())
     assert len(rows) == len(done.found)
-    again = compensate_file(arm, tmp_path / "out", format_=name, **OF_PROGRAM.get(name, {}))  # its targets are the corrected ones
+    # the targets of the corrected program are the corrected ones
+    again = compensate_file(arm, tmp_path / "out", format_=name, **OF_PROGRAM.get(name, {}))
     for own, target in zip(done.found, again.targets, strict=True):
         if target.pose is not None:
             np.testing.assert_allclose(target.pose, own.pose, atol=2e-7)
@@ -193,6 +194,7 @@ def test_a_warning_stands_in_every_file(arm, tmp_path):
     assert {r["verdict"] for r in read(done.positions)} == {"not calibrated"}
     done = compensate_file(arm, table(tmp_path / "t.csv", POSES + ROWS), warning="not calibrated")
     assert {r["verdict"] for r in read(done.text)} == {"not calibrated"}
+
 
 def test_files_that_are_no_targets(arm, tmp_path):
     for name, text, message in (

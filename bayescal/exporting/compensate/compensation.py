@@ -102,7 +102,7 @@ def compensate_file(
     time, row : optional
         As of `compensated`.
     payload : float
-        kg beyond the tool, of targets that state none.
+        additional payload, kg, of targets that state none.
     warning : str
         What speaks against the fit; it stands in the corrected file.
 
@@ -121,8 +121,10 @@ def compensate_file(
     if name == TABLE:
         table = read_targets(source, n, payload)
         found = compensated(arm, table.targets, **state)
-        text = written(table, found, n, warning).encode()
-        return Compensation(source.name, name, frame or BASE, table.targets, tuple(found), text, warning=warning)
+        content = written(table, found, n, warning).encode()
+        return Compensation(
+            source.name, name, frame or BASE, table.targets, tuple(found), content, warning=warning
+        )
     form, code = PROGRAMS[name], content.decode("latin-1")
     try:
         program = form.read(code, n)
@@ -176,9 +178,7 @@ def _check(program: Program, form: Format, source: Path, frame: str | None) -> N
         raise BayescalError(what, source.name, remedy)
 
 
-def _positions(
-    lines: Sequence[tuple[str, int]], found: Sequence[Corrected], n: int, warning: str
-) -> str:
+def _positions(lines: Sequence[tuple[str, int]], found: Sequence[Corrected], n: int, warning: str) -> str:
     """The table of a program's positions, in the order in which they are visited."""
     joints = joint_columns("deg", n)
 

@@ -2,8 +2,8 @@
 
 x, y, z in mm and the quaternion q1 ... q4 with its real part first; joints in degrees. cf1, cf4 and cf6 are
 the quarter turns of axes 1, 4 and 6 (0: 0 to 90 deg, -1: -90 to 0 deg): they select the solution, and are
-written for the corrected readings. cfx is kept. A position that is computed (Offs, RelTool, p10.trans.z := ...)
-is kept.
+written for the corrected readings. cfx is kept. A position that is computed is kept: Offs, RelTool,
+p10.trans.z := ...
 """
 
 from __future__ import annotations
@@ -68,15 +68,16 @@ def _read(text: str, n: int) -> Program:
     }
     first_use: dict[str, re.Match[str]] = {}
     notes = []
-    for motion in MOVE.finditer(code):
-        for a, b in _positions(code, motion):
+    for move in MOVE.finditer(code):
+        for a, b in _positions(code, move):
             position = code[a:b]
             if not position.isidentifier() and not position.startswith("["):
                 what = " ".join(position.split())
-                notes.append(f"line {line_of(code, a)}: the position of a Move{motion.group(1)} is computed "
+                notes.append(f"line {line_of(code, a)}: the position of a Move{move.group(1)} is computed "
                              f"({what}); kept")  # fmt: skip
-            first_use.setdefault(position, motion)
+            first_use.setdefault(position, move)
     found: list[tuple[int, Slot]] = []
+    motion: re.Match[str] | None
     for match in (*ROBTARGET.finditer(code), *jointtarget.finditer(code)):
         before = code[max(code.rfind("\n", 0, match.start()), 0) : match.start()]
         named = NAMED.search(before)

@@ -1,8 +1,8 @@
 """FANUC: programs as text (LS), whose positions P[n] are listed behind /POS.
 
 X, Y, Z in mm; W, P, R in degrees about the fixed axes x, y, z; or joints J1 ... in degrees as the pendant
-shows them. Only the first motion group is the arm. UF and UT are the user frame and the tool of a position: 0 is
-that of the robot, or the flange. The pose of another tool is not in a program. CONFIG is kept: of several
+shows them. Only the first motion group is the arm. UF and UT are the user frame and the tool of a position: 0
+is that of the robot, or the flange. The pose of another tool is not in a program. CONFIG is kept: of several
 solutions that nearest to the position before is taken.
 A position that a motion offsets (Offset, INC, ...) is kept, and so is one that a register selects.
 """
@@ -64,16 +64,16 @@ def _read(text: str, n: int) -> Program:
             kinds.setdefault(number, kind != "J")
     every = {slot.name: slot for slot in _slots(text, max(begin, 0), n, kinds)}
     listed = [f"P[{number}]" for number, _ in POSITION.findall(text, max(begin, 0))]
-    notes += [
-        f"{name}: neither X ... R nor J1 ... J{n} of the first group; kept" for name in listed if name not in every
-    ]
+    unread = f"neither X ... R nor J1 ... J{n} of the first group; kept"
+    notes += [f"{name}: {unread}" for name in listed if name not in every]
     slots = {name: slot for name, slot in every.items() if name[2:-1] not in offset}
     order = [name for name in dict.fromkeys([*(f"P[{k}]" for k in kinds), *slots]) if name in slots]
     posed = [slot for slot in slots.values() if slot.target.pose is not None]
-    stated = [(slot.target.where, *own) for slot in posed for own in _header(text, slot)]
+    stated = [(slot.target.where, key, value) for slot in posed for key, value in _header(text, slot)]
     if posed:
-        stated += [(f"line {line_of(moves, m.start(1))}", *m.groups()) for m in SELECTED.finditer(moves)]
-    frames = [f"{where}: {key} : {value}" for where, key, value in stated if key[:2] == "UF" and value not in "0F"]
+        selected = SELECTED.finditer(moves)
+        stated += [(f"line {line_of(moves, m.start(1))}", m.group(1), m.group(2)) for m in selected]
+    frames = [f"{at}: {key} : {value}" for at, key, value in stated if key[:2] == "UF" and value not in "0F"]
     tools = [
         ToolStatement(where, f"UT : {value}", np.eye(4) if value == "0" else None)
         for where, key, value in stated
@@ -95,9 +95,7 @@ def _remarked(text: str, comment: str) -> str:
     if begin < 0 or end < begin:
         return text
     begin = text.find("\n", begin) + 1
-    lines = re.sub(
-        r"(?m)^(\s*)(\d+):", lambda m: f"{m.group(1)}{int(m.group(2)) + 1}:", text[begin:end]
-    )
+    lines = re.sub(r"(?m)^(\s*)(\d+):", lambda m: f"{m.group(1)}{int(m.group(2)) + 1}:", text[begin:end])
     return f"{text[:begin]}   1:  !{comment} ;{newline_of(text)}{lines}{text[end:]}"
 
 

@@ -3,8 +3,8 @@
 X, Y, Z in mm; A, B, C in degrees: R = Rz(A) Ry(B) Rx(C). A1 ... in degrees. A bit of the turn T is set where
 an axis is negative: it selects the solution (of a PTP strictly: other motions ignore it), and is written for
 the corrected readings. The status S is kept.
-Relative motions (PTP_REL, LIN_REL) and frames ($BASE, $TOOL) are no positions. A position whose components are
-assigned (XP1.X = ...), or that a motion moves on (XP1 : F), is computed and kept.
+Relative motions (PTP_REL, LIN_REL) and frames ($BASE, $TOOL) are no positions. A position whose components
+are assigned (XP1.X = ...), or that a motion moves on (XP1 : F), is computed and kept.
 """
 
 from __future__ import annotations
@@ -43,9 +43,7 @@ MOTION = re.compile(r"\b(S?PTP|S?LIN|S?CIRC|SPL)\s+(?:(?:\{[^{}]*\}|\w+)\s*,\s*)
 OTHER_BASE = re.compile(
     r"\bBASE_NO\s+[1-9]\d*|#BASE\s*,\s*[1-9]\d*|\$BASE\s*=\s*(?!\$NULLFRAME)\S+", re.IGNORECASE
 )
-TOOL = re.compile(
-    r"\$TOOL\s*=\s*(\{[^{}]*\}|\S+)|\b(TOOL_NO)\s+(\d+)|#TOOL\s*,\s*(\d+)", re.IGNORECASE
-)
+TOOL = re.compile(r"\$TOOL\s*=\s*(\{[^{}]*\}|\S+)|\b(TOOL_NO)\s+(\d+)|#TOOL\s*,\s*(\d+)", re.IGNORECASE)
 TOOL_DATA = re.compile(r"\bTOOL_DATA\[\s*(\d+)\s*\]\s*=\s*(\{[^{}]*\})", re.IGNORECASE)
 NUMBERED = re.compile(r"TOOL_DATA\[\s*(\d+)\s*\]", re.IGNORECASE)
 RELATIVE = re.compile(r"\bS?(?:PTP|LIN|CIRC)_REL\b", re.IGNORECASE)
@@ -63,7 +61,7 @@ def _read(text: str, n: int) -> Program:
     lines, points = (
         set(re.findall(rf"\bS?(?:{kinds})\s+(\w+)", code, re.IGNORECASE)) for kinds in ("LIN|CIRC", "PTP")
     )
-    notes = [f"line {line_of(code, m.start())}: a {m.group().upper()} is kept" for m in RELATIVE.finditer(code)]
+    notes = [f"line {line_of(code, m.start())}: a {m.group()} is kept" for m in RELATIVE.finditer(code)]
     computed = {m.group(1): m for m in reversed(list(COMPUTED.finditer(code))) if m.group(1) in declared}
     for match in MOVED_ON.finditer(code):
         outside = re.sub(r"\{[^{}]*\}", "", match.group(1))  # a type of an aggregate has a colon too

@@ -157,8 +157,8 @@ def arguments(text: str, low: int, high: int) -> list[tuple[int, int]]:
         if text[at] == "," and depth == 0:
             out.append((start, at))
             start = at + 1
-    places = ((a, a + len(text[a:b])) for a, b in [*out, (start, high)])
-    return [(b - len(text[a:b].lstrip()), a + len(text[a:b].rstrip())) for a, b in places if text[a:b].strip()]
+    each = [(a, b, text[a:b]) for a, b in [*out, (start, high)] if text[a:b].strip()]
+    return [(b - len(own.lstrip()), a + len(own.rstrip())) for a, b, own in each]
 
 
 def rewritten(text: str, format_: Format, slots: Sequence[Slot], found: Sequence[Corrected]) -> str:

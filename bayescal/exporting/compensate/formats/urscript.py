@@ -1,8 +1,8 @@
 """URScript: poses p[x, y, z, rx, ry, rz] (m, rotation vector in rad) and joints [q1, ..., q6] (rad).
 
 Of movej, movel, movep, movec, servoj and servoc: written out there, also in get_inverse_kin, or assigned to a
-name that is used there. The controller inverts a pose with the calibration of its own arm. So a corrected pose is
-written as joints, which all these functions take, at the motion; the value of the name is kept. What
+name that is used there. The controller inverts a pose with the calibration of its own arm. So a corrected
+pose is written as joints, which all these functions take, at the motion; the value of the name is kept. What
 follows `qnear` is where the arm comes from: it selects the solution.
 """
 
@@ -54,7 +54,7 @@ OWN = "the controller would invert it with its own calibration"
 
 @dataclass(frozen=True)
 class Text:
-    """A program without comments, and what its names are assigned; `joints` is the pattern of a joint list."""
+    """A program without comments, and what its names are assigned; `joints` is the pattern of a list."""
 
     code: str
     joints: re.Pattern[str]
@@ -63,6 +63,7 @@ class Text:
 
     @classmethod
     def of(cls, text: str, n: int) -> Text:
+        """Read a program for an arm of `n` joints."""
         code = masked(text, "#")
         joints = re.compile(r"(?<![\w\]])\[\s*" + r"\s*,\s*".join([rf"({NUMBER})"] * n) + r"\s*\]")
         written = Counter(match.group(1) for match in ASSIGNED.finditer(code))
