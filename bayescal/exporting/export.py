@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,8 +49,16 @@ class Exported:
         forced = (f"exported with --force: {reason}" for reason in self.arm.against)
         return (*self.arm.notes, *self.written.notes, *forced)
 
+    def at(self, folder: Path) -> Exported:
+        """The same with the content that the file has in a folder."""
+        if self.written.placed is None:
+            return self
+        return replace(self, written=replace(self.written, content=self.written.placed(folder), placed=None))
+
     def files(self, path: Path) -> dict[Path, str | bytes]:
         """All files with their content, the sidecar last, for a main file at `path`."""
+        if self.written.placed is not None:
+            return self.at(path.parent).files(path)
         beside = {path.with_name(path.stem + suffix): text for suffix, text in self.written.beside.items()}
         if path in beside:
             raise BayescalError("a further file would have this name", str(path), "give another --out")
@@ -90,6 +98,8 @@ class Exported:
         BayescalError
             If one of them is the user's own file, or another file that is no unchanged earlier export.
         """
+        if self.written.placed is not None:
+            return self.at(path.parent).save(path)
         files = self.files(path)
         _check_free(path, files, self.options.into)
         sidecar = sidecar_of(path)

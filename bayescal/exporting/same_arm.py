@@ -45,6 +45,7 @@ class Match:
     root: np.ndarray  # (4, 4)
     own: np.ndarray  # (n, 4, 4): rotations and slides that keep the joint's axis
     signs: np.ndarray  # (n,)
+    notes: tuple[str, ...] = ()
 
 
 def match(robot: Robot, file: FileArm, name: str) -> Match:

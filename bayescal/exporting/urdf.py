@@ -12,6 +12,7 @@ the fixed joints before joint k, its origin becomes
 from __future__ import annotations
 
 from typing import Any
+from xml.etree import ElementTree as ET
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -32,9 +33,10 @@ from bayescal.exporting.geometry import (
     steps,
 )
 from bayescal.exporting.same_arm import FileArm, match
-from bayescal.exporting.tag import with_origins
 from bayescal.exporting.written import Format, Options, Written, path_of
-from bayescal.robots.markup import parse_markup, read_markup
+from bayescal.exporting.xml_text import XmlText
+from bayescal.reading import decoded
+from bayescal.robots.markup import LARGEST, parse_markup
 from bayescal.robots.tree import TURNING, Tree, read_tree, tip_of
 
 CLOSE = 1e-9
@@ -92,19 +94,18 @@ def _patched(
         raise BayescalError(
             "a xacro file cannot be patched", str(path), "expand it: xacro arm.xacro > arm.urdf"
         )
-    root, content = read_markup(path)
-    tree = read_tree(root, path.name)
+    own = XmlText(decoded(path, LARGEST)[0], path.name)
+    tree = read_tree(own.root, path.name)
     tip = tip_of(tree, asked)
     file, robot = file_arm(tree, tip), arm.dataset.robot
     found = match(robot, file, path.name)
     links = calibrated[:-1] @ found.own
     before = np.concatenate([np.linalg.inv(found.root)[None] @ np.eye(4), np.linalg.inv(links[:-1])])
     origins = np.linalg.inv(file.fixed) @ before @ links
-    changed = {
-        name: {"xyz": numbers(t[:3, 3]), "rpy": numbers(rpy_of(t[:3, :3]))}
-        for name, t in zip(file.names, origins, strict=True)
-    }
-    text = with_origins(content.decode("utf-8-sig"), changed)
+    joints = {joint.get("name"): joint for joint in own.root.findall("joint")}
+    for name, t in zip(file.names, origins, strict=True):
+        _place(joints[name], t)
+    text = own.text
     again = read_tree(parse_markup(text.encode(), path.name), path.name)
     flange_in_tip = np.linalg.inv(links[-1] @ file.tip) @ calibrated[-1]
     _check(arm, calibrated, file_arm(again, tip), found.root, found.signs, flange_in_tip, path.name)
@@ -119,6 +120,15 @@ def _patched(
         "flange_in_tip": flange_in_tip.tolist(),
     }
     return text, file.names, details
+
+
+def _place(joint: ET.Element, pose: np.ndarray) -> None:
+    """Give a joint its origin."""
+    origin = joint.find("origin")
+    if origin is None:
+        origin = ET.Element("origin")
+        joint.insert(0, origin)
+    origin.attrib.update(xyz=numbers(pose[:3, 3]), rpy=numbers(rpy_of(pose[:3, :3])))
 
 
 def _check(

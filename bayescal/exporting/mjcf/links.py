@@ -33,6 +33,8 @@ NEUTRAL = {
 """Attributes of added elements that have no effect."""
 MOST = 6
 """Largest number of hinges of a body in MuJoCo."""
+TIP = {"type": "sphere", "size": "0.004", "rgba": ".9 .2 .1 1", "group": "0"}
+"""Attributes of a site at the tip of a tool."""
 THIN = 0.02
 """Radius of the capsules that show the links, m."""
 
@@ -44,7 +46,6 @@ def defaults(root: ET.Element, shown: bool = True) -> None:
     add(own, "joint", type="hinge", limited="false", range="0 0", armature=1e-3, **NEUTRAL["joint"])
     add(own, "tendon", limited="false", range="0 0", **NEUTRAL["tendon"])
     add(own, "equality", **NEUTRAL["equality"])
-    add(own, "site", type="sphere", size=0.004, rgba=".9 .2 .1 1", group="0")
     if shown:
         add(
             own,
@@ -131,4 +132,4 @@ def tool(flange: ET.Element, load: Load) -> None:
 def tips(flange: ET.Element, loads: tuple[Load, ...]) -> None:
     """Append the tips of all tools as sites."""
     for load in loads:
-        add(flange, "site", **{"class": DEFAULT}, name=load.name, pos=load.tip)
+        add(flange, "site", name=load.name, pos=load.tip, **TIP)
