@@ -21,6 +21,7 @@ from bayescal.exporting.mjcf.into.found_arm import FoundArm, above, find_arm
 from bayescal.exporting.mjcf.into.keyframes import with_keyframes
 from bayescal.exporting.mjcf.into.scene_file import (
     compiled,
+    model_of,
     moved,
     read_scene,
     skeleton,
@@ -78,7 +79,7 @@ def patched(arm: FittedArm, options: Options) -> Patched:
     before = compiled(scene.xml.text, path.parent, path.name)
     gone = without_earlier(root)
     spec = spec_of(skeleton(root), path.parent, path.name)
-    model = spec.compile()
+    model = model_of(spec, path.name)
     found = find_arm(root, spec, model, robot, tip, path.name)
     where = _upright(found.where, before.opt.gravity, arm.dataset.gravity)
     content = Content(arm, options.state)

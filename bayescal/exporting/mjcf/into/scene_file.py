@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,10 +68,12 @@ def _with_included(text: str, path: Path, main: Path, seen: list[Path]) -> str:
         file = e.get("file", "")
         refuse_network(file, path.name)
         # relative to the main file, else to the file that includes it
-        here = next((f / file for f in (main, path.parent) if (f / file).is_file()), main / file)
-        if not file or Path(file).is_absolute() or here in seen or len(seen) >= MOST:
-            what = f"<include file='{file}'>: " + ("it is included twice" if here in seen else "no relative path")
-            raise BayescalError(what, path.name, "give a relative path, and include each file once")
+        here = next((f / file for f in (main, path.parent) if (f / file).is_file()), None)
+        absolute, again = not file or Path(file).is_absolute(), here in seen or len(seen) >= MOST
+        if here is None or absolute or again:
+            why = "no relative path" if absolute else "it is included twice" if again else "there is no such file"
+            remedy = "give a relative path, and include each file once"
+            raise BayescalError(f"<include file='{file}'>: {why}", path.name, remedy)
         seen.append(here)
         inner = XmlText(_with_included(decoded(here, LARGEST)[0], here, main, seen), here.name)
         if inner.root.tag not in ROOTS:
@@ -112,9 +115,15 @@ def spec_of(text: str, folder: Path, where: str) -> Any:
 
 def compiled(text: str, folder: Path, where: str) -> Any:
     """The model of a text; arguments and errors as of `spec_of`."""
-    spec = spec_of(text, folder, where)
+    return model_of(spec_of(text, folder, where), where)
+
+
+def model_of(spec: Any, where: str) -> Any:
+    """The model of an MjSpec; errors as of `spec_of`."""
     try:
-        return spec.compile()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of MuJoCo, on details of the user's file
+            return spec.compile()
     except ValueError as error:
         raise _refused(error, where) from None
 
