@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from bayescal.arm.transforms import rigid
-from bayescal.exporting.digits import number
+from bayescal.exporting.digits import number, numbers
 from bayescal.exporting.mjcf.mechanism import Body, Hinge, Load, Mechanism
 from bayescal.exporting.mjcf.text import DEFAULT, add, place
 
@@ -95,6 +95,8 @@ def inertial(element: ET.Element, body: Body) -> None:
 def hinge(element: ET.Element, h: Hinge) -> None:
     """Append a hinge with its spring."""
     own = add(element, "joint", **{"class": DEFAULT}, name=h.name, axis=h.axis, pos=h.pos)
+    if h.limits is not None:
+        own.attrib.update(limited="true", range=numbers(h.limits))
     if h.spring is not None:
         own.set("stiffness", number(h.spring.stiffness))
         own.set("damping", number(DAMPING * h.spring.slope))

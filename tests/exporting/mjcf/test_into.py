@@ -93,7 +93,7 @@ REFUSALS = {
     "zeros": (
         '<body name="wrist_2_link"',
         '<body name="wrist_2_link" quat="0.9 0 0.4 0"',
-        "at zero readings the axis of shoulder_pan_joint",
+        "the zero of wrist_1_joint is 47.91 deg off",
     ),
     "a second joint": ('<geom name="cube"', '<joint/><geom name="cube"', "MuJoCo refuses the file"),
     "scaled masses": ('autolimits="true"', 'autolimits="true" settotalmass="30"', "settotalmass: MuJoCo changes"),
