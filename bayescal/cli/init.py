@@ -44,7 +44,7 @@ def init(
 def schema(
     name: Annotated[str, typer.Argument(metavar="dataset|robot", help="dataset.yaml or robot.yaml.")],
 ) -> None:
-    """Print the JSON schema of dataset.yaml or robot.yaml, for editors."""
+    """Print the JSON schema of dataset.yaml, robot.yaml or artefact.yaml, for editors."""
     from bayescal.starting.schemas import schema_text
 
     typer.echo(schema_text(name), nl=False)
