@@ -1,7 +1,7 @@
 """Every option of every command reaches the public function, with its unit: derived from the commands.
 
-A recorder stands in place of the function that a command calls. Each option in turn is given a value that is not
-its default; the function, or a method of its result, receives this value, and all else is as without it.
+A recorder stands in place of the function that a command calls. Each option in turn is given a value that is
+not its default; the function, or a method of its result, receives it, and all else is as without it.
 """
 
 from __future__ import annotations
