@@ -94,7 +94,7 @@ def _assessed(known: Candidates, circumstances: Circumstances, modelled: tuple[s
 
 
 def check_record(of: Check) -> dict[str, Any]:
-    """The content of `bayescal check --json`."""
+    """The content of `bayescal check --to json`."""
     d, m = of.dataset, of.dataset.measurements
     roles = {str(r): int(n) for r, n in zip(*np.unique(m.role, return_counts=True), strict=True)}
     targets = []
