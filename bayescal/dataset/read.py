@@ -14,7 +14,7 @@ from bayescal.dataset.rows import measurements_of
 from bayescal.dataset.schema import SCHEMA, file_model
 from bayescal.dataset.table import Table, read_table
 from bayescal.dataset.types import Certificate, Dataset, Measurements
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, listed
 from bayescal.files import Document, check_schema, read_document
 from bayescal.reading import check_inside
 from bayescal.robots import load_robot
@@ -66,6 +66,11 @@ def read_parts(folder: Path | str, allow_xacro: bool = False) -> tuple[Dataset, 
     if not folder.is_dir():
         remedy = "give the folder, not a file in it" if folder.exists() else "check the path"
         raise BayescalError("no such folder", str(folder), remedy)
+    if not (folder / SETTINGS).exists():
+        inside = sorted(str(p.parent) for level in ("*", "*/*") for p in folder.glob(f"{level}/{SETTINGS}"))
+        if inside:
+            what = f"no {SETTINGS} in it"
+            raise BayescalError(what, str(folder), f"datasets in this folder: {listed(inside)}")
     bare, document, contents = read_settings(folder / SETTINGS, allow_xacro)
     n = bare.robot.n
     check_inside(folder / TABLE, folder, "the table")
