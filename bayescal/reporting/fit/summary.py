@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from bayescal.assess.acceptance import SHARED, Acceptance
-from bayescal.assess.conformance import COVERAGE, FAIL, PASS, Tolerance
+from bayescal.assess.conformance import FAIL, PASS, Tolerance
 from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.calibration import Fit
@@ -81,8 +81,8 @@ def _predicted(fit: Fit) -> Facts:
 
 def _expected(d: DistanceErrors) -> str:
     low, high = d.interval
-    expanded = um2(COVERAGE * d.rms)
-    return f"predicted {um2(d.rms)} µm RMS (95 %: {um2(low)} to {um2(high)}); U = {expanded} µm, k = 2"
+    expanded = f"U = {um2(d.expanded)} µm, k = {d.k:.2f}"
+    return f"predicted {um2(d.u)} µm RMS (95 %: {um2(low)} to {um2(high)}); {expanded}"
 
 
 def _over(d: DistanceErrors) -> str:

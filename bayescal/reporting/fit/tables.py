@@ -21,6 +21,7 @@ from bayescal.reporting.shared.text import (
     percent,
     plain_table,
     um,
+    um2,
     unit_label,
     with_u,
 )
@@ -91,12 +92,13 @@ def distance_table(v: Validation, nominal: Validation, every: bool) -> FigureTab
 
 def tolerance_table(decided: Tolerance) -> FigureTable:
     """Decision on each certified distance."""
-    table = plain_table("tolerance", "error (µm)", "U (µm), k = 2", "probability within", "decision")
+    table = plain_table("tolerance", "error (µm)", "U = k u (µm)", "k", "probability within", "decision")
     for d in decided.distances:
         table.add_row(
             " - ".join(d.between),
             f"{UM * d.error:+.1f}",
-            um(d.expanded),
+            um2(d.expanded),
+            f"{d.k:.2f}",
             percent(d.probability),
             Text(d.decision, style=DECISIONS.get(d.decision, "yellow")),
         )

@@ -107,7 +107,15 @@ def distances(run: Run) -> Section | None:
     )
     predicted = Sheet(
         "distances between",
-        ("number", "lengths (mm)", "expected RMS (µm)", "U, k = 2 (µm)", "95 % (µm)", "measured RMS (µm)"),
+        (
+            "number",
+            "lengths (mm)",
+            "expected RMS (µm)",
+            "U = k u (µm)",
+            "k",
+            "95 % (µm)",
+            "measured RMS (µm)",
+        ),
         tuple(
             (
                 d["over"],
@@ -115,6 +123,7 @@ def distances(run: Run) -> Section | None:
                 "{:.0f} to {:.0f}".format(*d["lengths_mm"]),
                 uncertainty(d["predicted_rms_um"]),
                 uncertainty(d["expanded_U_um"]),
+                f"{d.get('k', 2.0):.2f}",
                 interval(d["predicted_interval95_um"]),
                 length(d["measured_rms_um"]),
             )

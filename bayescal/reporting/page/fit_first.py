@@ -59,7 +59,7 @@ def _keys(record: Any) -> list[tuple[str, str, str]]:
     out = [
         (
             "Distance error, expected",
-            f"U = {uncertainty(expected['expanded_U_um'])} µm (k = 2)",
+            f"U = {uncertainty(expected['expanded_U_um'])} µm (k = {expected.get('k', 2.0):.2f})",
             f"RMS {uncertainty(expected['predicted_rms_um'])} µm, 95 %: "
             f"{interval(expected['predicted_interval95_um'])} µm; {over}",
         )
