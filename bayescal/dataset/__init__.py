@@ -13,6 +13,7 @@ from bayescal.dataset.types import (
     Noise,
     Patch,
     PlanSettings,
+    Record,
     Target,
     Tool,
 )
@@ -30,6 +31,7 @@ __all__ = [
     "Noise",
     "Patch",
     "PlanSettings",
+    "Record",
     "Target",
     "Tool",
     "read_dataset",

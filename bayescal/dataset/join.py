@@ -18,7 +18,7 @@ import numpy as np
 from bayescal.dataset.checks.same_robot import check_alike
 from bayescal.dataset.join_rows import called, column, measurements, temperature_of
 from bayescal.dataset.target_kinds import kinds_of
-from bayescal.dataset.types import Certificate, Dataset, Noise, Target, Tool
+from bayescal.dataset.types import Certificate, Dataset, Noise, Record, Target, Tool
 from bayescal.errors import BayescalError
 
 
@@ -65,6 +65,7 @@ def joined(sessions: Sequence[Dataset], remounted: bool = False, own_noise: bool
         temperature_of=temperature_of(sessions),
         source=None,
         plan=None,
+        record=Record(),
         sha256=sha256(" ".join(s.sha256 for s in sessions).encode()).hexdigest(),
         sessions=tuple(sessions),
     )

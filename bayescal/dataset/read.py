@@ -113,6 +113,7 @@ def read_settings(
         temperature_of=file.temperature_of,
         torques=file.torques,
         plan=session.plan_of(document, file, targets, robot.n),
+        record=session.record_of(file),
         source=file.source,
         unfilled=tuple(document.unfilled),
         sha256=_digest(document.content, robot_content),

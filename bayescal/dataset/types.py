@@ -128,6 +128,30 @@ class PlanSettings:
 
 
 @dataclass(frozen=True)
+class Record:
+    """What a report that is filed states of a session beyond its data; no computation depends on it.
+
+    Attributes
+    ----------
+    date : str
+        YYYY-MM-DD, or "".
+    operator : str
+    serials : mapping of str to str
+        Serial numbers of ``arm``, ``probe``, ``artefact`` and ``instrument``, those that are stated.
+    certificates : tuple of str
+        Numbers of the calibration certificates of the artefacts and instruments.
+    temperature : float or None
+        Of the room, deg C.
+    """
+
+    date: str = ""
+    operator: str = ""
+    serials: Mapping[str, str] = field(default_factory=dict)
+    certificates: tuple[str, ...] = ()
+    temperature: float | None = None
+
+
+@dataclass(frozen=True)
 class Measurements:
     """N rows in order of time. Optional columns are None where the file has no such column."""
 
@@ -170,6 +194,7 @@ class Dataset:
     torques: str = "computed"  # of the joints: "computed" from the masses, or "measured"
     source: str | None = None
     plan: PlanSettings | None = None  # for `bayescal plan`; no other computation depends on it
+    record: Record = Record()  # for the header of reports; empty where several sessions are joined
     unfilled: tuple[tuple[str | int, ...], ...] = ()  # keys in dataset.yaml of values that are only assumed
     sha256: str = ""  # of dataset.yaml, measurements.csv and the robot file
     sessions: tuple[Dataset, ...] = ()  # those joined in this one, each as it was read

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.dataset.read import SETTINGS, TABLE
-from bayescal.dataset.schema import CERTIFICATES, SCHEMA, ToolEntry
+from bayescal.dataset.schema import CERTIFICATES, SCHEMA, RecordEntry, ToolEntry
 from bayescal.dataset.session import FIELDS, NAMES
 from bayescal.dataset.table import JOINT, RPY, XYZ, joint_columns
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.dataset.types import Certificate, Dataset, PlanSettings, Target, Tool
+from bayescal.dataset.types import Certificate, Dataset, PlanSettings, Record, Target, Tool
 from bayescal.errors import BayescalError
 from bayescal.files import FILL_IN, si, stem_of
 from bayescal.folders import whole
@@ -24,7 +24,7 @@ from bayescal.robots.writing import number, scalar
 
 ROBOT = "robot.yaml"
 
-DECIMALS = {"mm": 6, "deg": 7, "degps": 6, "kg": 6, "nm": 6, "s": 4, "c": 4, "mps2": 9}
+DECIMALS = {"mm": 6, "deg": 7, "degps": 6, "kg": 6, "nm": 6, "s": 4, "c": 4, "degc": 4, "mps2": 9}
 """Decimals of a value in a file's unit: a nanometre, two nanoradians; finer than anything measured."""
 
 DIRECTION = 12
@@ -168,6 +168,22 @@ def plan_lines(plan: PlanSettings) -> Iterator[str]:
         yield f"  poses_deg: [{', '.join(poses)}]"
 
 
+def record_lines(record: Record) -> Iterator[str]:
+    """The lines of `record`, in the order of its model; none of an empty record."""
+    warm = record.temperature
+    values = {
+        "date": record.date and scalar(record.date),
+        "operator": record.operator and scalar(record.operator),
+        "serials": record.serials and flow((key, scalar(text)) for key, text in record.serials.items()),
+        "certificates": record.certificates and f"[{', '.join(map(scalar, record.certificates))}]",
+        "temperature_degC": None if warm is None else _text("temperature_degC", warm),
+    }
+    assert values.keys() == RecordEntry.model_fields.keys()
+    if any(values.values()):
+        yield "record:"
+        yield from (f"  {key}: {text}" for key, text in values.items() if text)
+
+
 def _settings(dataset: Dataset, robot: str) -> str:
     """dataset.yaml, in the contract's order; values that are only assumed are marked again."""
     noise = {
@@ -208,6 +224,7 @@ def _settings(dataset: Dataset, robot: str) -> str:
         lines.append(f"torques: {dataset.torques}")
     if dataset.plan is not None:
         lines += plan_lines(dataset.plan)
+    lines += record_lines(dataset.record)
     if dataset.source is not None:
         lines.append(f"source: {scalar(dataset.source)}")
     return "\n".join(lines) + "\n"

@@ -12,7 +12,7 @@ from bayescal.files import Keys, stem_of
 from bayescal.robots.schema import RobotFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-UNITS = {"degps": "deg/s", "nm": "N m", "mps2": "m/s²", "c": "°C", "rad_per_nm": "rad/(N m)"}
+UNITS = {"degps": "deg/s", "nm": "N m", "mps2": "m/s²", "c": "°C", "degc": "°C", "rad_per_nm": "rad/(N m)"}
 """Units of keys that are not written as in the key."""
 
 MODELS: dict[str, Callable[[], type[Keys]]] = {"dataset": file_model, "robot": lambda: RobotFile}

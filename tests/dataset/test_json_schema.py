@@ -25,6 +25,7 @@ ROBOTS = sorted((ROOT / "bayescal" / "robots").glob("*.yaml"))
 MODELS = (
     schema.DatasetFile, schema.ToolEntry, schema.NoiseEntry, schema.Loose, *map(entry_of, KINDS.values()),
     *CERTIFICATES.values(), schema.PlanEntry, schema.VolumeEntry, schema.RegionEntry,
+    schema.RecordEntry, schema.SerialsEntry,
     of_robots.RobotFile, of_robots.Joint, of_robots.Link, of_robots.Place,
 )  # fmt: skip
 
@@ -94,6 +95,7 @@ def test_shared_datasets_are_valid(valid):
         ("centre_mm: [60, 0, 120]", "centre_mm: !FILL_IN ''"),
         ("faces: [top, bottom]", "faces: [top]"),
         ("cone_deg: 45", "cone_deg: 95"),
+        ("date: 2026-03-04", "date: 4.3.2026"),
     ],
 )
 def test_what_the_reader_refuses_is_not_valid(old, new, valid):
@@ -132,7 +134,8 @@ def test_every_column_is_explained():
 
 def test_examples_of_the_page_are_valid(valid):
     page = (ROOT / "docs" / "dataset.md").read_text(encoding="utf-8")
-    of_dataset, of_plan, of_robot = (load(text) for text in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL))
+    examples = (load(text) for text in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL))
+    of_dataset, of_plan, of_record, of_robot = examples
     assert valid("dataset", of_dataset)
-    assert valid("dataset", of_dataset | of_plan)
+    assert valid("dataset", of_dataset | of_plan | of_record)
     assert valid("robot", of_robot)
