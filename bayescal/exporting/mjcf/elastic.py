@@ -167,6 +167,6 @@ def stand_hinges(content: Content) -> tuple[StandHinge, ...]:
 
 def _positive(compliance: float, name: str) -> Spring:
     if compliance <= 0:
-        what = f"{name} is {1e6 * compliance:.3g} urad/(N m): no spring has a compliance that is not positive"
+        what = f"{name} is {1e6 * compliance:.3g} µrad/(N m): no spring has a compliance that is not positive"
         raise BayescalError(what, "export", "leave the effect out with --without")
     return linear(compliance)

@@ -20,9 +20,11 @@ from bayescal.reporting.shared.text import (
     parameter_notes,
     percent,
     plain_table,
+    signed,
     um,
     um2,
     unit_label,
+    unsigned_zero,
     with_u,
 )
 
@@ -47,7 +49,7 @@ def level_table(levels: Sequence[ModelLevel]) -> FigureTable:
         if v.distances:
             low, high = interval95(np.concatenate([d.predicted for d in v.distances]))
             cells.append(um(np.sqrt(np.mean([d.error**2 for d in v.distances]))))
-            cells += [um(v.maximum_distance_error), f"{UM * low:+.0f} .. {UM * high:+.0f}"]
+            cells += [um(v.maximum_distance_error), f"{signed(UM * low)} .. {signed(UM * high)}"]
         if v.points:
             length = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])
             cells += [um(np.sqrt(np.mean(length**2))), um(np.mean(length)), um(np.max(length))]
@@ -80,9 +82,9 @@ def distance_table(v: Validation, nominal: Validation, every: bool) -> FigureTab
         table.add_row(
             " - ".join(d.between),
             f"{MM * d.certified:.3f}",
-            f"{UM * n.error:+.0f}",
-            f"{UM * d.error:+.1f}",
-            f"{UM * low:+.1f} .. {UM * high:+.1f}",
+            signed(UM * n.error),
+            signed(UM * d.error, 1),
+            f"{signed(UM * low, 1)} .. {signed(UM * high, 1)}",
             Text("within", style="green") if within else Text("outside", style="yellow"),
         )
     if len(shown) < len(order):
@@ -96,7 +98,7 @@ def tolerance_table(decided: Tolerance) -> FigureTable:
     for d in decided.distances:
         table.add_row(
             " - ".join(d.between),
-            f"{UM * d.error:+.1f}",
+            signed(UM * d.error, 1),
             um2(d.expanded),
             f"{d.k:.2f}",
             percent(d.probability),
@@ -124,7 +126,7 @@ def parameter_table(fit: Fit, every: bool) -> FigureTable:
         decimals = len(number.partition("(")[0].partition(".")[2])
         table.add_row(
             name,
-            f"{nominal:.{decimals}f}",
+            unsigned_zero(f"{nominal:.{decimals}f}"),
             number,
             unit_label(units[k]),
             f"{float(f'{prior[k]:.2g}'):.9g}",

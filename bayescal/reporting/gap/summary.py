@@ -23,7 +23,9 @@ from bayescal.reporting.shared.text import (
     p_value,
     plain_table,
     probability,
+    reduction,
     rival,
+    signed,
     size,
     um,
 )
@@ -195,8 +197,6 @@ def _shrinkage(gap: Gap) -> Table:
     headings = ("count", "before", "after", "expected", "limit", "removed", "95 %")
     table = plain_table("refit: RMS (µm)", *headings)
     for s in map(as_lengths, gap.shrinkage):
-        low, high = s.removed_interval95
-        shown = s.claimed and np.isfinite(s.removed)
         table.add_row(
             s.what,
             str(s.count),
@@ -204,8 +204,7 @@ def _shrinkage(gap: Gap) -> Table:
             um(s.after) if s.claimed else "not claimed",
             f"{um(s.predicted_before)} -> {um(s.predicted)}",
             um(s.floor),
-            f"{100 * s.removed:.0f} %" if shown else "-",
-            f"{100 * low:.0f} .. {100 * high:.0f} %" if shown and np.isfinite(low) else "-",
+            *reduction(s.removed, s.removed_interval95, s.claimed),
         )
     return table
 
@@ -234,7 +233,7 @@ def _levels(gap: Gap) -> Table:
         cells = [um(length(main(gap), step.validation_rms))]
         cells += [um(step.distance_rms)] if distances else []
         cells += [um(length("points", step.point_rms))] if points else []
-        gain = f"{step.delta_elpd:+.0f}" if k and np.isfinite(step.delta_elpd) else ""
+        gain = signed(step.delta_elpd) if k and np.isfinite(step.delta_elpd) else ""
         gain += f" ± {step.delta_elpd_se:.0f}" if gain and np.isfinite(step.delta_elpd_se) else ""
         table.add_row(level_label(step.model, before), *cells, gain)
         before = step.model

@@ -23,7 +23,7 @@ from bayescal.reporting.page.section import (
     blocks,
     texts,
 )
-from bayescal.reporting.shared.text import model_label, parameter_notes, unit_label
+from bayescal.reporting.shared.text import model_label, parameter_notes, signed, unit_label, unsigned_zero
 
 ARM = ("target", "plane-form")
 """Effects whose parameters are not those of the arm."""
@@ -78,8 +78,8 @@ def distances(run: Run) -> Section | None:
             (
                 " – ".join(d["between"]),
                 f"{d['certified_mm']:.3f}",
-                f"{d['nominal_error_um']:+.0f}",
-                f"{d['calibrated_error_um']:+.1f}",
+                signed(d["nominal_error_um"]),
+                signed(d["calibrated_error_um"], 1),
                 uncertainty(d["predicted_sd_um"]),
                 _ends(d["predicted_interval95_um"]),
                 "within" if d["inside95"] else "outside",
@@ -160,7 +160,7 @@ def iso9283(run: Run) -> Section | None:
 
 
 def _ends(ends: list[float]) -> str:
-    return f"{ends[0]:+.1f} to {ends[1]:+.1f}"
+    return f"{signed(ends[0], 1)} to {signed(ends[1], 1)}"
 
 
 def by_target(run: Run) -> Sheet:
@@ -196,7 +196,7 @@ def parameters(run: Run) -> Section | None:
         prior = (p.get("prior_mean", p["nominal"]), p["prior_sd"])
         return (
             p["name"],
-            f"{p['nominal']:.{decimals}f}",
+            unsigned_zero(f"{p['nominal']:.{decimals}f}"),
             text,
             unit_label(p["unit"]),
             f"{float(format(p['prior_sd'], '.2g')):.9g}",
@@ -239,7 +239,7 @@ def correlations(run: Run) -> Section | None:
     table = Sheet(
         "parameter",
         ("parameter", "correlation"),
-        tuple((p["a"], p["b"], f"{p['r']:+.3f}") for p in pairs),
+        tuple((p["a"], p["b"], signed(p["r"], 3)) for p in pairs),
         "The strongest correlations: only their combination is well known",
         words=(1,),
         shown=PAIRS,
