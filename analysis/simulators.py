@@ -4,7 +4,7 @@
     python -m analysis.simulators --robots universal-robots-ur5e --into tests/exporting/mjcf/ur5e_scene.xml
 
 An arm has parameters drawn from the priors of its effects. Its file, new or patched into a scene, is
-replayed in MuJoCo, and the tool points are compared with the model at the readings that it reached.
+replayed in MuJoCo, and the TCP positions are compared with the model at the readings that it reached.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def _value(p: Parameter, rng: np.random.Generator) -> float:
 
 
 def differences(arm: FittedArm, poses: int, file: File | None = None) -> tuple[np.ndarray, float]:
-    """Differences (C,), m, of the tool points from the model, and the RMS size of the last effect, m."""
+    """Differences (C,), m, of the TCP positions from the model, and the RMS size of the last effect, m."""
     rows = np.unique(np.linspace(0, len(arm.dataset.measurements.ids) - 1, poses).astype(int))
     state = int(rows[-1])
     file = file or File.new(arm, state)

@@ -37,13 +37,13 @@ from bayescal.streams import spawned
 
 VALIDATION_DRAWS = 2000
 MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 4_000_000, 400
-"""Predictions of single validation rows, beyond which there are fewer draws of each: 2000 rows."""
+"""Predictions of single validation measurements, beyond which there are fewer draws of each: 2000 rows."""
 NOMINAL = ("nominal",)
 
 
 @dataclass(frozen=True)
 class ModelLevel:
-    """One model level: its estimate and its prediction of the validation rows."""
+    """One model level: its estimate and its prediction of the validation measurements."""
 
     effects: tuple[str, ...]
     estimate: Estimate
@@ -219,7 +219,7 @@ def _restated(
 ) -> tuple[Unexplained, Validation, Unexplained]:  # fmt: skip
     """What is unexplained in total, the validation with the stated uncertainty, and what it adds to points.
 
-    A part of the residuals is explained by the discrepancy; errors that validation rows show beyond all of
+    A part of the residuals is explained by the discrepancy; errors that validation data show beyond all of
     it are added.
     """
     kappa = kappa * np.sqrt(wide.white)
@@ -240,7 +240,7 @@ def basis_of(found: Estimate, seed: int = 0) -> Basis:
     ----------
     found : Estimate
     seed : int
-        Of the draws by which validation rows are tested.
+        Of the draws by which validation measurements are tested.
     """
     of_draws, of_noise, of_discrepancy = spawned(seed, 3)
     z, kappa = approximate(found, of_draws, predicted_draws(found.model.scene.dataset))
@@ -257,7 +257,7 @@ def _basis(wide: Stated, excess: float, checked: Validation, known: Prepared) ->
     left = unexplained(wide.plain)
     own = wide.remaining(left).excess
     beyond = max(excess**2 - own**2, 0.0)
-    # beyond the residuals, the unexplained error was estimated from validation rows
+    # beyond the residuals, the unexplained error was estimated from validation measurements
     rows = [len(c.residuals) for c in checked.planes] + [c.residuals.shape[1] for c in checked.points]
     shown = len(checked.distances) or sum(rows)
     below = own**4 / left.excess_dof + beyond**2 / max(shown, 1)
@@ -271,7 +271,7 @@ def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:
 
 
 def predicted_draws(dataset: Dataset) -> int:
-    """Number of draws from which validation rows are predicted: `VALIDATION_DRAWS`, fewer of many rows."""
+    """Number of draws from which validation data are predicted: `VALIDATION_DRAWS`, fewer of many rows."""
     rows = int(np.sum(dataset.measurements.role == "validate"))
     return min(VALIDATION_DRAWS, max(MOST_PREDICTED // max(rows, 1), FEWEST_VALIDATION_DRAWS))
 

@@ -30,7 +30,7 @@ WILD_SCALE = 100.0
 WILD_SIZE = 1e-4
 """m: smaller residuals are no sign of a wrong file, however small the stated noise is (assumed)."""
 MANY_REJECTED = 0.05
-"""Share of rejected rows from which on it is told."""
+"""Share of rejected measurements from which on it is told."""
 FAR = 4.0
 """Prior standard deviations from nominal from which on a parameter is told."""
 PRIOR_DECIDES = 0.5
@@ -80,7 +80,7 @@ def _tests(of: Assessed) -> Iterator[Finding]:
     if of.tests.causes:
         yield Finding(
             "rejected_rows_kept", "warning",
-            "rejected rows that share a cause are not outliers: the fit keeps them, the prediction is wider",
+            "rejected measurements that share a cause are no outliers: the fit keeps them, which widens it",
         )  # fmt: skip
 
 
@@ -106,7 +106,7 @@ def _residuals(of: Assessed) -> Iterator[Finding]:
     if len(found.rejected) > MANY_REJECTED * count:
         yield Finding(
             "many_rejected", "warning",
-            f"{len(found.rejected)} of {count} rows rejected as outliers, more than a session should have",
+            f"{len(found.rejected)} of {count} measurements rejected as outliers: more than expected",
         )  # fmt: skip
     uneven = [f"{f.target} by {1e6 * f.form:.0f} µm RMS" for f in of.faces if f.uneven]
     if uneven:
@@ -160,7 +160,8 @@ def negative(found: Estimate, sd: np.ndarray | None = None) -> Iterator[str]:
              if p.positive and v < 0]  # fmt: skip
     within = [p.name for p, t in below if t > -COVERED]
     if within:
-        yield f"{', '.join(within)}: not distinguishable from 0 (negative by less than {COVERED:.0f} u)"
+        why = f"estimate negative but within {COVERED:.0f}u of zero"
+        yield f"{', '.join(within)}: not distinguishable from 0 ({why})"
     beyond = [p.name for p, t in below if t <= -COVERED]
     if beyond:
         names = ", ".join(beyond)
@@ -212,9 +213,9 @@ def _gross_errors(of: Assessed) -> Iterator[Finding]:
         name = of.found.model.scene.dataset.measurements.ids[found.rows[k]]
         yield Finding(
             "gross_error_unseen", "warning",
-            f"a gross error up to {_um(found.error[k])} in one of {len(found.rows)} rows (`{name}`) would "
-            f"not be detected and would change distances by {_um(found.shift[k])} RMS (U = {_um(u)}): "
-            "repeat it, or measure more rows",
+            f"a gross error up to {_um(found.error[k])} in one of {len(found.rows)} measurements (`{name}`) "
+            f"would not be detected and would change distances by {_um(found.shift[k])} RMS (U = {_um(u)}): "
+            "repeat it, or add measurements",
         )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ def budget(
     ] = None,
     parameter: Annotated[str, typer.Option(help="A parameter of the model, such as a2.")] = "",
     point: Annotated[
-        str, typer.Option(metavar='"J1,J2,..."', help="Joint readings, deg: the tool point there.")
+        str, typer.Option(metavar='"J1,J2,..."', help="Joint readings, deg: the TCP there.")
     ] = "",
     tool: Annotated[str, typer.Option(help="Tool of the point [default: that of the last fitted row].")] = "",
     payload_kg: Annotated[float, typer.Option(help="kg at the point, beyond the tool.")] = 0.0,

@@ -23,7 +23,7 @@ def compare(
     out: Out = None,
     allow_xacro: AllowXacro = False,
 ) -> None:
-    """Calibrate by several published methods, and compare their errors on the same validation rows."""
+    """Calibrate by several published methods, and compare their errors on the same validation data."""
     from bayescal.public.functions import compare as run
 
     with run_folder(out, [dataset], "compare") as folder, progress("compare") as notify:

@@ -73,4 +73,4 @@ def gap(
             "--contacts",
             "60",
         ]
-        typer.echo(f"to decide        {shlex.join(words)}")
+        typer.echo(f"to discriminate  {shlex.join(words)}")

@@ -60,7 +60,7 @@ def import_(
     readings: str = typer.Option("encoder", help="Contents of the joint columns: encoder or command."),
     validate: str = typer.Option(
         "",
-        help="Validation rows, whole stops: every:5, last:20%, targets 'ball.*', stops 'b*' [default: column "
+        help="Validation data, whole stops: every:5, last:20%, targets 'ball.*', stops 'b*' [default: column "
         "role, or none].",
     ),
     decimal: str = typer.Option(

@@ -20,7 +20,7 @@ def verify(
         Path | None, typer.Option(help="Run folder to write [default: runs/<file>-verify].")
     ] = None,
 ) -> None:
-    """Load an exported arm in its simulator: against the fitted arm, and against the measured rows."""
+    """Load an exported arm in its simulator: against the fitted arm, and against the measurements."""
     from bayescal.folders import claimed
     from bayescal.public.verifying import verify as verified
 

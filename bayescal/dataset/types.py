@@ -20,7 +20,7 @@ class Tool:
     name: str
     centre: np.ndarray  # (3,) m, in the flange frame
     ball_radius: float | None = None  # m
-    mass: float = 0.0  # kg, of all that hangs on the flange
+    mass: float = 0.0  # kg, total attached to the flange
     centre_of_mass: np.ndarray | None = None  # (3,) m, in the flange frame
     u: float | None = None  # m, 0 = known
     u_angle: float | None = None  # rad, of its orientation
@@ -106,7 +106,7 @@ class PlanSettings:
     Attributes
     ----------
     volume : Box or None
-        Volume of interest, in which distances shall be accurate.
+        Volume of interest, in which distances must be accurate.
     regions : mapping of str to Patch
         By the name of their target.
     table : float or None
@@ -116,7 +116,7 @@ class PlanSettings:
     cone : float or None
         Greatest angle, rad, between the axis of the tool and the inward normal.
     poses : tuple of tuple of float
-        Readings (n), rad, of poses between which distances shall be accurate.
+        Readings (n), rad, of poses between which distances must be accurate.
     """
 
     volume: Box | None = None
@@ -171,7 +171,7 @@ class Measurements:
     torque: np.ndarray | None = None  # (N, n) N m
     time: np.ndarray | None = None  # (N,) s
     temperature: np.ndarray | None = None  # (N,) deg C
-    payload: np.ndarray | None = None  # (N,) kg beyond the tool
+    payload: np.ndarray | None = None  # (N,) additional payload, kg
     repeat: np.ndarray | None = None  # (N,) str, "" where none
 
 

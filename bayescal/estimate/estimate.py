@@ -27,7 +27,7 @@ ROUNDS = 25
 FITS = 20
 """Maximum number of fits with gravity moments at the pose of the fit before; usual are three or four."""
 AT_REST, MOVES = 1e-3, 0.1
-"""Displacements of the tool point by such a fit, in units of the smallest noise: at which the fits end, and
+"""Displacements of the TCP by such a fit, in units of the smallest noise: at which the fits end, and
 from which on their result after the last is refused (conventions)."""
 
 
@@ -72,7 +72,7 @@ def calibrated(
 
     With nominal moments the error of a compliance is several standard deviations, and larger with a payload;
     the residuals do not show it. The model is therefore fitted again until moments at the fitted pose move no
-    tool point by a thousandth of the noise; the first two fits search for outliers. A model that gravity does
+    TCP by a thousandth of the noise; the first two fits search for outliers. A model that gravity does
     not act on is fitted once.
 
     Raises

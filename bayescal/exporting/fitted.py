@@ -146,7 +146,7 @@ class FittedArm:
         time: np.ndarray | float | None = None,
         row: str | int | None = None,
     ) -> Poses:
-        """Tool points and flange of an arm that stands at any poses.
+        """TCP positions and flange of an arm that stands at any poses.
 
         Parameters
         ----------
@@ -178,7 +178,7 @@ class FittedArm:
         return self._poses(here.changed(readings, direction), here.source, True)
 
     def at_rows(self, rows: np.ndarray) -> Poses:
-        """Tool points and flange in rows (C,) of the session, with all that was measured there."""
+        """TCP positions and flange in rows (C,) of the session, with all that was measured there."""
         return self._poses({}, np.asarray(rows, int), False)
 
     def _poses(self, changed: Mapping[str, Any], source: np.ndarray, still: bool) -> Poses:
@@ -215,7 +215,7 @@ class FittedArm:
         return self.valued(np.where([p.effect in used for p in self.model.parameters], self.values, 0.0))
 
     def at_level(self, name: str, readings: np.ndarray, **state: Any) -> Poses:
-        """Tool points and flange at any poses, of one level; see `at`."""
+        """TCP positions and flange at any poses, of one level; see `at`."""
         return self.level(name).at(readings, **state)
 
     def valued(self, values: np.ndarray) -> FittedArm:
@@ -301,7 +301,7 @@ def refitted(arm: FittedArm, with_: Sequence[str] = (), without: Sequence[str] =
 
 
 def _gains(fit: Fit, names: Sequence[str]) -> list[tuple[str, float]]:
-    """Gain of log density of the validation rows, nats, by each of the last effects of a fit."""
+    """Gain of log density of the validation measurements, nats, by each of the last effects of a fit."""
     if not names:
         return []
     from bayescal.gap.search.gate import gain

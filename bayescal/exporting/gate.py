@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bayescal.gap.result import Gap
 
 REDUCED = 0.5
-"""Uncertainty of distances between tool points, as a share of that of the prior, above which the fit is taken
+"""Uncertainty of distances between TCPs, as a share of that of the prior, above which the fit is taken
 for not identified (assumed)."""
 PAIRS = 400
 """Pairs of poses whose distances are looked at."""
@@ -30,7 +30,9 @@ def of_fit(fit: Fit) -> tuple[str, ...]:
     reasons = of_estimate(fit.final.estimate, fit.stated.limited)
     if not reasons and not fit.acceptance.determined:
         share = 100 * fit.forecast.prior_share
-        reasons = (f"{share:.0f} % of the variance of a predicted distance is that of priors, not of rows",)
+        reasons = (
+            f"{share:.0f} % of the variance of a predicted distance is that of priors, not of measurements",
+        )
     return (*sampler, *reasons)
 
 
@@ -46,7 +48,7 @@ def of_gap(gap: Gap) -> tuple[str, ...]:
 
 
 def not_gained(gains: Sequence[tuple[str, float]]) -> tuple[str, ...]:
-    """Names whose gain of log predictive density of the validation rows, nats, is not positive."""
+    """Names whose gain of log predictive density of the validation measurements, nats, is not positive."""
     return tuple(
         f"{name} does not make the validation data more probable ({nats:+.1f} nats)"
         for name, nats in gains
@@ -60,13 +62,13 @@ def of_estimate(found: Estimate, covariance: np.ndarray) -> tuple[str, ...]:
         return ("no certified length was fitted: the size of the arm rests on its tolerances",)
     share = _left_of_prior(found, covariance)
     if share > REDUCED:
-        what = "the fit is not identified: distances between tool points keep"
+        what = "the fit is not identified: distances between TCP positions keep"
         return (f"{what} {100 * share:.0f} % of the uncertainty of the priors",)
     return ()
 
 
 def _left_of_prior(found: Estimate, covariance: np.ndarray) -> float:
-    """Uncertainty of distances between tool points of the fitted rows, over that of the arm's prior."""
+    """Uncertainty of distances between TCP positions of the fitted data, over that of the arm's prior."""
     model = found.model
     arm = model.slices[ARM]
     rows = np.concatenate([b.rows for b in model.states])
@@ -96,7 +98,7 @@ def negative(parameters: Sequence[Parameter], values: np.ndarray, covariance: np
         if p.positive and p.effect != TOOL.name and p.nominal + value < 0:
             unit, factor = UNITS[p.unit]
             u = factor * float(np.sqrt(variance))
-            at = f"{factor * (p.nominal + value):.3g} {unit} (u {u:.2g})"
+            at = f"{factor * (p.nominal + value):.3g} {unit.replace('urad', 'µrad')} (u {u:.2g})"
             yield f"{p.name} is negative, which is not physical: {at}"
 
 

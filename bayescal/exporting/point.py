@@ -1,4 +1,4 @@
-"""The tool point at given joint readings, as a measurand."""
+"""The TCP at given joint readings, as a measurand."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bayescal.model import ARM, Model
 def point(
     arm: FittedArm, basis: Basis, readings: np.ndarray, *, tool: str | None = None, payload_kg: float = 0.0
 ) -> Measurand:
-    """Position of the tool point that the calibrated arm reaches, in F0: its error vector.
+    """Position of the TCP that the calibrated arm reaches, in F0: its error vector.
 
     Parameters
     ----------
@@ -74,5 +74,5 @@ def point(
             side = Input(READINGS, name, "B", "1", 0.0, 1.0, distribution="two values")
             own.append((side, off[:, None]))
     shown = ", ".join(f"{q:.6g}" for q in np.degrees(readings))
-    named = f"tool point at ({shown}) deg"
+    named = f"TCP at ({shown}) deg"
     return Measurand(POINT, named, "m", None, by_z, tuple(own), position=at[:, 0])

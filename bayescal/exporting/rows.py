@@ -16,7 +16,7 @@ from bayescal.model import Model, equilibrium, with_parameters
 from bayescal.model.scene import Scene
 
 SETTLED = 1e-13
-"""Displacement of a tool point by a pass, m, at which the equilibrium has converged."""
+"""Displacement of a TCP by a pass, m, at which the equilibrium has converged."""
 MOVING = ("joint speed", "remaining motion")
 """Drivers that are zero for an arm that stands still."""
 

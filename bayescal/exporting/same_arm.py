@@ -20,7 +20,7 @@ ANGLE, LENGTH = np.radians(0.5), 3e-3
 PARALLEL = np.radians(2.0)
 """rad: axes that differ by less have no common point nearby."""
 EXACT = 1e-6
-"""rad, m: agreement of frames that are the same but for rounding in a file."""
+"""rad, m: agreement of frames that are the same except for rounding in a file."""
 
 
 @dataclass(frozen=True)

@@ -134,7 +134,7 @@ def furnished(
     columns : Columns
         The rows.
     centres : mapping of str to np.ndarray
-        Tool points (3,), m, that the log itself holds, by the names its rows use.
+        TCP positions (3,), m, that the log itself holds, by the names its rows use.
 
     Returns
     -------
@@ -153,8 +153,8 @@ def furnished(
     rpy = None
     if request.tool:
         if len(used) > 1:
-            what = f"a single tool point, but the rows use {', '.join(used)}"
-            raise BayescalError(what, "--tool", "remove it to estimate the tool points, or give a --template")
+            what = f"a single TCP, but the rows use {', '.join(used)}"
+            raise BayescalError(what, "--tool", "remove it to estimate the TCPs, or give a --template")
         point, _, turn = request.tool.partition(";")
         centres = {used[0]: np.array(quantity(point, "length", 3, "--tool"))}
         rpy = stated_rotation(turn, "--tool") if turn.strip() else None

@@ -1,6 +1,6 @@
 """Equilibrium: the pose at which an arm and the gravity that deflects it agree.
 
-Gravity moments depend on where the arm stands, which depends on the deflection by these moments. A tool point
+Gravity moments depend on where the arm stands, which depends on the deflection by these moments. A TCP
 is 7 to 130 µm off with moments at the nominal pose (most with a payload), and up to 2 µm with moments at
 the pose so found. Each further pass divides the rest by about 50.
 """
@@ -19,7 +19,7 @@ from bayescal.model.model import Model
 from bayescal.model.scene import Scene
 
 STILL = 1e-9
-"""Displacement of the tool point by a pass, m, below which the arm is at rest."""
+"""Displacement of the TCP by a pass, m, below which the arm is at rest."""
 PASSES = 30
 """Maximum number of passes; an arm that is 1000 times as compliant as usual needs about ten."""
 
@@ -45,12 +45,12 @@ def by_name(model: Model, values: np.ndarray, of: Model) -> np.ndarray:
 
 
 def tool_points(model: Model, values: np.ndarray) -> np.ndarray:
-    """Tool points of all rows (3, N) in F0, m, at deviations (P,), SI."""
+    """TCP positions of all rows (3, N) in F0, m, at deviations (P,), SI."""
     return model.motion(np.arange(len(model.scene.q))).points(values)
 
 
 def moved(before: np.ndarray, after: np.ndarray) -> float:
-    """Largest distance between tool points (3, N), m."""
+    """Largest distance between TCP positions (3, N), m."""
     return float(np.sqrt(np.max(np.sum((after - before) ** 2, axis=0), initial=0.0)))
 
 
@@ -70,7 +70,7 @@ def equilibrium(
     values : callable
         Deviations (P,) of the parameters of such a model from nominal, SI.
     still : float
-        Displacement of the tool point by a pass, m, at which the iteration ends.
+        Displacement of the TCP by a pass, m, at which the iteration ends.
 
     Raises
     ------
@@ -88,4 +88,4 @@ def equilibrium(
         if off < still:
             return model
     what = f"the arm does not come to rest under gravity: after {PASSES} passes it still moves by {off:.1e} m"
-    raise BayescalError(what, "compliance", "check masses (kg) and compliances (urad/(N m))")
+    raise BayescalError(what, "compliance", "check masses (kg) and compliances (µrad/(N m))")

@@ -39,7 +39,7 @@ KNOWN_PLACE = 1e-3
 
 @dataclass(frozen=True)
 class Model:
-    """Parameters, blocks of contacts, and certificates, for the fitted rows.
+    """Parameters, blocks of contacts, and certificates, for the fitted measurements.
 
     A target's first block contains its contacts or points; a further block of the target shares its state.
     """

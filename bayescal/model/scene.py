@@ -313,7 +313,7 @@ class Scene:
     def kind(self, target: int, rows: np.ndarray) -> Kind:
         """The measurement kind of a target, for some of its rows.
 
-        The pivot about which it tilts is computed from all fitted rows of the target (from all its rows if
+        The pivot about which it tilts is computed from all fitted data of the target (from all its rows if
         none is fitted), so that the same state applies to every choice of rows.
         """
         m, item = self.dataset.measurements, self.dataset.targets[target]

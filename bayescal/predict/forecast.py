@@ -22,7 +22,7 @@ from bayescal.predict.intervals import interval95
 from bayescal.predict.pairs import evenly, far_pairs, lengths, slopes
 from bayescal.predict.validation import Validation
 
-CENTRES, READINGS = "certified centres", "readings of the instrument"
+CENTRES, READINGS = "sphere centres", "readings of the instrument"
 """Points of measured distances, as reports name them."""
 POINTS = 40
 """Number of points of the workspace between which distances are predicted, evenly spaced among all rows."""
@@ -86,7 +86,7 @@ class Forecast:
     `prior_rms` (m) is the square root of the first part.
     """
 
-    checked: tuple[DistanceErrors, ...]  # also measured, by validation rows: certified centres, instrument
+    checked: tuple[DistanceErrors, ...]  # also measured, by validation data: sphere centres, instrument
     workspace: DistanceErrors
     prior_rms: float
     prior_share: float
@@ -163,7 +163,7 @@ def _certified(checked: Validation) -> DistanceErrors | None:
 
 
 def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
-    """Distances between readings of an instrument in validation rows, within each target."""
+    """Distances between readings of an instrument in validation measurements, within each target."""
     scene = fitted.model.scene
     index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
     xyz, parts = scene.dataset.measurements.xyz, []

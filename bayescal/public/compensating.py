@@ -46,7 +46,7 @@ class CompensationResult:
 
     @property
     def u(self) -> np.ndarray:
-        """Standard uncertainty (M,) of the tool points, m; nan where a target has no solution."""
+        """Standard uncertainty (M,) of the TCP positions, m; nan where a target has no solution."""
         import numpy as np
 
         return np.array([own.u for own in self.data.found])

@@ -39,7 +39,7 @@ def test_a_negative_compliance():
     values[k] = -1e-6
     soft = arm.valued(values)
     with pytest.raises(
-        BayescalError, match=r"compliance J3 is negative, which is not physical: -1 urad/\(N m\)"
+        BayescalError, match=r"compliance J3 is negative, which is not physical: -1 µrad/\(N m\)"
     ):
         export(soft, "robot.yaml")
     out = export(soft, "robot.yaml", force=True)
@@ -53,7 +53,7 @@ def test_priors_that_decide(result):
     assert gate.of_estimate(found, found.covariance) == ()
     prior = np.eye(found.model.size)
     (reason,) = gate.of_estimate(found, prior)
-    assert reason.startswith("the fit is not identified: distances between tool points keep 100 %")
+    assert reason.startswith("the fit is not identified: distances between TCP positions keep 100 %")
     bare = replace(found.model, constraints=())
     assert gate.of_estimate(replace(found, model=bare), prior)[0].startswith("no certified length was fitted")
 
@@ -76,7 +76,7 @@ def test_names_without_gain():
 
 
 def test_an_effect_that_the_machine_does_not_have_is_refused(result, tmp_path):
-    """Added by the user: fitted again, and its gain on the validation rows is not positive."""
+    """Added by the user: fitted again, and its gain on the validation measurements is not positive."""
     with pytest.raises(BayescalError, match="hysteresis does not make the validation data more probable"):
         bc.export(result, "urdf", with_="hysteresis")
     without = bc.export(result, "urdf", without="compliance")

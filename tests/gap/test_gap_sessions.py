@@ -132,7 +132,7 @@ def test_play_is_named_and_removed(loud, tmp_path, command):
         "gap.json", "gap.html", "arm.json", "dataset", "gap-where.png", "gap-which.png", "gap-levels.png",
         "gap-residuals.png",
     }  # fmt: skip
-    arm = open_run(out)  # with the named effect, which the validation rows confirm
+    arm = open_run(out)  # with the named effect, which the validation measurements confirm
     assert [e[:8] for e in arm.effects] == ["geometry", "complian", "backlash"]
     assert arm.doubts == arm.notes == ()
     refit = {p.name: v for p, v in zip(arm.model.parameters, arm.values, strict=True)}
@@ -174,7 +174,7 @@ def lacking(dataset, what):
         return replace(dataset, measurements=replace(m, **{what: None}))
     if what == "time and temperature":
         return replace(dataset, measurements=replace(m, time=None, temperature=None))
-    if what == "validation rows":
+    if what == "validation measurements":
         return some(dataset, np.flatnonzero(m.role == "calibrate"))
     if what == "encoders":
         return replace(dataset, readings="command")
@@ -200,7 +200,7 @@ CANNOT = {
         "velocity",
         "time and temperature",
         "repeat",
-        "validation rows",
+        "validation measurements",
         "spheres",
         "all planes but one",
         "encoders",
@@ -211,7 +211,7 @@ def test_whatever_a_session_lacks(what, few):
     record = sane(gap)
     assert CANNOT.get(what, set()) <= set(gap.verdict.missing)
     assert all(gap.verdict.missing.values())
-    if what == "validation rows":
+    if what == "validation measurements":
         assert record["gap"]["heldout"] == "leave-one-out cross-validation"
         assert record["shrinkage"]["distances"] is None
     if what == "repeat":

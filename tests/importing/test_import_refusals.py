@@ -22,7 +22,7 @@ ARM = "fanuc-lrmate200ic"
         ("j1=A deg, j1=B deg", "`j1` is given twice"),
         ("xx=X mm", "unknown quantity `xx`"),
         ("j1", "'j1' is not an entry of a map"),
-        ("x=Actual position", "unknown unit `position`; .*spaces stands in braces: {Actual position}"),
+        ("x=Actual position", "unknown unit `position`; .*spaces is enclosed in braces: {Actual position}"),
     ],
 )
 def test_maps(text, words):

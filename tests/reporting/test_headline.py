@@ -26,6 +26,7 @@ def stated(record):
     found = set()
     for line in record["words"]:
         found |= set(re.findall(r"\(([a-z-]+), probability", line))
+        found |= set(re.findall(r"found: ([a-z-]+) in .*; probability", line))
         found |= {LABEL.get(n, n) for n in re.findall(r"not named: (.+?) \(probability", line)}
         if line.startswith(("Ambiguous", "Also: ", "No effect")):
             assert not any(re.search(rf"\b{name}\b", line) for name in NAMES), line

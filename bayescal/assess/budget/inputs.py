@@ -68,7 +68,7 @@ class Basis:
     excess_dof : float
         Its effective degrees of freedom.
     known : Prepared, optional
-        Validation rows and located targets of `stated.wide`, where they are known.
+        Validation measurements and located targets of `stated.wide`, where they are known.
     """
 
     stated: Stated
@@ -83,7 +83,7 @@ class Basis:
 
     @cached_property
     def prepared(self) -> Prepared:
-        """Validation rows, and the targets that are located from them."""
+        """Validation measurements, and the targets that are located from them."""
         return self.known or prepared(self.stated.wide, strict=False)
 
     def unexplained(self) -> Input:

@@ -20,13 +20,13 @@ from bayescal.exporting.mjcf.spring import Spring, linear, spring_of
 BEYOND = 2.0
 """A spring holds up to this multiple of the largest torque of the session; beyond, it is extrapolated."""
 LEAST = 0.05
-"""Share of the compliance without load below which a hardening is not extrapolated further."""
+"""Share of the compliance without load below which a nonlinear stiffness is not extrapolated further."""
 STEPS = 1500
 """Torques at which a characteristic is evaluated."""
 
 
 def joint_springs(content: Content) -> Mapping[int, Spring]:
-    """Springs about the axes of the joints, by their index: compliance, hardening and hysteresis together.
+    """Springs about the joint axes, by index: compliance, nonlinear stiffness and hysteresis together.
 
     Raises
     ------

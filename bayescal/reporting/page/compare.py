@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import VALIDATION_CONTACTS
 from bayescal.predict.forecast import CENTRES
 from bayescal.reporting.page.numbers import MISSING, length, measured, uncertainty
 from bayescal.reporting.page.rows import inputs
 from bayescal.reporting.page.run import Run
 from bayescal.reporting.page.section import Bar, Facts, Section, Sheet, Text, blocks
-from bayescal.reporting.shared.text import model_label, probability, rival, unit_label
+from bayescal.reporting.shared.text import model_label, probability, rival
 
 FAR = 2.0
 """Differences above this multiple of their u are marked (k = 2)."""
@@ -189,7 +190,7 @@ def levels(runs: Runs) -> Section | None:
         entries.append((model_label(model), *cells))
     numbers = range(1, len(runs) + 1)
     headings = tuple(f"{what}, {k}" for what in shown for k in numbers)
-    caption = "RMS of validation rows, µm; of points the length of the error vector"
+    caption = "RMS of validation measurements, µm; of points the length of the error vector"
     return blocks("levels", "Model levels", Sheet("model", headings, tuple(entries), caption))
 
 

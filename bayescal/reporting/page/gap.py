@@ -61,7 +61,7 @@ def effects(run: Run) -> Section | None:
         ("probability", "size (u)", "location", "share of the excess", "detectable from"),
         tuple(entries),
         "Dark bars: the 90 % set. Effects may be present together. 'noise only': the model as it is explains "
-        "the data; 'unmodelled effect': none of the vocabulary does",
+        "the data; 'unmodelled effect': none of the known effects does",
         words=(2, 3),
         shown=max(shown, 5),
     )
@@ -83,7 +83,8 @@ def effects(run: Run) -> Section | None:
             )
             for h in record["hypotheses"]
         ),
-        "Sets of effects, the most probable first; log evidence relative to noise only",
+        "Sets of effects, the most probable first; log evidence relative to noise only; 1 nat is a factor "
+        "of e = 2.7 in probability",
         shown=6,
     )
     notes = texts([*record["footnotes"], *record["notes"]], "quiet")
@@ -236,7 +237,7 @@ def blind(run: Run) -> Section | None:
         )
     table = Sheet(
         "may be missed",
-        ("plausible", "detectable from", "distance error until then"),
+        ("plausible", "detectable from", "distance error if undetected"),
         tuple(entries),
         "Blind spots: effects whose plausible amplitude these contacts would not show",
         shown=8,
