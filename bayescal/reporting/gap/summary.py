@@ -15,6 +15,7 @@ from bayescal.reporting.gap.causes import cause
 from bayescal.reporting.gap.contacts import first_contacts
 from bayescal.reporting.gap.lengths import as_lengths, length, main, per_residual
 from bayescal.reporting.gap.phrases import headline, place, unexplained, warnings
+from bayescal.reporting.shared.origin import filed_lines
 from bayescal.reporting.shared.text import (
     NEVER,
     facts,
@@ -275,3 +276,4 @@ def _remarks(gap: Gap) -> Facts:
         yield "" if k else "note", note, ""
     for k, warning in enumerate(warnings(gap)):
         yield "" if k else "warning", warning, "yellow"
+    yield from filed_lines(gap.dataset)
