@@ -181,7 +181,11 @@ def _new(
     free = " and ".join(
         what for what, each in zip(("effort", "velocity"), most, strict=True) if np.any(np.isnan(each))
     )
-    told = [f"  <!-- {free} of {UNLIMITED:g}: not stated by the robot; a URDF must have a number -->"] if free else []
+    told = (
+        [f"  <!-- {free} of {UNLIMITED:g}: not stated by the robot; a URDF must have a number -->"]
+        if free
+        else []
+    )
     effort, velocity = (np.where(np.isnan(x), UNLIMITED, x).tolist() for x in most)
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(name)}>", *told, '  <link name="base_link"/>']
     before = "base_link"

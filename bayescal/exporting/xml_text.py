@@ -189,7 +189,9 @@ def _spans(data: bytes, root: ET.Element) -> list[_Old]:
         empty = data[inside - 2 : inside] == b"/>"
         inner = inside if empty else ends[k]
         out.append(
-            _Old(starts[k], inside, inner, inside if empty else tag_end(data, inner), dict(e.attrib), tuple(e))
+            _Old(
+                starts[k], inside, inner, inside if empty else tag_end(data, inner), dict(e.attrib), tuple(e)
+            )
         )
     return out
 

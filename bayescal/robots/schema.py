@@ -39,7 +39,9 @@ class Joint(Keys):
     max_velocity_degps: Positive | None = Field(
         default=None, description="Largest speed of the joint, for exports."
     )
-    max_torque_nm: Positive | None = Field(default=None, description="Largest torque of the joint, for exports.")
+    max_torque_nm: Positive | None = Field(
+        default=None, description="Largest torque of the joint, for exports."
+    )
 
 
 class Link(Keys):

@@ -96,7 +96,11 @@ REFUSALS = {
         "the zero of wrist_1_joint is 47.91 deg off",
     ),
     "a second joint": ('<geom name="cube"', '<joint/><geom name="cube"', "MuJoCo refuses the file"),
-    "scaled masses": ('autolimits="true"', 'autolimits="true" settotalmass="30"', "settotalmass: MuJoCo changes"),
+    "scaled masses": (
+        'autolimits="true"',
+        'autolimits="true" settotalmass="30"',
+        "settotalmass: MuJoCo changes",
+    ),
     "a joint in a frame": (
         '<joint name="elbow_joint" class="size3_limited"/>',
         '<frame><joint name="elbow_joint" class="size3_limited"/></frame>',

@@ -38,7 +38,9 @@ def with_keyframes(
     after = compiled(scene.xml.text, scene.path.parent, scene.path.name)
     old = [j for j in range(before.njnt) if before.joint(j).name not in gone]
     own = {before.joint(j).name for j in old}
-    same = [before.joint(j).name for j in range(before.njnt)] == [after.joint(j).name for j in range(after.njnt)]
+    same = not gone and [before.joint(j).name for j in range(before.njnt)] == [
+        after.joint(j).name for j in range(after.njnt)
+    ]
     for k, (key, (qpos, qvel)) in enumerate(zip(keys, kept, strict=True)):
         if qpos is not None:
             values = before.key_qpos[k]
@@ -47,7 +49,10 @@ def with_keyframes(
             stood = {renamed.get(name, name): value for name, value in stood.items()}
             key.set("qpos", qpos if same else numbers(_moved(before, after, old, own, values, "qpos", stood)))
         if qvel is not None:
-            key.set("qvel", qvel if same else numbers(_moved(before, after, old, own, before.key_qvel[k], "dof", {})))
+            key.set(
+                "qvel",
+                qvel if same else numbers(_moved(before, after, old, own, before.key_qvel[k], "dof", {})),
+            )
 
 
 def _moved(

@@ -339,7 +339,13 @@ def _carried(model: Any, found: FoundArm) -> list[str]:
 
 
 def _check(
-    found: FoundArm, where: Match, machine: Mechanism, before: Any, after: Any, names: Mapping[str, str], file: str
+    found: FoundArm,
+    where: Match,
+    machine: Mechanism,
+    before: Any,
+    after: Any,
+    names: Mapping[str, str],
+    file: str,
 ) -> None:
     """Compare the written file, compiled, with the arm's kinematics, and its other bodies with the file as it was.
 
@@ -372,5 +378,9 @@ def _check(
         for key in ("mass", "inertia", "pos", "ipos")
     )
     if not (off < CLOSE and same):
-        what = f"moves by {off:.1e} m (or rad) from the calibrated geometry" if same else "changes other bodies"
-        raise BayescalError(f"the written file {what}", file, "this is a defect of bayescal; nothing is written")
+        what = (
+            f"moves by {off:.1e} m (or rad) from the calibrated geometry" if same else "changes other bodies"
+        )
+        raise BayescalError(
+            f"the written file {what}", file, "this is a defect of bayescal; nothing is written"
+        )

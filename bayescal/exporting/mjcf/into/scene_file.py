@@ -19,7 +19,13 @@ from bayescal.robots.markup import LARGEST, refuse_network
 ROOTS = ("mujoco", "mujocoinclude")
 SKELETON = ("compiler", "option", "size", "default", "asset", "worldbody", "extension")
 """Sections that place and weigh bodies; the others may refer to parts that are not there."""
-FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "flexcomp": "meshdir", "texture": "texturedir"}
+FOLDERS = {
+    "mesh": "meshdir",
+    "hfield": "meshdir",
+    "skin": "meshdir",
+    "flexcomp": "meshdir",
+    "texture": "texturedir",
+}
 """Attribute of the compiler with the folder of the files of each element."""
 MOST = 100
 """Included files."""
@@ -71,7 +77,13 @@ def _with_included(text: str, path: Path, main: Path, seen: list[Path]) -> str:
         here = next((f / file for f in (main, path.parent) if (f / file).is_file()), None)
         absolute, again = not file or Path(file).is_absolute(), here in seen or len(seen) >= MOST
         if here is None or absolute or again:
-            why = "no relative path" if absolute else "it is included twice" if again else "there is no such file"
+            why = (
+                "no relative path"
+                if absolute
+                else "it is included twice"
+                if again
+                else "there is no such file"
+            )
             remedy = "give a relative path, and include each file once"
             raise BayescalError(f"<include file='{file}'>: {why}", path.name, remedy)
         seen.append(here)
