@@ -1,4 +1,4 @@
-"""Scenes as people have them: clashing names, includes, meshes, vehicles, calibrated arms. Theirs stays as it is."""
+"""Scenes as people have them: clashing names, includes, meshes, vehicles, calibrated arms."""
 
 import re
 import sys
@@ -45,11 +45,14 @@ def save(folder: Path, text: str, name: str = "scene.xml") -> Path:
 
 
 NAMES = (
-    ('<geom name="table"', '<body name="flange"><body name="tool"><body name="payload"/></body><site name="ball"/>'
-     '</body><body name="stand" pos="2 0 0"><joint name="elbow_joint_flex"/><joint name="stand_x" axis="1 0 0"/>'
-     '<geom size=".1"/></body><body name="elbow_joint_wave_1_crank"/><geom name="table"'),
-      ("  <actuator>", '  <tendon><fixed name="elbow_joint_gear"><joint joint="elbow_joint_flex" coef="1"/></fixed>'
-     '</tendon>\n  <sensor><jointpos joint="elbow_joint_flex"/><framepos objtype="site" objname="ball"/></sensor>\n'
+    ('<geom name="table"',
+     '<body name="flange"><body name="tool"><body name="payload"/></body><site name="ball"/></body>'
+     '<body name="stand" pos="2 0 0"><joint name="elbow_joint_flex"/>'
+     '<joint name="stand_x" axis="1 0 0"/><geom size=".1"/></body><body name="elbow_joint_wave_1_crank"/>'
+     '<geom name="table"'),
+    ("  <actuator>",
+     '  <tendon><fixed name="elbow_joint_gear"><joint joint="elbow_joint_flex" coef="1"/></fixed></tendon>\n'
+     '  <sensor><jointpos joint="elbow_joint_flex"/><framepos objtype="site" objname="ball"/></sensor>\n'
      "  <actuator>"),
 )  # fmt: skip
 
@@ -96,7 +99,8 @@ def test_a_class_of_our_name_is_kept(tmp_path):
 
 def test_a_fit_of_geometry_changes_poses_alone(tmp_path):
     text = changed(
-        ('<option integrator="implicitfast"/>', "<option\t integrator = 'RK4'\n   timestep='0.001' />  <!-- a > b -->"),
+        ('<option integrator="implicitfast"/>',
+         "<option\t integrator = 'RK4'\n   timestep='0.001' />  <!-- a > b -->"),
         ("<!-- the upper arm hangs to the side -->", "<!-- the 'upper' arm &amp; its <tube> -->"),
         ('<body name="wrist_2_link" pos="0 0.127 0">', "<body  pos = '0 0.127 0'\n   name='wrist_2_link'  >"),
         ('model="ur5e scene"', 'model="ur5e &gt; &quot;scene&quot; &#181;"'),
@@ -154,8 +158,8 @@ def test_included_files_stand_in_the_patched_file(tmp_path):
 
 BASE_TAG = '<body name="base" quat="0 0 0 -1" childclass="ur5e">'
 VEHICLE = (
-    '<body name="vehicle" pos="1 2 0.5" quat="0.8 0 0 0.6"><freejoint name="drive"/><geom size=".3 .2 .1" type="box" '
-    'mass="80"/>\n    ' + BASE_TAG
+    '<body name="vehicle" pos="1 2 0.5" quat="0.8 0 0 0.6"><freejoint name="drive"/>'
+    '<geom size=".3 .2 .1" type="box" mass="80"/>\n    ' + BASE_TAG
 )
 ENDS = "      </body>\n    </body>\n  </worldbody>"
 
@@ -175,7 +179,8 @@ def test_an_arm_on_a_vehicle(tmp_path, effects):
 def test_masses_of_geoms_stay(tmp_path):
     inertial = '<freejoint name="cube_free"/><inertial mass="7" pos="1 0 0" diaginertia="1 1 1"/>'
     text = changed(
-        ('autolimits="true"', 'autolimits="true" inertiafromgeom="true"'), ('<freejoint name="cube_free"/>', inertial)
+        ('autolimits="true"', 'autolimits="true" inertiafromgeom="true"'),
+        ('<freejoint name="cube_free"/>', inertial),
     )  # fmt: skip
     path = save(tmp_path, text)
     out = fits(path)
@@ -190,11 +195,12 @@ def test_masses_of_geoms_stay(tmp_path):
 
 
 def test_frames_around_bodies(tmp_path):
-    frame = '<frame pos="0 0 .1" euler="0 0 1.2"><body name="shoulder_link" pos="0 0 0.063" axisangle="0 0 1 -1.2">'
-    text = changed(('<body name="shoulder_link" pos="0 0 0.163">', frame))
+    frame = '<frame pos="0 0 .1" euler="0 0 1.2">'
+    body = '<body name="shoulder_link" pos="0 0 0.063" axisangle="0 0 1 -1.2">'
+    text = changed(('<body name="shoulder_link" pos="0 0 0.163">', frame + body))
     head, tail = text.split(ENDS)
     out = fits(save(tmp_path, f"{head}      </body></frame>\n    </body>\n  </worldbody>{tail}"))
-    assert '<frame pos="0 0 .1" euler="0 0 1.2">' in out.written.content
+    assert frame in out.written.content
 
 
 @pytest.mark.parametrize(
