@@ -22,6 +22,7 @@ from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.joint import JOINT
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, calibrated, check_enough, estimate
+from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded
 from bayescal.estimate.discrepancy import Stated, stated
 from bayescal.estimate.flatness import FORM, FaceCheck, check_faces, with_form
 from bayescal.estimate.latent import with_latent_readings
@@ -37,13 +38,13 @@ from bayescal.streams import spawned
 
 VALIDATION_DRAWS = 2000
 MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 4_000_000, 400
-"""Predictions of single validation rows, beyond which there are fewer draws of each: 2000 rows."""
+"""Predictions of single validation measurements, beyond which there are fewer draws of each: 2000 rows."""
 NOMINAL = ("nominal",)
 
 
 @dataclass(frozen=True)
 class ModelLevel:
-    """One model level: its estimate and its prediction of the validation rows."""
+    """One model level: its estimate and its prediction of the validation measurements."""
 
     effects: tuple[str, ...]
     estimate: Estimate
@@ -73,7 +74,8 @@ class Fit:
     robust: bool = True  # whether outliers were excluded
     without: tuple[str, ...] = ()  # parts of the effects that stay nominal: "geometry at joint 4"
     excess: float = 0.0  # m a coordinate, of points: unexplained, beyond the discrepancy of `stated`
-    known: Prepared | None = None  # validation rows and located targets of `stated.wide`
+    known: Prepared | None = None  # validation measurements and located targets of `stated.wide`
+    rigid: Rigid = UNCHANGED  # parameters that the fit set to rigid
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -147,6 +149,7 @@ def fit(
     levels: list[ModelLevel] = []
     faces: tuple[FaceCheck, ...] = ()
     causes: tuple[SharedCause, ...] = ()
+    rigid = UNCHANGED
     for k, step in enumerate(steps):
         progress("estimate", k / len(steps))
         if step:
@@ -164,6 +167,7 @@ def fit(
                 found = with_sharing_rows(found, causes)
             if latent_joints:
                 found = with_latent_readings(found)
+            found, rigid = bounded(found)
         left = unexplained(found)
         if not last:
             z, kappa = approximate(found, of_draws, predicted_draws(dataset))
@@ -200,7 +204,7 @@ def fit(
     expected = forecast(found, z, checked, rest.excess, of_forecast, wide.wide)
     tests = replace(tests, determined=not rests_on_priors(expected, left))
     told = findings(
-        Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, wide.sd)
+        Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, wide.sd, rigid)
     )
     decided = None if tolerance is None else conformance(tolerance, expected, checked, tests)
     progress("done", 1.0)
@@ -208,7 +212,7 @@ def fit(
         dataset, seed, prior_width, tuple(levels), wide, draws,
         replace(draws, z=wide.reported(every).reshape(draws.z.shape)), determined,
         lacking, faces, expected, seen, tests, told, decided, robust, tuple(map(str, parts)), rest.excess,
-        known,
+        known, rigid,
     )  # fmt: skip
 
 
@@ -218,7 +222,7 @@ def _restated(
 ) -> tuple[Unexplained, Validation, Unexplained]:  # fmt: skip
     """What is unexplained in total, the validation with the stated uncertainty, and what it adds to points.
 
-    A part of the residuals is explained by the discrepancy; errors that validation rows show beyond all of
+    A part of the residuals is explained by the discrepancy; errors that validation data show beyond all of
     it are added.
     """
     kappa = kappa * np.sqrt(wide.white)
@@ -239,7 +243,7 @@ def basis_of(found: Estimate, seed: int = 0) -> Basis:
     ----------
     found : Estimate
     seed : int
-        Of the draws by which validation rows are tested.
+        Of the draws by which validation measurements are tested.
     """
     of_draws, of_noise, of_discrepancy = spawned(seed, 3)
     z, kappa = approximate(found, of_draws, predicted_draws(found.model.scene.dataset))
@@ -256,7 +260,7 @@ def _basis(wide: Stated, excess: float, checked: Validation, known: Prepared | N
     left = unexplained(wide.plain)
     own = wide.remaining(left).excess
     beyond = max(excess**2 - own**2, 0.0)
-    # beyond the residuals, the unexplained error was estimated from validation rows
+    # beyond the residuals, the unexplained error was estimated from validation measurements
     rows = [len(c.residuals) for c in checked.planes] + [c.residuals.shape[1] for c in checked.points]
     shown = len(checked.distances) or sum(rows)
     below = own**4 / left.excess_dof + beyond**2 / max(shown, 1)
@@ -270,7 +274,7 @@ def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:
 
 
 def predicted_draws(dataset: Dataset) -> int:
-    """Number of draws from which validation rows are predicted: `VALIDATION_DRAWS`, fewer of many rows."""
+    """Number of draws from which validation data are predicted: `VALIDATION_DRAWS`, fewer of many rows."""
     rows = int(np.sum(dataset.measurements.role == "validate"))
     return min(VALIDATION_DRAWS, max(MOST_PREDICTED // max(rows, 1), FEWEST_VALIDATION_DRAWS))
 

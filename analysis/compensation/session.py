@@ -110,7 +110,7 @@ def measured(made: Made, arm: FittedArm, seed: int) -> Level:
 
 
 def _slopes(arm: FittedArm, found: Sequence[Corrected], targets: Sequence[Target]) -> np.ndarray:
-    """Slopes of the tool points by the arm's parameters, (C, 3, P)."""
+    """Slopes of the TCP positions by the arm's parameters, (C, 3, P)."""
     readings = np.array([f.readings for f in found])
     way, payload = np.array([t.velocity for t in targets]), np.array([t.payload for t in targets])
     return arm.at(readings, direction=way, payload_kg=payload).by_parameters

@@ -80,7 +80,7 @@ def conformance(tolerance: float, expected: Forecast, checked: Validation, tests
     elif not tests.explains:
         decision, why = OPEN, "the model does not explain the machine"
     elif not tests.validated:
-        decision, why = OPEN, "no validation rows verify the prediction"
+        decision, why = OPEN, "no validation measurements verify the prediction"
     elif undecided:
         decision = OPEN
         why = f"{len(undecided)} of {len(distances)} certified distances: error within U of the tolerance"

@@ -48,8 +48,8 @@ class Exported:
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know of this file."""
-        forced = (f"exported with --force: {reason}" for reason in self.arm.against)
-        return (*self.arm.notes, *self.written.notes, *self._off_flange(), *forced)
+        forced = (f"exported with --force: {reason}" for reason in self.arm.use.against)
+        return (*self.arm.use.notes, *self.written.notes, *self._off_flange(), *forced)
 
     def _off_flange(self) -> Iterator[str]:
         """Where the tools are in a tip of the file that is not the flange of the model."""
@@ -95,6 +95,7 @@ class Exported:
             "remaining": {"rms_um": _or_none(self.rest.rms), "max_um": _or_none(self.rest.maximum)},
             "tools": _tools(arm, self.written.details),
             **self.written.details,
+            "use": arm.use.record(),
             "notes": list(self.notes),
         }
 
@@ -162,7 +163,7 @@ def export(
     if readings not in format_.readings:
         what = f"{to} has no readings `{readings}`"
         raise BayescalError(what, "--readings", f"say {' or '.join(format_.readings)}")
-    gate.check(arm.against, force)
+    gate.check(arm.use, force)
     options = Options(state_row(arm.dataset, time, row), name, into, readings)
     written = format_.write(arm, options)
     missing, rest = not_expressed(arm, format_, options.state)

@@ -34,7 +34,7 @@ PLACED = (np.radians(2.0), 10e-3)
 LEVER, STEPS, STEP = 0.3, 20, 1e-6
 """m: length that counts as a radian where zeros are found; iterations, and step of their differences, rad."""
 EXACT = 1e-6
-"""rad, m: agreement of frames that are the same but for rounding in a file."""
+"""rad, m: agreement of frames that are the same except for rounding in a file."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from bayescal.files import read_document
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 TWISTS = np.radians([0.0, 90.0, 0.0, 0.0, 90.0, -90.0])
-"""Rotation about x from each frame to the next of every arm of the maker, rad."""
+"""Rotation about x from each frame to the next of every arm of the manufacturer, rad."""
 ALIKE = np.radians(1.0)
 
 

@@ -73,7 +73,7 @@ def explain(
 
 
 def _judging(estimate: Estimate) -> ValidationErrors:
-    """Validation errors that judge names: without validation rows, of rows left out in blocks."""
+    """Validation errors that judge names: without validation measurements, of rows left out in blocks."""
     return validation_errors(estimate, without=BLOCKED)
 
 

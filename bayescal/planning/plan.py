@@ -213,7 +213,7 @@ def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:
 def _closed(session: Dataset, via: Sequence[np.ndarray | None]) -> list[str]:
     """A warning of contacts to which no free way was found."""
     ids = [name for name, way in zip(session.measurements.ids, via, strict=True) if way is None]
-    text = f"no way free of collisions was found to {', '.join(ids)} from the contact before: move by hand"
+    text = f"no collision-free path found to {', '.join(ids)} from the contact before: jog manually"
     return [text] if ids else []
 
 

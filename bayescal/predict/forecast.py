@@ -74,7 +74,7 @@ class Forecast:
     `prior_rms` (m) is the square root of the first part.
     """
 
-    checked: tuple[DistanceErrors, ...]  # also measured, by validation rows: certified centres, instrument
+    checked: tuple[DistanceErrors, ...]  # also measured, by validation data: certified centres, instrument
     workspace: DistanceErrors
     prior_rms: float
     prior_share: float
@@ -146,7 +146,7 @@ def _certified(checked: Validation) -> DistanceErrors | None:
 
 
 def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
-    """Distances between readings of an instrument in validation rows, within each target."""
+    """Distances between readings of an instrument in validation measurements, within each target."""
     scene = fitted.model.scene
     index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
     xyz, parts = scene.dataset.measurements.xyz, []

@@ -46,7 +46,7 @@ class CompensationResult:
 
     @property
     def u(self) -> np.ndarray:
-        """Standard uncertainty (M,) of the tool points, m; nan where a target has no solution."""
+        """Standard uncertainty (M,) of the TCP positions, m; nan where a target has no solution."""
         import numpy as np
 
         return np.array([own.u for own in self.data.found])
@@ -135,9 +135,7 @@ def compensate(
     from bayescal.exporting.compensate.compensation import compensate_file
 
     arm = arm_of(run, names(with_), names(without))
-    gate.check(
-        arm.doubts, force, "compensated"
-    )  # a compliance below zero predicts; only a file cannot hold it
+    gate.check(arm.use, force, "compensated")
     done = compensate_file(
         arm, Path(targets), format_=format, frame=frame, tool=tool, payload=payload_kg, time=at_time,
         row=at_row,

@@ -45,7 +45,7 @@ class Joint(Keys):
 
 
 class Link(Keys):
-    """What a joint moves; needed for gravity torques."""
+    """What a joint moves; required for gravity torques."""
 
     mass_kg: NotNegative = Field(description="Mass of the link.")
     centre_of_mass_mm: Vector = Field(
@@ -80,7 +80,9 @@ class RobotFile(Keys):
     )
     base: Place = Field(default=Place(), description="Frame of the first row in F0.")
     flange: Place = Field(default=Place(), description="Flange in the frame of the last row; only with mdh.")
-    links: list[Link] | None = Field(default=None, description="One entry per joint; needed for compliance.")
+    links: list[Link] | None = Field(
+        default=None, description="One entry per joint; required for compliance."
+    )
     reductions: list[Positive] | None = Field(
         default=None, description="Motor revolutions per revolution of the joint, one per joint."
     )

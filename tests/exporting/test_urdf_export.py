@@ -168,7 +168,7 @@ def test_drift_is_written_at_a_state_and_its_change_is_told():
 
 
 def test_sizes_of_what_is_missing():
-    """By effect: the distance of the tool points from those without it."""
+    """By effect: the distance of the TCP positions from those without it."""
     arm = fake(session_of(), ("geometry", "compliance", "backlash", "lobing"))
     out = export(arm, "urdf", name="arm")
     missing = {m.effect: m for m in out.missing}

@@ -84,7 +84,7 @@ def test_every_verdict_has_a_page(found, kind):
         assert line.rpartition(": ")[2].lower() in text.lower()
     assert len(page) < 3_000_000
     assert ("before the refit" in text) == bool(record["named"])
-    assert ("In the workshop" in text) == (kind != "null")
+    assert ("On the shop floor" in text) == (kind != "null")
     unmodelled = kind in ("unknown", "named+unexplained")
     assert ("Inspect the location that is marked, correct it" in text) == unmodelled
     if unmodelled:  # its row of the table of effects states the location, as the first screen does

@@ -83,7 +83,7 @@ def test_points_that_are_passed_come_before_the_approach(plan):
     slots = PROGRAMS["urscript"].read(program, 6).slots
     np.testing.assert_allclose([s.target.readings for s in slots[6:8]], ways[2], atol=1.1e-7)
     assert [s.target.straight for s in slots[6:9]] == [False] * 3
-    assert program.count("move by hand to the approach of p005") == 1
+    assert program.count("jog manually to the approach of p005") == 1
 
 
 def test_names_do_not_leave_their_comment_or_string(plan):

@@ -15,7 +15,7 @@ def headline(basis: Basis) -> Measurand:
     """The distances that a fit reports first: measured ones where there are any, else those of the volume."""
     pairs = certified_distances(basis)
     if pairs:
-        name = f"error of a distance between certified centres ({len(pairs)} distances)"
+        name = f"error of a distance between sphere centres ({len(pairs)} distances)"
         return distances(basis, pairs, name) if len(pairs) > 1 else distance(basis, pairs[0])
     return readings(basis) or volume(basis)
 

@@ -1,4 +1,4 @@
-"""Distances between points that an instrument read in validation rows, as a measurand."""
+"""Distances between points that an instrument read in validation measurements, as a measurand."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def compensate_file(
     tool, time, row : optional
         As of `compensated`.
     payload : float
-        kg beyond the tool, of targets that state none.
+        additional payload, kg, of targets that state none.
 
     Raises
     ------

@@ -33,7 +33,7 @@ class Frame:
     values: np.ndarray | None = None
 
     def covariance(self, poses: Poses) -> np.ndarray:
-        """Covariance of tool points relative to the frame, (C, 3, 3), m2, in F0."""
+        """Covariance of TCP positions relative to the frame, (C, 3, 3), m2, in F0."""
         if self.block is None:
             return poses.covariance
         by_arm, own = self._carried(poses.points)

@@ -11,6 +11,7 @@ from bayescal.effects.tool import TOOL
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.geometry import carries
 from bayescal.exporting.mjcf.content import STATE, UNHELD, Content
+from bayescal.exporting.mjcf.elastic import springless, sprung
 from bayescal.exporting.mjcf.mechanism import loads, names
 from bayescal.exporting.mjcf.new_file import mjcf
 from bayescal.exporting.mjcf.readings import Joints
@@ -32,7 +33,7 @@ WEIGHED = ("torque", "bending moment", "base moment", "mass")
 
 def write(arm: FittedArm, options: Options) -> Written:
     """The MJCF file of an arm."""
-    script = options.readings == "script"
+    script, whole, arm = options.readings == "script", arm, sprung(arm)
     if options.into:
         from bayescal.exporting.mjcf.into.patch import patched
 
@@ -50,7 +51,7 @@ def write(arm: FittedArm, options: Options) -> Written:
             told = f"a further mass acts {load.factor:.6g} times: set the body payload so (tool {load.name})"
             notes = [*notes, told]
     details = {**details, "readings": options.readings}
-    items = tuple(_items(arm, joints.names, bodies))
+    items = tuple(_items(whole, joints.names, bodies))
     return Written(text, items, more, notes, details, placed)
 
 
@@ -60,7 +61,7 @@ def holds(arm: FittedArm, k: int) -> bool:
     if p.driver.kind in STATE:
         return all(term.frame >= 0 for term in p.terms)
     weighed = p.driver.kind not in WEIGHED or arm.model.scene.moments is not None
-    return p.driver.kind in PLACES and p.driver.form not in UNHELD and weighed
+    return p.driver.kind in PLACES and p.driver.form not in UNHELD and weighed and not springless(arm)[k]
 
 
 def _items(arm: FittedArm, joints: Sequence[str], bodies: Sequence[str]) -> Iterator[Item]:

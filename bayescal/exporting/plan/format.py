@@ -57,7 +57,7 @@ def motions(plan: Plan) -> Iterator[Motion]:
 
 
 def closed(plan: Plan, row: int) -> bool:
-    """Whether no way free of collisions to a contact was found from the contact before."""
+    """Whether no collision-free path to a contact was found from the contact before."""
     return bool(plan.via) and plan.via[row] is None
 
 

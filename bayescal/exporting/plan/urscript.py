@@ -52,19 +52,19 @@ def _lines(plan: Plan) -> Iterator[str]:
     yield f"# {_plain(plan.session.name)}: {len(plan.purpose)} contacts in the order of probing"
     yield "# Contacts are those of the nominal arm: the arm can touch some mm before or behind them."
     yield "# Let the probe stop the motion to a contact, and log the joints where it has triggered."
-    yield "# Motions are free of collisions of a simplified arm with the targets: run them slowly first."
+    yield "# Motions are collision-free of a simplified arm with the targets: run them slowly first."
     payload, row = 0.0, -1
     for motion in motions(plan):
         if motion.row != row:
             row = motion.row
             if (now := payload_of(plan, row)) != payload:
-                load = f"attach {now:g} kg beyond the tool" if now else "remove the payload"
+                load = f"attach {now:g} kg to the tool" if now else "remove the payload"
                 yield f'popup("{load}, and set the payload", title="payload", blocking=True)'
                 payload = now
             target = plan.session.targets[plan.session.measurements.target[row]].name
             yield f"# {_name(plan, row)}: {_plain(target)}"
             if closed(plan, row):
-                by_hand = f"move by hand to the approach of {_name(plan, row)}"
+                by_hand = f"jog manually to the approach of {_name(plan, row)}"
                 yield f'popup("{by_hand}", title="path", blocking=True)'
         yield f"{MOVES[motion.kind].format(_list(motion))}  # {motion.kind}"
         if motion.kind == MEASURE:

@@ -98,7 +98,7 @@ class Machine:
 def replayed(
     simulator: Simulator, machine: Machine, arm: FittedArm, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Readings reached (C, n), rad, and tool points (C, 3), m, in rows of the session.
+    """Readings reached (C, n), rad, and TCP positions (C, 3), m, in rows of the session.
 
     Each pose is approached in the direction in which the arm moved, with the tool and the payload of the row.
     """
@@ -127,7 +127,7 @@ def replayed(
 
 
 def modelled(arm: FittedArm, rows: np.ndarray, reached: np.ndarray, state: int) -> np.ndarray:
-    """Tool points (C, 3), m, of the fitted arm at readings reached (C, n) in rows, in the state of a row."""
+    """TCPs (C, 3), m, of the fitted arm at readings reached (C, n) in rows, in the state of a row."""
     m = arm.dataset.measurements
     out = np.empty((len(rows), 3))
     names = [t.name for t in arm.dataset.tools]

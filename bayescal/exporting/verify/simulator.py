@@ -30,7 +30,7 @@ REST = 1e-10
 
 @dataclass(frozen=True)
 class Stood:
-    """C poses in the simulator: readings that were reached (C, n), rad, and tool points (C, 3), m."""
+    """C poses in the simulator: readings that were reached (C, n), rad, and TCP positions (C, 3), m."""
 
     readings: np.ndarray
     points: np.ndarray

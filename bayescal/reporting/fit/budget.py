@@ -201,5 +201,5 @@ def _sums(budget: Budget) -> list[tuple[str, str, str]]:
 def _priors(budget: Budget) -> list[tuple[str, str, str]]:
     if budget.prior_share < PRIORS:
         return []
-    words = f"by the rows: {percent(budget.prior_share)} of the variance is that of priors"
+    words = f"by the measurements: {percent(budget.prior_share)} of the variance is that of priors"
     return [("not determined", words, "yellow")]

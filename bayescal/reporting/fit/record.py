@@ -246,7 +246,7 @@ def ends(predicted: np.ndarray, factor: float) -> list[float]:
 
 
 def validation_record(nominal: Validation, calibrated: Validation) -> dict[str, Any]:
-    """``validation`` of the contract: validation rows under the nominal and the calibrated arm."""
+    """``validation`` of the contract: validation measurements under the nominal and the calibrated arm."""
     planes = [
         {
             "target": p.target,
@@ -330,7 +330,7 @@ def _points(nominal: tuple[PointCheck, ...], calibrated: tuple[PointCheck, ...])
 
 
 def _turns(checks: tuple[TurnCheck, ...]) -> dict[str, Any]:
-    """Angles between measured and predicted orientations of validation rows, of all targets."""
+    """Angles between measured and predicted orientations of validation measurements, of all targets."""
     if not checks:
         return {"count": 0}
     angles = np.concatenate([np.linalg.norm(c.residuals, axis=0) for c in checks])

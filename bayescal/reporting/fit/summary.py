@@ -24,7 +24,7 @@ MOST_REASONS = 4
 SAME_ROWS = 0.5
 """Share of a cause's rows from which on another cause has told of them."""
 MOST_ROWS = 6
-"""Rejected rows named without --verbose."""
+"""Rejected measurements named without --verbose."""
 MOST_FAMILIES = 3
 """Families of the discrepancy that are named."""
 MEASURE = ("directions", "prior", "no_length", "contrast", "not_identifiable")
@@ -67,9 +67,9 @@ def _verdict(tests: Acceptance) -> Facts:
 
 
 def _predicted(fit: Fit) -> Facts:
-    """The distance error to expect, its interval, and the maximum errors of validation rows."""
+    """The distance error to expect, its interval, and the maximum errors of validation measurements."""
     lead, space = fit.forecast.lead, fit.forecast.workspace
-    rests = "" if fit.acceptance.determined else ", from priors: not determined by these rows"
+    rests = "" if fit.acceptance.determined else ", from priors: not determined by these measurements"
     yield "distance error", _expected(lead) + (rests if lead is space else ""), "bold"
     yield "", _over(lead), "dim"
     if fit.forecast.checked:
@@ -90,7 +90,7 @@ def _over(d: DistanceErrors) -> str:
 
 
 def _measured(v: Validation, lead: DistanceErrors) -> list[str]:
-    """Maximum errors of validation rows: distances, points, contacts, orientations."""
+    """Maximum errors of validation measurements: distances, points, contacts, orientations."""
     out = []
     if v.distances:
         within = sum(bool(inside95(d.error, d.predicted)) for d in v.distances)
@@ -110,7 +110,7 @@ def _measured(v: Validation, lead: DistanceErrors) -> list[str]:
     if v.turns:
         angle = MDEG * np.concatenate([np.linalg.norm(t.residuals, axis=0) for t in v.turns])
         out.append(f"maximum orientation error {angle.max():.2g} mdeg, mean {angle.mean():.2g} mdeg")
-    return out or ["none: no rows with role validate"]
+    return out or ["none: no measurements with role validate"]
 
 
 def _tolerance(decided: Tolerance | None) -> Facts:
@@ -130,7 +130,7 @@ def _next(fit: Fit) -> Facts:
         folders = [str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,))]
         yield "next", f"bayescal gap {' '.join(folders)}", "bold"
     elif not fit.acceptance.validated:
-        words = "measure rows with role validate, best on spheres at certified distances"
+        words = "add measurements with role validate, best on spheres at certified distances"
         yield "next", words, "bold"
     elif any(f.code in MEASURE for f in fit.findings if f.severity != "note"):
         yield "next", "measure what the warnings below say is missing; then fit again", "bold"
@@ -152,7 +152,7 @@ def _details(fit: Fit, verbose: bool) -> Facts:
     targets = len(found.model.states)
     yield (
         "fitted",
-        f"{', '.join(level.effects)}: {len(found.model.parameters)} arm parameters from {count} rows "
+        f"{', '.join(level.effects)}: {len(found.model.parameters)} arm parameters from {count} measurements "
         f"on {targets} target{'s' if targets > 1 else ''}",
         "",
     )
@@ -182,7 +182,7 @@ def _discrepancy(fit: Fit) -> Facts:
     """How much of the stated uncertainty is from stated masses, and from model discrepancy by family."""
     shares, what = dict(fit.stated.parameter_shares), "of the variance of a distance in the probed volume"
     if of_masses := shares.pop(MASSES, 0.0):
-        yield "masses in error", f"{percent(fit.forecast.masses_share)} {what}", ""
+        yield "u from masses", f"{percent(fit.forecast.masses_share)} {what}", ""
         yield "", f"{percent(of_masses)} of that of a parameter, in the mean", ""
     if shares:
         named = ", ".join(f"{name} {percent(share)}" for name, share in [*shares.items()][:MOST_FAMILIES])

@@ -1,4 +1,4 @@
-"""Tables of a fit: model levels against validation rows, distances, parameters with uncertainties."""
+"""Tables of a fit: model levels against validation measurements, distances, parameters with uncertainties."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DECISIONS = {PASS: "green", FAIL: "red"}
 
 
 def level_table(levels: Sequence[ModelLevel]) -> FigureTable:
-    """Errors of validation rows by model level."""
+    """Errors of validation measurements by model level."""
     v = levels[-1].validation
     headings = ["contacts RMS"] * bool(v.planes)
     headings += ["distances RMS", "maximum", "95 % predicted"] * bool(v.distances)
@@ -58,7 +58,7 @@ def level_table(levels: Sequence[ModelLevel]) -> FigureTable:
 
 
 def _within(v: Validation) -> str:
-    """How many values of validation rows lie within their 95 % prediction intervals."""
+    """How many values of validation measurements lie within their 95 % prediction intervals."""
     hits = [np.atleast_1d(inside95(d.error, d.predicted)) for d in v.distances]
     checks: list[PlaneCheck | PointCheck | TurnCheck] = [*v.planes, *v.points, *v.turns]
     hits += [inside95(check.residuals, check.predicted).ravel() for check in checks]

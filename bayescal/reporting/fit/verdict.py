@@ -1,4 +1,4 @@
-"""The verdict of a fit in fit.json: tests, what rejected rows share, decisions on a tolerance."""
+"""The verdict of a fit in fit.json: tests, what rejected measurements share, decisions on a tolerance."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def records(gap: Gap) -> list[dict[str, Any]]:
 
 
 def _gains(gap: Gap) -> dict[str, tuple[float, float]]:
-    """Change of the log predictive density of validation rows at the model level that adds each effect."""
+    """Change of the log predictive density of validation data at the model level that adds each effect."""
     last = gap.levels[-len(gap.verdict.named) :] if gap.verdict.named else ()
     pairs = zip(gap.verdict.named, last, strict=False)
     return {n.effect: (step.delta_elpd, step.delta_elpd_se) for n, step in pairs}

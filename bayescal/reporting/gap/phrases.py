@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from bayescal.effects import EFFECTS
+from bayescal.effects.location import Site
 from bayescal.gap.result import Gap, Named, Place
 from bayescal.model.orientations import posed
 from bayescal.reporting.gap.amplitudes import sites
@@ -12,7 +15,7 @@ from bayescal.reporting.gap.causes import PLAIN, sentence
 from bayescal.reporting.shared.further import possible
 from bayescal.reporting.shared.text import listed, probability, rival
 
-OUTSIDE = "an unmodelled effect outside the vocabulary"
+OUTSIDE = "an unmodelled effect not in the list of known effects"
 NO_PLACE = "at no single location"
 LOOSE = 4.0
 """Expected validation error over noise from which on a null verdict means only: too few contacts."""
@@ -30,19 +33,27 @@ def place(where: Place) -> str:
 def named(effect: Named, gap: Gap) -> str:
     """A named effect: ``joint 3 has lost motion on reversal (backlash, probability 0.97)``.
 
-    Of an effect at all its sites, the sites with a significant amplitude.
+    With several significant sites: ``backlash in joints 1 and 3 (each has lost motion ...)``.
     """
     who, does = EFFECTS[effect.effect].phrase
     clear, everywhere = sites(gap, effect.effect)
+    told: tuple[Site, ...] = ()
     if effect.sites or (who.startswith("every ") and not everywhere):
-        told = [site.text for site in effect.sites or clear]
-        who = (
-            f"each of {listed(told)}"
-            if len(told) > 1
-            else "".join(told) or who.replace("every", "at least one")
-        )
-    setting = f", {effect.setting}" if effect.setting else ""
-    return f"{who} {does}{setting} ({effect.effect}, probability {probability(effect.probability)})"
+        told = effect.sites or clear
+        who = together(told) if told else who.replace("every", "at least one")
+    words = f"{does}, {effect.setting}" if effect.setting else does
+    p = f"probability {probability(effect.probability)}"
+    if len(told) > 1:
+        return f"{effect.effect} in {who} (each {words}; {p})"
+    return f"{who} {words} ({effect.effect}, {p})"
+
+
+def together(each: Sequence[Site]) -> str:
+    """Sites as text: ``joint 3``; ``joints 1, 3 and 6``; ``cube.+x and cube.-y``."""
+    kinds = {site.kind for site in each}
+    if len(each) > 1 and len(kinds) == 1 and each[0].number:
+        return f"{kinds.pop()}s {listed(str(site.number) for site in each)}"
+    return listed(site.text for site in each)
 
 
 def unexplained(gap: Gap) -> Place | None:
@@ -74,7 +85,10 @@ def headline(gap: Gap) -> list[str]:
         return [f"No effect found: noise only is possible (probability {probability(null)})"]
     if verdict.kind == "unknown":
         p = probability(verdict.probability.get("unknown", float("nan")))
-        return [f"Unmodelled effect outside the vocabulary, {there} (probability {p})", *_cause(at, gap)]
+        return [
+            f"Unmodelled effect not in the list of known effects, {there} (probability {p})",
+            *_cause(at, gap),
+        ]
     if verdict.kind == "ambiguous":
         largest = next((w for w in gap.where if w.family_p_value < PLAIN), None)
         noise = [n for n in ("null",) if verdict.probability.get(n, 0.0) > POSSIBLE]
@@ -102,4 +116,4 @@ def warnings(gap: Gap) -> tuple[str, ...]:
     if not turns:
         return gap.warnings
     used = "the diagnosis uses it, but figures in µm are of the points alone"
-    return (*gap.warnings, f"{turns} rows also measure an orientation: {used}")
+    return (*gap.warnings, f"{turns} measurements are also of an orientation: {used}")

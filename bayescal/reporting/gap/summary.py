@@ -24,6 +24,7 @@ from bayescal.reporting.shared.text import (
     plain_table,
     probability,
     rival,
+    signed,
     size,
     um,
 )
@@ -88,7 +89,7 @@ def _size(gap: Gap) -> Facts:
     yield "noise", f"{size(m.noise)} µm per {each}, {low} to {high} (95 %, from {_noise_from(gap)})", ""
     low, high = map(size, m.excess_interval95)
     if not np.all(np.isfinite(m.excess_interval95)):
-        yield "excess", f"{size(m.excess)} µm; no interval: the validation rows have one pose", "bold"
+        yield "excess", f"{size(m.excess)} µm; no interval: the validation measurements have one pose", "bold"
     elif m.excess_interval95[0] == 0 and gap.verdict.kind == "null":
         yield "excess", f"none above noise; at most {high} µm (95 %)", ""
     else:
@@ -122,7 +123,7 @@ def _where(gap: Gap) -> Table:
     shown = gap.where[:PLACES]
     if gap.verdict.kind == "named+unexplained" and all(w.explained_by for w in shown):
         shown = (*shown[:-1], *[w for w in gap.where[PLACES - 1 :] if not w.explained_by][:1])
-    excess = any(w.share > 0 for w in gap.where)  # none in the fitted rows: no share is defined
+    excess = any(w.share > 0 for w in gap.where)  # none in the fitted measurements: no share is defined
     for w in shown:
         table.add_row(
             place(w),
@@ -234,7 +235,7 @@ def _levels(gap: Gap) -> Table:
         cells = [um(length(main(gap), step.validation_rms))]
         cells += [um(step.distance_rms)] if distances else []
         cells += [um(length("points", step.point_rms))] if points else []
-        gain = f"{step.delta_elpd:+.0f}" if k and np.isfinite(step.delta_elpd) else ""
+        gain = signed(step.delta_elpd) if k and np.isfinite(step.delta_elpd) else ""
         gain += f" ± {step.delta_elpd_se:.0f}" if gain and np.isfinite(step.delta_elpd_se) else ""
         table.add_row(level_label(step.model, before), *cells, gain)
         before = step.model

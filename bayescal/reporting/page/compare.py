@@ -195,7 +195,7 @@ def levels(runs: Runs) -> Section | None:
         entries.append((model_label(model), *cells))
     numbers = range(1, len(runs) + 1)
     headings = tuple(f"{what}, {k}" for what in shown for k in numbers)
-    caption = "RMS of validation rows, µm; of points the length of the error vector"
+    caption = "RMS of validation measurements, µm; of points the length of the error vector"
     return blocks("levels", "Model levels", Sheet("model", headings, tuple(entries), caption))
 
 

@@ -34,7 +34,7 @@ LEVELS = {"determined": "yes", "partly": "weakly", "prior_only": "no"}
 
 
 def levels(run: Run) -> Section | None:
-    """Errors of validation rows by model level."""
+    """Errors of validation measurements by model level."""
     columns = (
         ("contacts RMS", "heldout_planes_rms_um"),
         ("distances RMS", "distance_rms_um"),
@@ -55,7 +55,7 @@ def level_sheet(levels: Any, columns: tuple[tuple[str, str], ...], names: tuple[
             every = [s.get(shown[0][1]) for s in levels]
             cells[0] = Bar(log_fraction(every[k], every), cells[0], marked=k == len(levels) - 1)
         sheet_rows.append((names[k] if names else model_label(step["model"]), *cells))
-    caption = "Errors of validation rows, µm; bars are logarithmic"
+    caption = "Errors of validation measurements, µm; bars are logarithmic"
     return Sheet("model", tuple(h for h, _ in shown), tuple(sheet_rows), caption)
 
 
@@ -126,7 +126,7 @@ def distances(run: Run) -> Section | None:
 
 
 def iso9283(run: Run) -> Section | None:
-    """Figures of ISO 9283 from validation rows, and what differs from the procedure of the standard."""
+    """Figures of ISO 9283 from validation data, and what differs from the procedure of the standard."""
     found = run.record.get("iso9283")
     if not found or not found["figures"]:
         return None
@@ -144,7 +144,7 @@ def iso9283(run: Run) -> Section | None:
             )
             for f in found["figures"]
         ),
-        "Figures of ISO 9283 from validation rows; u: standard uncertainty of the measurement",
+        "Figures of ISO 9283 from validation measurements; u: standard uncertainty of the measurement",
     )
     lines = ("What differs from the procedure of the standard:", *found["differs_from_norm"])
     return blocks("iso9283", "ISO 9283", table, *texts(lines, "quiet"))
@@ -200,8 +200,8 @@ def parameters(run: Run) -> Section | None:
     other = [p for p in run.record["parameters"] if p["effect"] in ARM]
     notes = (
         *parameter_notes(p["effect"] for p in own),
-        "band: prior, two standard deviations; line and dot: 95 % interval and estimate, at the edge where "
-        "beyond three",
+        "band: prior, two standard deviations; line and dot: 95 % interval and estimate, clipped at "
+        "±3 prior standard deviations",
     )
     caption = ". ".join(note[:1].upper() + note[1:] for note in notes)
     weak = [f"Weakly identifiable: {d['words']}" for d in known["weak_directions"]]
@@ -262,14 +262,16 @@ def sampler(run: Run) -> Section | None:
 
 
 def outliers(run: Run) -> Section | None:
-    """Rejected rows and what they share, noise, tests."""
+    """Rejected measurements and what they share, noise, tests."""
     record, noise = run.record, run.record["noise"]
     rejected = record["rejected"]
     words = (
-        f"{len(rejected)} rows were rejected: {', '.join(rejected)}" if rejected else "No row was rejected."
+        f"{len(rejected)} measurements were rejected: {', '.join(rejected)}"
+        if rejected
+        else "No measurement was rejected."
     )
     causes = [
-        f"Rejected rows share {c['label']}: {c['rejected']} of {c['rows_in_group']} rows (p {c['p']:.1g})"
+        f"Rejected measurements share {c['label']}: {c['rejected']} of {c['rows_in_group']} (p {c['p']:.1g})"
         for c in record["verdict"]["shared_causes"]
     ]
     repeats = noise["repeats_um"]

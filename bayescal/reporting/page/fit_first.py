@@ -46,9 +46,9 @@ def first(run: Run) -> Section:
 def _why(run: Run) -> str:
     verdict = run.record["verdict"]
     if verdict["explains"] and not verdict.get("determined", True):
-        return "Too few or too similar rows: the arm is known little better than before. Measure more rows."
+        return "Too few or too similar measurements: the arm is known little better than before. Add more."
     if verdict["explains"]:
-        return "No independent rows check the calibration: the errors below are predictions of the model."
+        return "No independent measurements check the calibration: the errors below are predictions."
     return "The machine differs from the model by more than noise: the uncertainties below are too small."
 
 
@@ -95,11 +95,9 @@ def _next(run: Run) -> list[tuple[str, str]]:
     if not verdict["explains"]:
         sessions = run.record["dataset"].get("sessions") or ()
         parts = [f"{folder}/dataset/{k}" for k in range(1, len(sessions) + 1)] or [f"{folder}/dataset"]
-        return [("Find the cause in the machine.", f"bayescal gap {' '.join(parts)}")]
+        return [("Diagnose the cause.", f"bayescal gap {' '.join(parts)}")]
     if not verdict["validated"]:
-        return [
-            ("Measure rows with role validate, best on spheres at certified distances; then fit again.", "")
-        ]
+        return [("Add measurements with role validate, best of certified distances; then fit again.", "")]
     if codes & {"directions", "prior", "no_length", "contrast"}:
         return [("Measure what the warnings say is missing; then fit again.", "")]
     return [

@@ -23,7 +23,7 @@ from bayescal.reporting.page.gap_first import (
 from bayescal.reporting.page.numbers import MISSING, length, quantity, share
 from bayescal.reporting.page.run import Run
 from bayescal.reporting.page.section import Bar, Block, Section, Sheet, Text, blocks, texts
-from bayescal.reporting.shared.text import NEVER, level_label, p_value, probability, rival
+from bayescal.reporting.shared.text import NEVER, level_label, p_value, probability, rival, signed
 
 SIGNIFICANT = 0.01
 MARGINS = ("target", "joint", "region", "time", "direction")
@@ -61,7 +61,7 @@ def effects(run: Run) -> Section | None:
         ("probability", "size (u)", "location", "share of the excess", "detectable from"),
         tuple(entries),
         "Dark bars: the 90 % set. Effects may be present together. 'noise only': the model as it is explains "
-        "the data; 'unmodelled effect': none of the vocabulary does",
+        "the data; 'unmodelled effect': none of the known effects does",
         words=(2, 3),
         shown=max(shown, 5),
     )
@@ -83,7 +83,8 @@ def effects(run: Run) -> Section | None:
             )
             for h in record["hypotheses"]
         ),
-        "Sets of effects, the most probable first; log evidence relative to noise only",
+        "Sets of effects, the most probable first; log evidence relative to noise only; 1 nat is a factor "
+        "of e = 2.7 in probability",
         shown=6,
     )
     notes = texts([*record["footnotes"], *record["notes"]], "quiet")
@@ -176,7 +177,7 @@ def levels(run: Run) -> Section | None:
     for step in steps:
         gain, se = step["delta_elpd"], step["delta_elpd_se"]
         spread = "" if se is None else f" ± {se:.0f}"
-        step["gain"] = f"{gain:+.0f}{spread}" if gain else MISSING
+        step["gain"] = f"{signed(gain)}{spread}" if gain else MISSING
     names = tuple(
         level_label(tuple(step["model"]), tuple(steps[k - 1]["model"]) if k else ())
         for k, step in enumerate(steps)
@@ -239,7 +240,7 @@ def blind(run: Run) -> Section | None:
         )
     table = Sheet(
         "may be missed",
-        ("plausible", "detectable from", "distance error until then"),
+        ("plausible", "detectable from", "distance error if undetected"),
         tuple(entries),
         "Blind spots: effects whose plausible amplitude these contacts would not show",
         shown=8,

@@ -26,7 +26,7 @@ VERDICTS = {
 UNMODELLED = ("unknown", "named+unexplained")
 """Verdicts that state an unmodelled effect."""
 UNKNOWN = (
-    "No effect of the vocabulary explains the error. Inspect the location first: bolts, cables and hoses "
+    "No known effect explains the error. Inspect the location first: bolts, cables and hoses "
     "that pull, covers that touch, the mounting. Then measure the contacts that are proposed."
 )
 LINES = 3
@@ -105,7 +105,7 @@ def _faults(record: Mapping[str, Any]) -> list[Fault]:
 
 
 def _further(record: Mapping[str, Any]) -> tuple[str, ...]:
-    """Effects of the vocabulary of which one is probable beside the named ones."""
+    """Known effects of which one is probable beside the named ones."""
     if record["verdict"] != "named+unexplained":
         return ()
     return possible(record["probability"], record["credible_set90"], record["effects"])
@@ -191,7 +191,7 @@ def _keys(record: Mapping[str, Any]) -> list[tuple[str, str, str]]:
             detail += f"; U = {expanded} µm (k = 2) holds only without the effect"
         out.append(("Distance error", value, detail))
     else:
-        out.append(("Distance error", "not measured", "no certified distances in the validation rows"))
+        out.append(("Distance error", "not measured", "no certified distances in the validation data"))
     of = record["lengths"]
     kind = "point (length)" if of["of"] == VALIDATION_POINTS else "contact"
     low, high = record["gap"]["excess_um"]["interval95"]
@@ -220,7 +220,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
         model = shlex.quote(record["refit"]["model"])
         less = record["refit"]["without"]
         without = f" --without {shlex.quote(','.join(less))}" if less else ""
-        words = "Correct the machine as above and measure again; or keep the effects in the model:"
+        words = "Repair the machine as described above and measure again; or keep the effects in the model:"
         out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
     if unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))

@@ -92,7 +92,7 @@ def residuals(run: Run, *tables: Block | None) -> Section | None:
 def _legend(run: Run) -> str:
     band = noise(run)
     grey = f" Grey band: twice the noise of {length(band)} µm." if band is not None else ""
-    return f"Blue: fitted rows; orange: validation rows; triangles: beyond the axis.{grey}"
+    return f"Blue: fitted measurements; orange: validation measurements; triangles: off scale.{grey}"
 
 
 def _drawings(run: Run) -> Figures:
@@ -234,7 +234,7 @@ def inputs(run: Run) -> Section | None:
     dataset = record["dataset"]
     lines = [("dataset", str(dataset["name"])), ("SHA-256", str(dataset["sha256"] or MISSING))]
     lines += [
-        (f"session {s['name']}", f"{s['rows']} rows, SHA-256 {s['sha256'] or MISSING}")
+        (f"session {s['name']}", f"{s['rows']} measurements, SHA-256 {s['sha256'] or MISSING}")
         for s in dataset.get("sessions", ())
     ]
     model = record["model"] if run.kind == "fit" else record["baseline"]

@@ -95,13 +95,19 @@ def percent(probability: float) -> str:
 def with_u(value: float, u: float) -> str:
     """A value with its standard uncertainty, two digits of it: ``0.0244(10)``, ``12.3(1.4)``."""
     if not (np.isfinite(u) and u > 0):
-        return f"{value:.9g}"
+        return f"{value + 0.0:.9g}"
     decimals = 1 - int(np.floor(np.log10(u)))
     decimals = 1 - int(np.floor(np.log10(round(u, decimals))))  # 0.0996 has become 0.10
+    value = round(value, decimals) + 0.0  # no -0
     if decimals <= 0:
-        return f"{round(value, decimals):.0f}({round(u, decimals):.0f})"
+        return f"{value:.0f}({round(u, decimals):.0f})"
     digits = f"{u:.{decimals}f}" if round(u, decimals) >= 1.0 else f"{u * 10.0**decimals:.0f}"
     return f"{value:.{decimals}f}({digits})"
+
+
+def signed(value: float) -> str:
+    """A whole number with its sign; zero has none."""
+    return f"{value:+.0f}" if round(value) else "0"
 
 
 def facts(rows: Iterable[tuple[str, str, str]]) -> Table:
@@ -156,5 +162,5 @@ def parameter_notes(effects: Iterable[str]) -> list[str]:
     """Notes to a table of parameters of some effects: how u is written, and what it contains."""
     notes = ["value(u): standard uncertainty u in units of the last digits"]
     if "compliance" in effects:
-        notes.append("u contains errors of stated masses, not of measured torques")
+        notes.append("u includes the uncertainty of the stated masses, not of measured torques")
     return notes

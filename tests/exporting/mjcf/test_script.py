@@ -1,4 +1,4 @@
-"""A light model with a script: the same tool points, as a user runs it, without this package."""
+"""A light model with a script: the same TCP positions, as a user runs it, without this package."""
 
 import csv
 import os

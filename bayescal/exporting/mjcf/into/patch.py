@@ -136,7 +136,7 @@ def patched(arm: FittedArm, options: Options) -> Patched:
 
 
 def _upright(where: Match, theirs: np.ndarray, ours: np.ndarray) -> Match:
-    """The match with gravity exactly as in the session, where the file has it so but for rounded lengths."""
+    """The match with gravity exactly as in the session, where the file has it so within rounding."""
     down = where.root[:3, :3] @ theirs
     size = np.linalg.norm(down) * np.linalg.norm(ours)
     if not size > 0 or np.linalg.norm(np.cross(down, ours)) > ANGLE * size or down @ ours < 0:
