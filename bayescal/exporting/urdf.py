@@ -198,7 +198,8 @@ def _new(
             f"    <parent link={quoteattr(before)}/>",
             f"    <child link={quoteattr(link)}/>",
             f'    <axis xyz="0 0 {sense[k]:g}"/>',
-            f'    <limit lower="{low!r}" upper="{high!r}" effort="{effort[k]!r}" velocity="{velocity[k]!r}"/>',
+            f'    <limit lower="{low!r}" upper="{high!r}" '
+            f'effort="{effort[k]!r}" velocity="{velocity[k]!r}"/>',
             "  </joint>",
             *_link(robot, k, link),
         ]
