@@ -22,6 +22,7 @@ from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.joint import JOINT
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, calibrated, check_enough, estimate
+from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded
 from bayescal.estimate.discrepancy import Stated, stated
 from bayescal.estimate.flatness import FORM, FaceCheck, check_faces, with_form
 from bayescal.estimate.latent import with_latent_readings
@@ -73,6 +74,7 @@ class Fit:
     tolerance: Tolerance | None = None  # conformance decisions, where a tolerance was given
     robust: bool = True  # whether outliers were excluded
     without: tuple[str, ...] = ()  # parts of the effects that stay nominal: "geometry at joint 4"
+    rigid: Rigid = UNCHANGED  # parameters that the fit set to rigid
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -146,6 +148,7 @@ def fit(
     levels: list[ModelLevel] = []
     faces: tuple[FaceCheck, ...] = ()
     causes: tuple[SharedCause, ...] = ()
+    rigid = UNCHANGED
     for k, step in enumerate(steps):
         progress("estimate", k / len(steps))
         if step:
@@ -163,6 +166,7 @@ def fit(
                 found = with_sharing_rows(found, causes)
             if latent_joints:
                 found = with_latent_readings(found)
+            found, rigid = bounded(found)
         left = unexplained(found)
         if not last:
             z, kappa = approximate(found, of_draws, predicted_draws(dataset))
@@ -200,7 +204,7 @@ def fit(
     expected = with_budgets(forecast(found, z, checked, rest.excess, of_forecast, wide.wide), basis)
     tests = replace(tests, determined=not rests_on_priors(expected, left))
     told = findings(
-        Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, wide.sd)
+        Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, wide.sd, rigid)
     )
     decided = None
     if tolerance is not None:
@@ -209,7 +213,7 @@ def fit(
     return Fit(
         dataset, seed, prior_width, tuple(levels), wide, draws,
         replace(draws, z=wide.reported(every).reshape(draws.z.shape)), determined,
-        lacking, faces, expected, seen, tests, told, basis, decided, robust, tuple(map(str, parts)),
+        lacking, faces, expected, seen, tests, told, basis, decided, robust, tuple(map(str, parts)), rigid,
     )  # fmt: skip
 
 

@@ -19,11 +19,16 @@ from bayescal.cli.options import (
 )
 from bayescal.cli.output import run_folder, show
 from bayescal.cli.progress import progress
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 from bayescal.errors import BayescalError
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal fit cell",
+        "bayescal fit monday tuesday --model geometry,compliance,backlash --tolerance-mm 0.1",
+    )
+)
 def fit(
     datasets: Datasets,
     model: Model = "geometry,compliance",
