@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from bayescal.cli.output import said
 from bayescal.cli.root import app, ending
 from bayescal.stopping import keeping
 
@@ -132,21 +133,21 @@ def score(
     if page is not None:
         renew(page, found, about, target)
 
-    from rich.console import Console
+    from bayescal.public.results import console
 
-    console = Console(highlight=False)
-    console.print(terminal(found))
-    console.print()
+    shown = console()
+    shown.print(terminal(found))
+    shown.print()
     if rounds > 1:
         from bayescal.blind import compared
 
         second = compared.compared(folder, truths, answers)
-        console.print(compared.terminal(second))
-        console.print()
+        shown.print(compared.terminal(second))
+        shown.print()
         if page is not None:
             between(page, (compared.BEGIN, compared.END), compared.page(second))
     for what in ("truth", "answers", "code"):
         changed = " (sources have changed since)" if what == "code" and not about["same_code"] else ""
-        console.print(f"[dim]{what:<9}[/dim]{about[f'{what}_sha256']}{changed}", soft_wrap=True)
+        said(shown, what, f"{about[f'{what}_sha256']}{changed}", 9)
     names = ", ".join(written) + (f"; {page}" if page else "")
-    console.print(f"[dim]written  [/dim]{target}/{names}", soft_wrap=True)
+    said(shown, "written", f"{target}/{names}", 9)

@@ -55,9 +55,9 @@ def budget(
 
         sys.stdout.write(json_text(found.record))
     else:
-        from rich.console import Console
+        from bayescal.public.results import console
 
-        Console(highlight=False).print(found.report())
+        console().print(found.report())
 
 
 def _numbers(text: str) -> list[float]:

@@ -32,6 +32,6 @@ def check(
 
         typer.echo(json_text(result.record), nl=False)
         return
-    from rich.console import Console
+    from bayescal.public.results import console
 
-    Console(highlight=False).print(result.report())
+    console().print(result.report())

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from bayescal.cli.options import Run, WithEffects, WithoutEffects
+from bayescal.cli.output import said
 from bayescal.cli.root import app, ending
 from bayescal.errors import BayescalError
 
@@ -62,6 +63,7 @@ def export(
     from bayescal.public.certificates import certificate as certify
     from bayescal.public.exports import ExportResult
     from bayescal.public.exports import export as work
+    from bayescal.public.results import console
 
     result: CertificateResult | ExportResult
     if to == "dcc":
@@ -78,8 +80,6 @@ def export(
             at_row=at_row or None, force=force,
         )  # fmt: skip
     written = result.save(out)
-    from rich.console import Console
-
-    console = Console(highlight=False)
-    console.print(result.report())
-    console.print(f"[dim]written          [/dim]{', '.join(map(str, written))}", soft_wrap=True)
+    terminal = console()
+    terminal.print(result.report())
+    said(terminal, "written", ", ".join(map(str, written)))

@@ -48,9 +48,9 @@ def init(
 
 @app.command(**ending("bayescal schema dataset", "bayescal schema robot"))
 def schema(
-    name: Annotated[str, typer.Argument(metavar="dataset|robot", help="dataset.yaml or robot.yaml.")],
+    name: Annotated[str, typer.Argument(metavar="dataset|robot|artefact", help="Which file.")],
 ) -> None:
-    """Print the JSON schema of dataset.yaml or robot.yaml, for editors."""
+    """Print the JSON schema of dataset.yaml, robot.yaml or artefact.yaml, for editors."""
     from bayescal.starting.schemas import schema_text
 
     typer.echo(schema_text(name), nl=False)

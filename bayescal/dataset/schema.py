@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import datetime
+from contextlib import suppress
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Union
 
-from pydantic import Field, create_model
+from pydantic import AfterValidator, Field, create_model
+from pydantic_core import PydanticCustomError
 
 from bayescal.dataset.target_kinds import KINDS, MEANING, TargetKind
 from bayescal.files import Keys, Name, NotNegative, Number, Positive, Uncertain, UncertainOrKnown, Vector
@@ -161,6 +164,45 @@ class PlanEntry(Keys):
     )
 
 
+Label = Annotated[Name, Field(json_schema_extra={"type": ["string", "number"]})]
+"""A text of the file that an editor may take for a number, as a serial number."""
+
+
+class SerialsEntry(Keys):
+    """Serial numbers."""
+
+    arm: Label | None = Field(default=None, description="Serial number of the robot arm.")
+    probe: Label | None = Field(default=None, description="Serial number of the probe.")
+    artefact: Label | None = Field(default=None, description="Serial number of the artefact.")
+    instrument: Label | None = Field(default=None, description="Serial number of the tracker or camera.")
+
+
+Date = Annotated[
+    str,
+    AfterValidator(lambda text: _date(text)),
+    Field(json_schema_extra={"pattern": r"^\d{4}-\d\d-\d\d$"}),
+]
+
+
+class RecordEntry(Keys):
+    """What a report that is filed states of the session; no computation depends on it."""
+
+    date: Date | None = Field(default=None, description="Date of the measurement, as YYYY-MM-DD.")
+    operator: Name | None = Field(default=None, description="Who measured.")
+    serials: SerialsEntry = Field(default=SerialsEntry(), description="Serial numbers of what was used.")
+    certificates: tuple[Label, ...] = Field(
+        default=(), description="Numbers of the calibration certificates of artefacts and instruments."
+    )
+    temperature_degC: Number | None = Field(default=None, description="Temperature of the room.")
+
+
+def _date(text: str) -> str:
+    with suppress(ValueError):
+        if text == datetime.date.fromisoformat(text).isoformat():  # which also reads 20260131
+            return text
+    raise PydanticCustomError("not_a_date", "not a date")
+
+
 AnyCertificate = Annotated[Parallel | Perpendicular | Between | Diameter | Flat, Field(discriminator="kind")]
 TARGETS = "What is touched or read, by name, at its nominal place in F0; the fit estimates the true place."
 
@@ -187,6 +229,9 @@ class DatasetFile(Keys):
     certificates: tuple[AnyCertificate, ...] = Field(
         default=(), description="Certified values of the artefacts; u_ is a standard uncertainty (k = 1)."
     )
+    artefact: Name | None = Field(
+        default=None, description="File in this folder with certified coordinates of an artefact's points."
+    )
     temperature_of: Literal["arm", "air", "artefact"] | None = Field(
         default=None, description="What the column `temperature_c` is the temperature of."
     )
@@ -195,6 +240,9 @@ class DatasetFile(Keys):
     )
     plan: PlanEntry | None = Field(
         default=None, description="What `bayescal plan` needs; no other command reads it."
+    )
+    record: RecordEntry = Field(
+        default=RecordEntry(), description="What a filed report states: date, operator, serial numbers."
     )
     source: str | None = Field(default=None, description="Free text: origin, licence, notes.")
 

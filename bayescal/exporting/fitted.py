@@ -23,9 +23,11 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
 from bayescal.estimate.discrepancy import Inputs
 from bayescal.exporting import gate
+from bayescal.exporting.gate import NOTHING, Use
 from bayescal.exporting.masses import MassErrors
-from bayescal.exporting.rows import Circumstance, posed_rows, standing_model
+from bayescal.exporting.rows import Circumstance, posed_rows
 from bayescal.model import ARM, Model
+from bayescal.model.equilibrium import standing_model
 
 if TYPE_CHECKING:
     from bayescal.calibration import Fit
@@ -106,10 +108,8 @@ class FittedArm:
     rejected : tuple of str
         Rows of the session that the fit excluded, by their ids.
     origin : Origin
-    doubts : tuple of str
-        Reasons of the fit not to hand out the arm.
-    notes : tuple of str
-        What a user should know of the choice of effects.
+    use : Use
+        What may be used of it: reasons against it, what a user should know, what was changed.
     masses : MassErrors, optional
         Errors of the stated masses, of which the covariance has a part.
     """
@@ -121,14 +121,8 @@ class FittedArm:
     states: Mapping[str, np.ndarray]
     rejected: tuple[str, ...] = ()
     origin: Origin = Origin()
-    doubts: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    use: Use = NOTHING
     masses: MassErrors | None = None
-
-    @property
-    def against(self) -> tuple[str, ...]:
-        """All reasons not to hand out the arm; see `gate`."""
-        return (*self.doubts, *gate.negative(self.model.parameters, self.values, self.covariance))
 
     @property
     def dataset(self) -> Dataset:
@@ -246,8 +240,7 @@ def of_fit(fit: Fit) -> FittedArm:
     """The arm of a calibration."""
     origin = Origin("fit", fit.seed, fit.robust, fit.prior_width, fit.without)
     arm = of_estimate(fit.final.estimate, fit.stated.limited, origin, fit.stated.inputs)
-    told = () if fit.acceptance.explains else (f"verdict of the fit: {fit.acceptance.verdict}",)
-    return replace(arm, doubts=gate.of_fit(fit), notes=told)
+    return replace(arm, use=gate.of_fit(fit))
 
 
 def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
@@ -258,13 +251,7 @@ def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> 
     assert gap.arm is not None, "a diagnosis has its refit"
     assert gap.covariance is not None, "a diagnosis states its uncertainty"
     origin = Origin("gap", gap.seed, gap.robust, gap.prior_width, gap.still_without)
-    left_out = tuple(
-        f"{n.model} is named, but the validation data do not confirm it: the arm is without it"
-        for n in gap.verdict.named
-        if not n.confirmed
-    )
-    arm = of_estimate(gap.arm, gap.covariance, origin, gap.inputs)
-    arm = replace(arm, doubts=gate.of_gap(gap), notes=left_out)
+    arm = replace(of_estimate(gap.arm, gap.covariance, origin, gap.inputs), use=gate.of_gap(gap))
     return refitted(arm, with_, without) if with_ or without else arm
 
 
@@ -296,8 +283,8 @@ def refitted(arm: FittedArm, with_: Sequence[str] = (), without: Sequence[str] =
     o = arm.origin
     found = fit(arm.dataset, (*effects, *with_), 0, o.seed, o.robust, o.prior_width, without=parts)
     refit = of_fit(found)
-    doubts = (*refit.doubts, *gate.not_gained(_gains(found, with_)))
-    return replace(refit, origin=replace(o, without=parts), doubts=doubts)
+    against = (*refit.use.against, *gate.not_gained(_gains(found, with_)))
+    return replace(refit, origin=replace(o, without=parts), use=replace(refit.use, against=against))
 
 
 def _gains(fit: Fit, names: Sequence[str]) -> list[tuple[str, float]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,13 +10,11 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.dataset.append import appended
-from bayescal.effects import Parameter, parameters_of
+from bayescal.effects import Parameter
 from bayescal.errors import BayescalError
-from bayescal.model import Model, equilibrium, with_parameters
-from bayescal.model.scene import Scene
+from bayescal.model import Model
+from bayescal.model.equilibrium import settled_model
 
-SETTLED = 1e-13
-"""Displacement of a TCP by a pass, m, at which the equilibrium has converged."""
 MOVING = ("joint speed", "remaining motion")
 """Drivers that are zero for an arm that stands still."""
 
@@ -94,18 +92,6 @@ def _row(dataset: Dataset, row: str | int | None) -> int:
     return int(row) % len(m.ids)
 
 
-def standing_model(model: Model, values: np.ndarray) -> Model:
-    """The model with its gravity moments at the pose of the arm for values (P,), in all rows of the session.
-
-    Raises
-    ------
-    BayescalError
-        If the arm has no equilibrium.
-    """
-    out = _settled(model, model.scene, values)
-    return with_parameters(out.scene, model.effects, out.parameters)
-
-
 def posed_rows(
     model: Model, values: np.ndarray, source: np.ndarray, changed: Mapping[str, Any], still: bool
 ) -> tuple[Model, np.ndarray]:
@@ -136,7 +122,7 @@ def posed_rows(
             return _driven(p, count, source)
         return _driven(p, count, None) if still and p.driver.kind in MOVING else p
 
-    return _settled(model, replace(scene, dataset=dataset, stance=stance), values, own), rows
+    return settled_model(model, replace(scene, dataset=dataset, stance=stance), values, own), rows
 
 
 def _driven(p: Parameter, count: int, source: np.ndarray | None) -> Parameter:
@@ -150,19 +136,3 @@ def _driven(p: Parameter, count: int, source: np.ndarray | None) -> Parameter:
         return np.concatenate([own, more])
 
     return replace(p, terms=tuple(replace(t, driver=driver(t.driver)) for t in p.terms))
-
-
-def _settled(
-    model: Model, scene: Scene, values: np.ndarray, own: Callable[[Parameter], Parameter] = lambda p: p
-) -> Model:
-    """The model's parameters in a scene, in equilibrium for values (P,); a model without any blocks."""
-
-    def make(scene: Scene) -> Model:
-        c = scene.circumstances(scene.rows("calibrate"))
-        named = {p.name: p for p in parameters_of(model.effects, c, lenient=True)}
-        # a joint without torque has no parameter of it: then it displaces nothing
-        terms = ((p, named[p.name].terms if p.name in named else ()) for p in model.parameters)
-        parameters = tuple(own(replace(p, terms=t)) for p, t in terms)
-        return Model(scene, model.effects, parameters, (), ())
-
-    return equilibrium(scene, make, lambda _: values, SETTLED)

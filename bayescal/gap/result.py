@@ -16,6 +16,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import Selection
 from bayescal.estimate import Estimate
+from bayescal.estimate.bounds import UNCHANGED, Rigid
 from bayescal.estimate.discrepancy import Inputs
 
 VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
@@ -288,4 +289,5 @@ class Gap:
     calibrated: Estimate | None = None  # of the baseline, before any refit
     covariance: np.ndarray | None = None  # (D, D) of its z, with the model discrepancy and errors of masses
     inputs: Inputs | None = None  # the latter
+    rigid: Rigid = UNCHANGED  # parameters of `arm` that were set to rigid
     undetermined: tuple[Undetermined, ...] = ()  # of the fullest model

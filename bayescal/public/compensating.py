@@ -135,9 +135,7 @@ def compensate(
     from bayescal.exporting.compensate.compensation import compensate_file
 
     arm = arm_of(run, names(with_), names(without))
-    gate.check(
-        arm.doubts, force, "compensated"
-    )  # a compliance below zero predicts; only a file cannot hold it
+    gate.check(arm.use, force, "compensated")
     done = compensate_file(
         arm, Path(targets), format_=format, frame=frame, tool=tool, payload=payload_kg, time=at_time,
         row=at_row,
