@@ -48,7 +48,7 @@ def fit(
     tolerance_mm: Annotated[
         float | None,
         typer.Option(
-            help="Decide whether distance errors are within this tolerance (ISO 14253-1, U, k = 2)."
+            help="Decide whether distance errors are within this tolerance (ISO 14253-1 with U = k u)."
         ),
     ] = None,
     pictures: Annotated[

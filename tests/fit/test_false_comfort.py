@@ -169,7 +169,7 @@ def test_an_instrument_kept_back_measures_the_distances(tracker):
 @pytest.mark.parametrize(("times", "lacks"), [(0.9, False), (1.1, True)])
 def test_more_than_was_predicted_is_said(fits, times, lacks):
     found, space = fits["good"], fits["good"].forecast.workspace
-    measured = replace(space, over="certified centres", measured=times * space.interval[1])
+    measured = replace(space, over="sphere centres", measured=times * space.interval[1])
     expected = replace(found.forecast, checked=(measured,))
     last = found.final
     said = findings(
