@@ -85,9 +85,13 @@ class Rigid:
         each = ", ".join(f"{n.parameter} {n.figures}" for n in self.parameters)
         return (
             f"set to rigid, because not distinguishable from 0: {each}; fitted again, distances over the "
-            f"poses of the session change by {1e6 * self.distance_rms:.2g} µm RMS, "
-            f"{1e6 * self.distance_max:.2g} µm at most"
+            f"poses of the session change by {_um(self.distance_rms)} RMS, {_um(self.distance_max)} at most"
         )
+
+
+def _um(length: float) -> str:
+    """A length, m, in µm with two significant digits."""
+    return f"{float(f'{1e6 * length:.2g}'):.9g} µm"
 
 
 UNCHANGED = Rigid()
