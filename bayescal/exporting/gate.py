@@ -127,7 +127,8 @@ NOTHING = Use()
 def of_fit(fit: Fit) -> Use:
     """What may be used of a calibration."""
     sampler = () if fit.draws.converged else (f"the sampler did not converge: {fit.draws.complaint}",)
-    reasons = of_estimate(fit.final.estimate, fit.stated.limited)
+    found, covariance = fit.final.estimate, fit.stated.limited
+    reasons = of_estimate(found, covariance)
     if not reasons and not fit.acceptance.determined:
         share = 100 * fit.forecast.prior_share
         reasons = (
@@ -139,7 +140,7 @@ def of_fit(fit: Fit) -> Use:
     step = next(
         key
         for key, here in (
-            ("gap", not tests.explains or "negative" in codes),
+            ("gap", not tests.explains or bool(not_physical(found, covariance))),
             ("samples", bool(sampler)),
             ("measure", bool(reasons)),
             ("validate", not tests.validated),

@@ -52,7 +52,9 @@ def soft(result):
 
 
 def test_a_negative_compliance(soft):
-    words = r"not exported: negative by more than 2 u, which is not physical: compliance J3 -\S+ µrad/\(N m\)"
+    words = (
+        r"not exported: negative by more than \S+ u, which is not physical: compliance J3 -\S+ µrad/\(N m\)"
+    )
     with pytest.raises(BayescalError, match=words):
         export(soft, "robot.yaml")
     out = export(soft, "robot.yaml", force=True)
@@ -68,7 +70,7 @@ def test_every_format_can_be_forced(soft, to):
     out = export(soft, to, force=True)
     lost = {name for m in out.missing for name in m.parameters}
     assert "compliance J3" in lost or any(i.parameter == "compliance J3" for i in out.written.items)
-    assert any("exported with --force: negative by more than 2 u" in note for note in out.notes)
+    assert any("exported with --force: negative by more than " in note for note in out.notes)
     assert out.record("x")["use"]["allowed"] is False
 
 

@@ -31,7 +31,8 @@ X, Y, Z = np.eye(3)
 class Hinge:
     """A hinge of a body: unit axis and a point of it (3,), m, in the body's frame at zero.
 
-    Without a spring it is a joint that the readings command. A spring has its zero at `rest`, rad.
+    Without a spring it is a joint that the readings command, with limits, rad. A spring has its zero at
+    `rest`, rad.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Hinge:
     pos: np.ndarray
     spring: Spring | None = None
     rest: float = 0.0
+    limits: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,8 @@ def mechanism(content: Content, law: Law) -> Mechanism:
     foot, *places, flange = poses(content, law)
     bodies = [Body("base", foot, _stand(stand_hinges(content), foot, chain))]
     for j, (name, place) in enumerate(zip(robot.joint_names, places, strict=True)):
-        hinges = [Hinge(name, Z, 0.0 * Z)]
+        low, high = sorted((np.sign(robot.link_from_reading[j, j]) * robot.limits[j]).tolist())
+        hinges = [Hinge(name, Z, 0.0 * Z, limits=(low, high))]
         if wrong[j]:
             hinges.append(Hinge(error(name), Z, 0.0 * Z))
         if j in springs:

@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from bayescal.assess.acceptance import SHARED, Acceptance
-from bayescal.assess.conformance import COVERAGE, FAIL, PASS, Tolerance
+from bayescal.assess.conformance import FAIL, PASS, Tolerance
 from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.calibration import Fit
@@ -19,6 +19,7 @@ from bayescal.exporting.gate import STEPS, Use
 from bayescal.predict import DistanceErrors, Validation, inside95
 from bayescal.reporting.fit.iso9283 import iso9283_table
 from bayescal.reporting.fit.tables import distance_table, level_table, parameter_table, tolerance_table
+from bayescal.reporting.shared.origin import filed_lines
 from bayescal.reporting.shared.text import MDEG, MM, UM, facts, percent, um, um2
 
 MOST_REASONS = 4
@@ -75,41 +76,41 @@ def _predicted(fit: Fit) -> Facts:
     if fit.forecast.checked:
         yield "probed volume", _expected(space) + rests, ""
         yield "", _over(space), "dim"
-    for k, words in enumerate(_measured(fit.final.validation, lead)):
+    for k, words in enumerate(_measured(fit.levels[0].validation, fit.final.validation)):
         yield "" if k else "validation", words, "" if k else "bold"
 
 
 def _expected(d: DistanceErrors) -> str:
     low, high = d.interval
-    expanded = um2(COVERAGE * d.rms)
-    return f"predicted {um2(d.rms)} µm RMS (95 %: {um2(low)} to {um2(high)}); U = {expanded} µm, k = 2"
+    expanded = f"U = {um2(d.expanded)} µm, k = {d.k:.2f}"
+    return f"predicted {um2(d.u)} µm RMS (95 %: {um2(low)} to {um2(high)}); {expanded}"
 
 
 def _over(d: DistanceErrors) -> str:
-    return f"{d.count} of {MM * d.shortest:.0f} to {MM * d.longest:.0f} mm between {d.over}"
+    return f"{d.count} distances, {MM * d.shortest:.0f} to {MM * d.longest:.0f} mm, between {d.over}"
 
 
-def _measured(v: Validation, lead: DistanceErrors) -> list[str]:
-    """Maximum errors of validation measurements: distances, points, contacts, orientations."""
+def _measured(nominal: Validation, v: Validation) -> list[str]:
+    """Errors of validation measurements, nominal and calibrated, of each kind."""
+
+    def change(what: str, before: np.ndarray, after: np.ndarray) -> str:
+        (was, most_was), (now, most) = ((np.sqrt(np.mean(e**2)), np.max(np.abs(e))) for e in (before, after))
+        return f"{what} error {um(was)} -> {um(now)} µm RMS, maximum {um(most_was)} -> {um(most)}"
+
     out = []
     if v.distances:
+        before, after = (np.array([d.error for d in part.distances]) for part in (nominal, v))
         within = sum(bool(inside95(d.error, d.predicted)) for d in v.distances)
-        rms = float(np.sqrt(np.mean([d.error**2 for d in v.distances])))
-        out.append(
-            f"maximum distance error {um(v.maximum_distance_error)} µm, RMS {um(rms)}; "
-            f"{within} of {len(v.distances)} within 95 %"
-        )
-    elif lead.measured is not None:
-        out.append(f"distance error {um(lead.measured)} µm RMS")
+        out.append(f"{change('distance', before, after)}; {within} of {len(v.distances)} within 95 %")
     if v.points:
-        length = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])
-        out.append(f"maximum point error {um(length.max())} µm, mean {um(length.mean())}")
+        pairs = [[np.linalg.norm(p.residuals, axis=0) for p in part.points] for part in (nominal, v)]
+        out.append(change("point", *map(np.concatenate, pairs)))
     if v.planes:
-        r = np.abs(np.concatenate([p.residuals for p in v.planes]))
-        out.append(f"maximum contact error {um(r.max())} µm, RMS {um(np.sqrt(np.mean(r**2)))}")
+        pairs = [[p.residuals for p in part.planes] for part in (nominal, v)]
+        out.append(change("contact", *map(np.concatenate, pairs)))
     if v.turns:
         angle = MDEG * np.concatenate([np.linalg.norm(t.residuals, axis=0) for t in v.turns])
-        out.append(f"maximum orientation error {angle.max():.2g} mdeg, mean {angle.mean():.2g} mdeg")
+        out.append(f"orientation error maximum {angle.max():.2g} mdeg, mean {angle.mean():.2g} mdeg")
     return out or ["none: no measurements with role validate"]
 
 
@@ -174,6 +175,7 @@ def _details(fit: Fit, verbose: bool) -> Facts:
     if verbose:
         yield from _identifiable(fit)
     yield "posterior", _sampler(fit), ""
+    yield from filed_lines(fit.dataset)
 
 
 def _discrepancy(fit: Fit) -> Facts:
