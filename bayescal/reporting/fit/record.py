@@ -12,6 +12,7 @@ from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.undetermined import Undetermined
 from bayescal.calibration import Fit, ModelLevel
 from bayescal.estimate import Estimate
+from bayescal.exporting import gate
 from bayescal.model import Block
 from bayescal.predict import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
 from bayescal.reporting.fit.iso9283 import iso9283_record
@@ -32,6 +33,7 @@ def fit_record(fit: Fit) -> dict[str, Any]:
     return {
         **origin(SCHEMA, fit.dataset, fit.seed, LIBRARIES),
         "verdict": verdict_record(fit.acceptance, fit.dataset),
+        "use": gate.of_fit(fit).record(),
         "acceptance": None if fit.tolerance is None else tolerance_record(fit.tolerance),
         "model": list(level.effects),
         "prior_width": fit.prior_width,

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.exporting import gate
 from bayescal.gap.result import Advice, BlindSpot, Gap, Magnitude, Margin, Place, Shrinkage, Verdict
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap import amplitudes, causes, contacts, undecided
@@ -57,6 +58,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
             }
             for n in verdict.named
         ],
+        "use": None if gap.arm is None else gate.of_gap(gap).record(),
         "amplitudes": amplitudes.records(gap),
         "refit": {"model": ",".join(gap.refit), "without": list(gap.still_without)},
         "credible_set90": list(verdict.credible_set90),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.exporting.gate import STEPS
 from bayescal.reporting.page.numbers import interval, length, uncertainty
 from bayescal.reporting.page.run import Run
 from bayescal.reporting.page.section import Fault, Section
@@ -21,9 +22,11 @@ def first(run: Run) -> Section:
     """Verdict, distance error with U, failed tests, next command."""
     record, verdict = run.record, run.record["verdict"]
     good = verdict["explains"] and verdict["validated"] and verdict.get("determined", True)
-    tone = "good" if good else "warn" if verdict["explains"] else "bad"
+    against = _use(run)["against"]
+    tone = "bad" if against or not verdict["explains"] else "good" if good else "warn"
     reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
-    faults = [
+    faults = [Fault(f"not to be used: {reason}") for reason in against]
+    faults += [
         Fault(c["words"], () if c["p"] is None else (("p", p_value(c["p"])),)) for c in reasons[:REASONS]
     ]
     context = {
@@ -33,7 +36,7 @@ def first(run: Run) -> Section:
         "lines": () if good else [_why(run)],
         "most": 1,
         "keys": _keys(record),
-        "fault_title": "What is wrong: tests that fail",
+        "fault_title": "What is wrong",
         "faults": faults,
         "arm": None,
         "arm_caption": "",
@@ -107,17 +110,21 @@ def _change(name: str, before: np.ndarray, after: np.ndarray, words: str) -> tup
 
 
 def _next(run: Run) -> list[tuple[str, str]]:
-    folder, verdict = shlex.quote(run.folder), run.record["verdict"]
-    codes = {f["code"] for f in run.record["findings"]}
-    if not verdict["explains"]:
+    folder, use = shlex.quote(run.folder), _use(run)
+    words = STEPS[use["next"]][:1].upper() + STEPS[use["next"]][1:] + "."
+    if use["next"] == "gap":
         sessions = run.record["dataset"].get("sessions") or ()
         parts = [f"{folder}/dataset/{k}" for k in range(1, len(sessions) + 1)] or [f"{folder}/dataset"]
-        return [("Diagnose the cause.", f"bayescal gap {' '.join(parts)}")]
-    if not verdict["validated"]:
-        return [("Add measurements with role validate, best of certified distances; then fit again.", "")]
-    if codes & {"directions", "prior", "no_length", "contrast"}:
-        return [("Measure what the warnings say is missing; then fit again.", "")]
+        return [(words, f"bayescal gap {' '.join(parts)}")]
+    if use["next"] != "use":
+        return [(words, "")]
     return [
-        ("Use robot.yaml of the run folder, or export the arm.", f"bayescal export {folder} --to urdf"),
+        (words, f"bayescal export {folder} --to urdf"),
         ("Check whether effects remain that the model lacks.", f"bayescal gap {folder}/dataset"),
     ]
+
+
+def _use(run: Run) -> dict[str, Any]:
+    """What may be used of the fit; an earlier version did not state it."""
+    use: dict[str, Any] = run.record.get("use", {"against": [], "next": "use"})
+    return use
