@@ -57,7 +57,8 @@ class Exported:
         if np.max(np.abs(np.array(details.get("flange_in_tip", np.eye(4))) - np.eye(4))) > AT_FLANGE:
             for tool in _tools(self.arm, details):
                 at = ", ".join(f"{x:.3f}" for x in tool["centre_in_tip_mm"])
-                yield f"{details['tip']} is not the flange: the centre of tool {tool['name']} is at {at} mm in it"
+                where = f"the centre of tool {tool['name']} is at {at} mm in it"
+                yield f"{details['tip']} is not the flange: {where}"
 
     def at(self, folder: Path) -> Exported:
         """The same with the content that the file has in a folder."""
@@ -190,7 +191,7 @@ def _or_none(value: float) -> float | None:
 
 
 def _tools(arm: FittedArm, details: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Fitted centres of the tools in the flange, which no file holds; also in the tip of the file, if it has one."""
+    """Fitted centres of the tools in the flange, which no file holds, and in the tip of the file."""
     deviation = {
         p.name: (float(v), float(c) ** 0.5)
         for p, v, c in zip(arm.model.parameters, arm.values, np.diag(arm.covariance), strict=True)

@@ -153,7 +153,7 @@ def _zeros(p: np.ndarray, a: np.ndarray, file: FileArm, root: np.ndarray) -> tup
 def _settled(
     file: FileArm, root: np.ndarray, zeros: np.ndarray, flange: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The root of a calibrated file without the earlier calibration of its base, and angles with those of both ends.
+    """The root of a calibrated file without the earlier calibration of its base, and angles of all joints.
 
     A root close to a multiple of 90 deg is there, one close to F0 is in it; what it is turned by about the
     first axis is the zero of the first joint. A tip that is close to a multiple of 90 deg about the last axis

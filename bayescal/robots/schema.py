@@ -3,8 +3,8 @@
 Beyond the contract a joint may carry ``beta_deg`` (default 0: Hayati's angle of near-parallel axes)
 and the file ``joint_compliance_rad_per_nm`` (one a joint): what a calibrated arm needs to be written. Behind
 modified rows a ``flange`` (as ``base``) places the flange in the last row's frame: what a URDF's tip needs. A
-link may carry ``radius_mm``, the radius of a capsule around it, for the check of collisions; a joint its largest
-speed and torque, for files of simulators.
+link may carry ``radius_mm``, the radius of a capsule around it, for the check of collisions; a joint its
+largest speed and torque, for files of simulators.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from xml.etree import ElementTree as ET
 
-from bayescal.exporting.mjcf.links import TIP
+from bayescal.exporting.mjcf.links import NEUTRAL, TIP
 from bayescal.exporting.mjcf.text import DEFAULT
 
 POSE = ("pos", "quat")
@@ -17,8 +17,7 @@ def without_earlier(root: ET.Element) -> frozenset[str]:
     They are recognised by their default class. A body that only carried added hinges gives its child back its
     place; masses and poses of the user's bodies are as the earlier export wrote them.
     """
-    classes = {e.get("class", "") for e in root.iter("default")}
-    own = {c for c in classes if re.fullmatch(rf"{DEFAULT}(_\d+)?", c)}
+    own = {e.get("class", "") for e in root.iter("default") if _default(e)}
     added = {
         e for e in root.iter()
         if e.get("class") in own or e.get("childclass") in own or (e.tag == "body" and _only_tips(e))
@@ -31,6 +30,13 @@ def without_earlier(root: ET.Element) -> frozenset[str]:
     for carrier in carriers:
         _unwrap(carrier, parents[carrier])
     return frozenset(names - {""})
+
+
+def _default(e: ET.Element) -> bool:
+    """Whether a default class is that of an export, and not one of the user with its name."""
+    joint, name = e.find("joint"), e.get("class", "")
+    named = re.fullmatch(rf"{DEFAULT}(_\d+)?", name) is not None
+    return named and joint is not None and NEUTRAL["joint"].items() <= joint.attrib.items()
 
 
 def _only_tips(body: ET.Element) -> bool:

@@ -22,9 +22,10 @@ class FoundArm:
     """The joints of an arm and the bodies that they move, as elements and as compiled.
 
     `file` is the arm at zero: frames with their origins on the axes of the joints; `where` is its match.
-    `anchors` (n, 3) are these origins in the frames of the bodies, `references` (n,) the joints' values as the
-    file is written, rad. `steps` (n, 4, 4) stand in the file between the body of the joint before and the
-    frame in which each body is written; `written` (n, 4, 4) are these poses. `parents` are those of all elements.
+    `anchors` (n, 3) are these origins in the frames of the bodies, `references` (n,) the joints' values as
+    the file is written, rad. `steps` (n, 4, 4) stand in the file between the body of the joint before and the
+    frame in which each body is written; `written` (n, 4, 4) are these poses. `parents` are those of all
+    elements.
     """
 
     file: FileArm

@@ -38,7 +38,7 @@ def with_keyframes(
     after = compiled(scene.xml.text, scene.path.parent, scene.path.name)
     old = [j for j in range(before.njnt) if before.joint(j).name not in gone]
     own = {before.joint(j).name for j in old}
-    same = [before.joint(j).name for j in range(before.njnt)] == [
+    same = not gone and [before.joint(j).name for j in range(before.njnt)] == [
         after.joint(j).name for j in range(after.njnt)
     ]
     for k, (key, (qpos, qvel)) in enumerate(zip(keys, kept, strict=True)):

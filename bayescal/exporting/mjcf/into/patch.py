@@ -264,7 +264,7 @@ def _stand(root: ET.Element, found: FoundArm, where: Match, machine: Mechanism, 
 
 
 def _carrying(model: Any, body: int) -> np.ndarray:
-    """Pose (4, 4) of the last moving body before a body, as the file is written; of the world, if none moves."""
+    """Pose (4, 4) of the last moving body before a body, as the file is written; else of the world."""
     mj = mujoco()
     moving = [b for b in above(model, body)[:-1] if model.body_jntnum[b]]
     data = mj.MjData(model)
@@ -347,7 +347,7 @@ def _check(
     names: Mapping[str, str],
     file: str,
 ) -> None:
-    """Compare the written file, compiled, with the arm's kinematics, and its other bodies with the file as it was.
+    """Compare the compiled file with the arm's kinematics, and its other bodies with the file as it was.
 
     Raises
     ------

@@ -9,11 +9,25 @@ from xml.etree import ElementTree as ET
 from bayescal.errors import BayescalError
 from bayescal.exporting.xml_text import XmlText
 
-KINDS = {"body": "body", "joint": "joint", "freejoint": "joint", "site": "site", "default": "class", "fixed": "tendon",
-         "spatial": "tendon"}  # fmt: skip
+KINDS = {
+    "body": "body",
+    "joint": "joint",
+    "freejoint": "joint",
+    "site": "site",
+    "default": "class",
+    "fixed": "tendon",
+    "spatial": "tendon",
+}
 """What the name of an element is one of; elements below <equality> are equalities."""
-REFERENCES = {"joint": "joint", "joint1": "joint", "joint2": "joint", "body1": "body", "body2": "body", "class": "class",
-              "childclass": "class"}  # fmt: skip
+REFERENCES = {
+    "joint": "joint",
+    "joint1": "joint",
+    "joint2": "joint",
+    "body1": "body",
+    "body2": "body",
+    "class": "class",
+    "childclass": "class",
+}
 """What an attribute of an added element names."""
 
 Renamed = Mapping[str, Mapping[str, str]]
