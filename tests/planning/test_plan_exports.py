@@ -56,6 +56,11 @@ def test_compensate_reads_the_programs_back(plan):
 
 
 def test_the_program_logs_each_contact_and_stops_for_each_payload(plan):
+    leave = tuple(
+        plan.approach[k : k + 1] if k in (0, 3, 5) else np.empty((0, 6)) for k in range(len(plan.purpose))
+    )
+    changes = tuple({3: "attach 0.5 kg", 5: 'remove "it"'}.get(k, "") for k in range(len(plan.purpose)))
+    plan = replace(plan, leave=leave, changes=changes)
     text = FORMATS["urscript"].text(plan)
     lines = [line.strip() for line in text.splitlines()]
     ids = plan.session.measurements.ids
@@ -65,17 +70,20 @@ def test_the_program_logs_each_contact_and_stops_for_each_payload(plan):
     logged = lines.index('textmsg("p001, ", get_actual_joint_positions())')
     assert lines[logged - 1].endswith("# contact")
     assert lines[logged + 1].endswith("# retract")
-    payload = plan.session.measurements.payload
-    changes = np.count_nonzero(np.diff(np.append(0.0, payload)))
-    assert text.count("popup(") == changes
-    assert text.index("attach 0.5 kg") < text.index("remove the payload")
+    stops = [k for k, line in enumerate(lines) if line.endswith("# stop")]
+    assert [lines[k + 1] for k in stops[1:]] == [
+        'popup("attach 0.5 kg", title="change", blocking=True)',
+        'popup("remove \'it\'", title="change", blocking=True)',
+    ]
+    assert text.count("popup(") == 2
 
 
 def test_points_that_are_passed_come_before_the_approach(plan):
     """A motion without a free way stops the program."""
     ways = [np.empty((0, 6))] * len(plan.purpose)
     ways[2], ways[4] = plan.approach[:2] + 0.1, None
-    around = replace(plan, via=tuple(ways))
+    words = tuple("move by hand: J1 first" if k == 4 else "" for k in range(len(ways)))
+    around = replace(plan, via=tuple(ways), by_hand=words)
     rows = table(around, "csv")
     assert [r["motion"] for r in rows] == [*CYCLE * 2, "pass", "pass", *CYCLE * (len(plan.purpose) - 2)]
     assert {r["id"] for r in rows if r["motion"] == "pass"} == {"p003"}
@@ -83,7 +91,7 @@ def test_points_that_are_passed_come_before_the_approach(plan):
     slots = PROGRAMS["urscript"].read(program, 6).slots
     np.testing.assert_allclose([s.target.readings for s in slots[6:8]], ways[2], atol=1.1e-7)
     assert [s.target.straight for s in slots[6:9]] == [False] * 3
-    assert program.count("move by hand to the approach of p005") == 1
+    assert program.count("move by hand: J1 first") == 1
 
 
 def test_names_do_not_leave_their_comment_or_string(plan):

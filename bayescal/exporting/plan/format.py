@@ -9,8 +9,9 @@ import numpy as np
 
 from bayescal.planning.result import Plan
 
-PASS, APPROACH, CONTACT, RETRACT, MEASURE = "pass", "approach", "contact", "retract", "measure"
-"""Motions: past an obstacle; three of a contact; the last where nothing is touched."""
+PASS, STOP, APPROACH, CONTACT, RETRACT, MEASURE = "pass", "stop", "approach", "contact", "retract", "measure"
+"""Motions: past an obstacle; to a raised pose, where the arm waits until `Plan.changes` of the row is done;
+three of a contact; the last where nothing is touched."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,20 @@ class Format:
 
 
 def motions(plan: Plan) -> Iterator[Motion]:
-    """All motions of a plan, in the order of probing."""
+    """All motions of a plan, in the order of probing.
+
+    Of each row: those of `Plan.leave` (the last is a `STOP`), those of `Plan.via`, and those of its contact.
+    The first row begins with a `STOP` even if nothing is to be changed: the session begins there, and the arm
+    is brought there by hand.
+    """
     readings = plan.session.measurements.readings
     for row, (away, at) in enumerate(zip(plan.approach, readings, strict=True)):
-        way = plan.via[row] if plan.via else ()
+        leave = plan.leave[row] if plan.leave else None
+        if leave is not None and len(leave):
+            for point in leave[:-1]:
+                yield Motion(row, PASS, point)
+            yield Motion(row, STOP, leave[-1])
+        way = plan.via[row] if plan.via else None
         for point in () if way is None else way:
             yield Motion(row, PASS, point)
         if np.array_equal(away, at):
@@ -57,8 +68,8 @@ def motions(plan: Plan) -> Iterator[Motion]:
 
 
 def closed(plan: Plan, row: int) -> bool:
-    """Whether no way free of collisions to a contact was found from the contact before."""
-    return bool(plan.via) and plan.via[row] is None
+    """Whether no way free of collisions to a contact was found from the contact before (`Plan.by_hand`)."""
+    return bool(plan.by_hand) and bool(plan.by_hand[row])
 
 
 def payload_of(plan: Plan, row: int) -> float:

@@ -1,7 +1,7 @@
 """A plan as URScript: a motion by joint angles to the approach, lines to the contact and back, a log line.
 
 The contact is logged by its id and the joint positions, ``p001, [0.1, ...]``, rad, which `bayescal import`
-reads. The program stops for a change of the payload.
+reads. The program stops for each change of tool, artefact or payload.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from bayescal.exporting.plan.format import (
     MEASURE,
     PASS,
     RETRACT,
+    STOP,
     Format,
     Motion,
     closed,
     motions,
-    payload_of,
 )
 from bayescal.planning.result import Plan
 
@@ -30,6 +30,7 @@ JOINTS = 6
 MOVES = {
     APPROACH: "movej({}, a=1.0, v=0.5)",
     PASS: "movej({}, a=1.0, v=0.5)",
+    STOP: "movej({}, a=1.0, v=0.5)",
     MEASURE: "movej({}, a=1.0, v=0.5)",
     CONTACT: "movel({}, a=0.1, v=0.005)",
     RETRACT: "movel({}, a=0.3, v=0.05)",
@@ -53,20 +54,17 @@ def _lines(plan: Plan) -> Iterator[str]:
     yield "# Contacts are those of the nominal arm: the arm can touch some mm before or behind them."
     yield "# Let the probe stop the motion to a contact, and log the joints where it has triggered."
     yield "# Motions are free of collisions of a simplified arm with the targets: run them slowly first."
-    payload, row = 0.0, -1
+    row = -1
     for motion in motions(plan):
         if motion.row != row:
             row = motion.row
-            if (now := payload_of(plan, row)) != payload:
-                load = f"attach {now:g} kg beyond the tool" if now else "remove the payload"
-                yield f'popup("{load}, and set the payload", title="payload", blocking=True)'
-                payload = now
             target = plan.session.targets[plan.session.measurements.target[row]].name
             yield f"# {_name(plan, row)}: {_plain(target)}"
             if closed(plan, row):
-                by_hand = f"move by hand to the approach of {_name(plan, row)}"
-                yield f'popup("{by_hand}", title="path", blocking=True)'
+                yield f'popup("{_plain(plan.by_hand[row])}", title="path", blocking=True)'
         yield f"{MOVES[motion.kind].format(_list(motion))}  # {motion.kind}"
+        if motion.kind == STOP and plan.changes[row]:
+            yield f'popup("{_plain(plan.changes[row])}", title="change", blocking=True)'
         if motion.kind == MEASURE:
             yield f"sleep({STANDSTILL})"
         if motion.kind in LOGGED:
