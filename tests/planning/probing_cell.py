@@ -16,9 +16,11 @@ from scipy.spatial.transform import Rotation
 
 import bayescal
 
-PATCH, DEEP = 8e-3, 40e-3
+PATCH, DEEP = 5e-3, 12e-3
 """m: radius of a patch, and how far behind it the ball is still inside."""
-KNOTS = 24
+KNOTS = 8
+COARSE = 40
+"""Control cycles of a motion by joint angles: fewer than a controller has, for the time of a test."""
 
 
 class Stopped(Exception):
@@ -147,6 +149,7 @@ class Cell:
         assert goal.shape == (6,)
         if kind == "joint":
             span = np.abs(goal - self.q).max()
+            speed = max(speed, span / self.cycle / COARSE)
         else:
             span = np.linalg.norm(np.diff(self.nominal.ball(np.stack([self.q, goal])), axis=0))
         count = max(int(np.ceil(span / speed / self.cycle)), 1)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import operator
 import re
+from functools import cache
 
 import numpy as np
 from probing_cell import Cell, Stopped
@@ -53,6 +54,11 @@ def _block(lines: list[str], at: int) -> tuple[list, int]:
             out.append((line, [], []))
         at += 1
     return out, at
+
+
+@cache
+def _tree(text: str) -> ast.expr:
+    return ast.parse(text, mode="eval").body
 
 
 class Program:
@@ -124,7 +130,7 @@ class Program:
             yield from self._value(line, scope)
 
     def _value(self, text, scope):
-        return (yield from self._evaluated(ast.parse(text, mode="eval").body, scope))
+        return (yield from self._evaluated(_tree(text), scope))
 
     def _evaluated(self, node, scope):
         if isinstance(node, ast.Constant):
@@ -184,13 +190,10 @@ class Program:
     def _move(self, kind, goal, v):
         assert not self.cell.kind, "two motions at one time"
         self.cell.start(kind, goal, v)
-        try:
-            while True:
-                yield
-                if self.cell.tick():
-                    return
-        finally:
-            pass
+        while True:
+            yield
+            if self.cell.tick():
+                return
 
     def on_movej(self, goal, a, v):
         yield from self._move("joint", goal, v)
@@ -247,12 +250,11 @@ class Program:
         assert blocking
         self.popups.append(f"{title}: {text}")
         if "press and release" in text:
-            self.cell.by_hand = True
-            self.threads[1000] = self._released()
+            self.threads[1000] = self._pressed()
         return None
         yield
 
-    def _released(self):
-        for _ in range(3):
+    def _pressed(self):
+        for k in range(9):
+            self.cell.by_hand = 3 <= k < 6
             yield
-        self.cell.by_hand = False
