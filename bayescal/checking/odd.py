@@ -100,14 +100,14 @@ def _names(dataset: Dataset, document: Document) -> Iterator[Finding]:
 def _lengths(dataset: Dataset, document: Document) -> Iterator[Finding]:
     """Certified lengths that contradict the nominal places, or whose uncertainty is no micrometres."""
     for k, c in enumerate(dataset.certificates):
-        if c.u_distance is not None and c.u_distance > COARSE:
+        if c.u_distance is not None and c.u_distance > COARSE and not c.derived:
             names = " and ".join(f"`{name}`" for name in c.targets)
             key = "u_diameter_mm" if c.kind == "diameter" else "u_distance_mm"
             what = f"`{key}` of {names} is {1e3 * c.u_distance:g}: certificates state micrometres"
             where = document.where(("certificates", k))
             yield Finding("coarse_certificate", "odd", what, where, "is it in µm? write it in mm, at k = 1")
     for found in (c for c in contradictions(dataset) if not c.impossible):
-        where = document.where(("certificates", found.certificate))
+        where = document.where(found.place)
         yield Finding("certified_length", "odd", found.what, where, found.remedy)
 
 

@@ -26,7 +26,7 @@ class ToolEntry(Keys):
     )
     mass_kg: NotNegative = Field(
         default=0.0,
-        description="Mass of all that hangs on the flange while the tool is used; needed for compliance.",
+        description="Total mass attached to the flange while the tool is used; required for compliance.",
     )
     centre_of_mass_mm: Vector | None = Field(
         default=None, description="Centre of that mass in the flange frame; default: the centre of the ball."
@@ -48,11 +48,12 @@ class NoiseEntry(Keys):
     """Stated standard uncertainties (k = 1)."""
 
     contact_mm: Uncertain | None = Field(
-        default=None, description="Repeatability of a contact along the surface normal; needed of contacts."
+        default=None,
+        description="Repeatability of a contact along the surface normal; required for contacts.",
     )
     point_mm: Uncertain | None = Field(
         default=None,
-        description="Standard uncertainty of a coordinate that an instrument reads; needed of instruments.",
+        description="Standard uncertainty of a coordinate read by an instrument; required for instruments.",
     )
     joint_deg: UncertainOrKnown = Field(default=0.0, description="Noise of a joint reading.")
     orientation_deg: Uncertain | None = Field(
@@ -145,7 +146,7 @@ class PlanEntry(Keys):
     """What `bayescal plan` needs beyond the targets; no other command reads it."""
 
     volume_of_interest: VolumeEntry | None = Field(
-        default=None, description="Volume in which distances shall be accurate."
+        default=None, description="Volume in which distances must be accurate."
     )
     regions: dict[str, RegionEntry] = Field(
         default={}, description="Where contacts may be, by the name of the target."
@@ -159,7 +160,7 @@ class PlanEntry(Keys):
         description="Greatest angle between the tool's z axis and the inward normal; default 60.",
     )
     poses_deg: tuple[tuple[Number, ...], ...] = Field(
-        default=(), description="Joint readings of poses between which distances shall be accurate."
+        default=(), description="Joint readings of poses between which distances must be accurate."
     )
 
 
@@ -227,6 +228,9 @@ class DatasetFile(Keys):
     targets: Annotated[dict[str, Any], Field(min_length=1)] = Field(description=TARGETS)  # see `file_model`
     certificates: tuple[AnyCertificate, ...] = Field(
         default=(), description="Certified values of the artefacts; u_ is a standard uncertainty (k = 1)."
+    )
+    artefact: Name | None = Field(
+        default=None, description="File in this folder with certified coordinates of an artefact's points."
     )
     temperature_of: Literal["arm", "air", "artefact"] | None = Field(
         default=None, description="What the column `temperature_c` is the temperature of."

@@ -1,8 +1,8 @@
 """The estimate of a run folder, linearised again at the values of its arm: nothing is fitted.
 
-arm.json has the values, the prior of every parameter, the positions of the targets and the rejected rows. Row
-weights, noise scales, covariance and discrepancy follow from them; the stated covariance must be that of
-arm.json.
+arm.json has the values, the prior of every parameter, the positions of the targets and the rejected
+measurements. Row weights, noise scales, covariance and discrepancy follow from them; the stated covariance
+must be that of arm.json.
 """
 
 from __future__ import annotations

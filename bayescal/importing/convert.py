@@ -124,7 +124,7 @@ def write(draft: Draft, folder: Path, force: bool = False) -> None:
 
 
 def _roles(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:
-    """The dataset with its validation rows, by the option or the entry of the map, and a note on them."""
+    """The dataset with its validation data, by the option or the entry of the map, and a note on them."""
     rule, where = request.validate, "--validate"
     said, place = setting(request.map, "validate")
     if rule and said:
@@ -176,7 +176,7 @@ def _from_the_beginning(columns: Columns) -> tuple[Columns, tuple[str, ...]]:
 
 
 Read = tuple[Columns, dict[str, np.ndarray], tuple[str, ...], tuple[str, ...]]
-"""Rows by quantity; tool points that the log itself holds; what was left out; the columns in words."""
+"""Rows by quantity; TCP positions that the log itself holds; what was left out; the columns in words."""
 
 
 def _columns(request: Request, n: int) -> Read:

@@ -19,7 +19,7 @@ BOTH = "both"
 
 @dataclass(frozen=True)
 class ExpectedDistances:
-    """Expected standard uncertainty of distances, if the model is right.
+    """Expected standard uncertainty of distances, assuming the model is correct.
 
     `u` and `u_random` (median of random selections of the same size) are root mean squares over the
     distances, m. `shares` of the variance, by origin: noise, certificate, probing, prior.
@@ -109,7 +109,7 @@ class Plan:
     seed : int
     via : tuple of np.ndarray, shape (K, n), or None
         Readings, rad, to be passed on the way to the approach of each row, most often none (K = 0); None
-        where no way free of collisions was found, and the arm is moved by hand (`by_hand`). The way begins at
+        where no collision-free path was found, and the arm is moved by hand (`by_hand`). The way begins at
         the approach of the row before, or at the last of `leave` where the arm has stopped.
     leave : tuple of np.ndarray, shape (K, n), or None
         Of each row before which something is changed (`changes`): readings, rad, to be passed from the

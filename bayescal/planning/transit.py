@@ -1,4 +1,4 @@
-"""Motions between contacts: whether they are free of collisions, and where they must pass otherwise.
+"""Motions between contacts: whether they are collision-free, and where they must pass otherwise.
 
 Controllers move between approaches by joint angles, all joints at the same time. Such a motion from one face
 of an artefact to another usually passes through it. Where a tool, the placement of an artefact or the payload

@@ -105,9 +105,9 @@ def budget(
     parameter : str, optional
         Name of a parameter.
     point : sequence of float, optional
-        deg, joint readings at which the tool point is stated.
+        deg, joint readings at which the TCP is stated.
     tool, payload_kg
-        Of the point: name of the tool, and kg beyond it.
+        Of the point: name of the tool, and additional payload, kg.
 
     Without any of the three: the distance that the fit reports first.
 

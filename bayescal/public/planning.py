@@ -32,7 +32,7 @@ GAP, SETTINGS = "gap.json", "dataset.yaml"
 
 @dataclass(frozen=True, repr=False)
 class PlanResult(PlanTables):
-    """Planned contacts; `print` shows what they buy.
+    """Planned contacts; `print` shows the uncertainty they will achieve.
 
     Attributes
     ----------

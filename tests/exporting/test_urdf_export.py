@@ -126,7 +126,7 @@ def test_a_joint_without_origin_gets_one_and_quotes_may_be_single(tmp_path):
 REFUSED = (
     (lambda t: t.replace('0.3"', '0.31"', 1), "the distance of the axes of joint_2 and joint_3 is 310.00 mm"),
     (lambda t: t.replace('axis xyz="-1.0 0.0 0.0"', 'axis xyz="-1.0 0.1 0.0"', 1), "and joint_4 differ by"),
-    (lambda t: t.replace('"0.32 0.0 0.0"', '"0.42 0.0 0.0"', 1), "the axis of joint_"),
+    (lambda t: t.replace('"0.32 0.0 0.0"', '"0.42 0.0 0.0"', 1), "the zero of joint_2 is 9.45 deg off"),
     (lambda t: t.replace('"joint_6" type="revolute"', '"joint_6" type="fixed"'), "5 joints turn before"),
     (lambda t: t.replace("joint_1", "J2"), "joint 1 is called J2"),
     (lambda t: t.replace("joint_5", "lift").replace('"lift" type="revolute"', '"lift" type="prismatic"'),
@@ -168,7 +168,7 @@ def test_drift_is_written_at_a_state_and_its_change_is_told():
 
 
 def test_sizes_of_what_is_missing():
-    """By effect: the distance of the tool points from those without it."""
+    """By effect: the distance of the TCP positions from those without it."""
     arm = fake(session_of(), ("geometry", "compliance", "backlash", "lobing"))
     out = export(arm, "urdf", name="arm")
     missing = {m.effect: m for m in out.missing}

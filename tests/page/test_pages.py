@@ -84,7 +84,7 @@ def test_every_verdict_has_a_page(found, kind):
         assert line.rpartition(": ")[2].lower() in text.lower()
     assert len(page) < 3_000_000
     assert ("before the refit" in text) == bool(record["named"])
-    assert ("In the workshop" in text) == (kind != "null")
+    assert ("On the shop floor" in text) == (kind != "null")
     unmodelled = kind in ("unknown", "named+unexplained")
     assert ("Inspect the location that is marked, correct it" in text) == unmodelled
     if unmodelled:  # its row of the table of effects states the location, as the first screen does
@@ -190,7 +190,7 @@ def test_names_from_files_are_inert(found):
 def test_runs_without_certified_centres_are_compared_too(found):
     """By the readings of their instrument and the lengths of the errors of points."""
     expected = {
-        "over": "readings of the instrument", "count": 720, "predicted_rms_um": 22.2,
+        "over": "readings of the instrument", "count": 720, "predicted_rms_um": 22.2, "expanded_U_um": 44.4,
         "measured_rms_um": 20.1, "lengths_mm": [268, 1334],
     }  # fmt: skip
     record = {

@@ -80,7 +80,7 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
             yield found
     for wrong in contradictions(dataset):
         if wrong.impossible:
-            where = document.where(("certificates", wrong.certificate))
+            where = document.where(wrong.place)
             yield BayescalError(f"{wrong.what}, as the rows on them are", where, wrong.remedy)
 
 
@@ -161,6 +161,7 @@ def _impossible(
         return BayescalError(what, document.where(("targets", target.name)), remedy)
     row = int(np.argmax(away))
     which = "reading" if KINDS[target.kind].noise == "point" else "contact"
-    what = f"impossible {which}: {1e3 * away[row]:.0f} mm off where the others put `{target.name}`"
+    others = "point of the other readings" if which == "reading" else "surface fitted to the other contacts"
+    what = f"impossible {which}: {1e3 * away[row]:.0f} mm from the {others} on `{target.name}`"
     more = f" ({bad.sum() - 1} more rows are as far off)" if bad.sum() > 1 else ""
     return table.error(at[row], what + more, "check target, tool and joint readings, or leave the row out")

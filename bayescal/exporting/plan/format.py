@@ -115,7 +115,7 @@ def motions(plan: Plan) -> Iterator[Motion]:
 
 
 def closed(plan: Plan, row: int) -> bool:
-    """Whether no way free of collisions to a contact was found from the contact before (`Plan.by_hand`)."""
+    """Whether no collision-free path to a contact was found from the contact before (`Plan.by_hand`)."""
     return bool(plan.by_hand) and bool(plan.by_hand[row])
 
 

@@ -75,7 +75,7 @@ class Dialect:
     separator: str
     position: str = ""
     force: str = ""
-    unsafe: str = r'["\r\n]'
+    unsafe: str = r'["]'
     width: int = 0
     line: str = ""
 
@@ -252,7 +252,7 @@ DIALECTS = (
         joint="J{}= {} deg",
         separator=",\t",
         position="P[{}]",
-        unsafe=r"[\];:\r\n]",
+        unsafe=r"[\];:\"]",
         width=24,
         line="{:4d}:  {} ;",
     ),

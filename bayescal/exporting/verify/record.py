@@ -57,7 +57,7 @@ def report(v: Verification) -> RenderableType:
     title = f"{v.path.name} in {v.software}, {len(v.levels[-1].differences)} poses of {v.arm.dataset.name}"
     parts: list[RenderableType] = [Text(title, style="bold"), _levels(v)]
     if v.gap is None:
-        parts.append(Text("The session has no validation rows: no gap is measured."))
+        parts.append(Text("The session has no validation measurements: no gap is measured."))
     else:
         parts.append(_gap(v))
     if v.missing:
@@ -85,7 +85,7 @@ def _gap(v: Verification) -> FigureTable:
     g = v.gap
     assert g is not None
     table = FigureTable(
-        "simulator against measured rows: RMS (µm)", "count", f"before ({g.before_is})", "after",
+        "simulator against measurements: RMS (µm)", "count", f"before ({g.before_is})", "after",
         "run: before", "run: after",
     )  # fmt: skip
     for kind in g.after:

@@ -112,7 +112,7 @@ def scatter(
 def prior_posterior(prior: tuple[float, float], ends: tuple[float, float], at: float) -> Markup:
     """A small drawing: prior mean +- 2 standard deviations as a band, posterior 95 % interval and estimate.
 
-    The scale is that of the prior, three standard deviations either side; what lies beyond is at the edge.
+    The scale is that of the prior, three standard deviations either side; what lies beyond is clipped there.
     """
     mean, sd = prior
     width, height = 150.0, 16.0
