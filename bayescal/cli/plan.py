@@ -69,7 +69,9 @@ def plan(
     ] = "",
     probe_force_n: Annotated[
         float | None,
-        typer.Option(help="Change of the force at the tool, N, that is a contact, in place of an input (UR)."),
+        typer.Option(
+            help="Change of the force at the tool, N, that is a contact, in place of an input (UR)."
+        ),
     ] = None,
     probe_beyond_mm: Annotated[
         float,

@@ -73,7 +73,9 @@ def read_records(path: Path, n: int) -> Log:
         raise BayescalError(what, path.name, "give the log of a probing program of bayescal plan")
     notes = [note] if note else []
     if again:
-        notes.append(f"{again} records of {path.name} left out: the contact was logged again, the last counts")
+        notes.append(
+            f"{again} records of {path.name} left out: the contact was logged again, the last counts"
+        )
     notes += unmade({name: state for name, (_, state, _) in last.items()})
     rows = tuple((name, *map(repr, joints)) for name, (_, joints) in made.items())
     header = ("id", *(f"J{k}" for k in range(1, n + 1)))
@@ -102,5 +104,8 @@ def numbered(ids: np.ndarray, planned: Sequence[str]) -> np.ndarray:
     found = [REGISTER.fullmatch(name) for name in ids.tolist()]
     numbers = [int(m[1]) if m else 0 for m in found]
     return np.array(
-        [planned[k - 1] if 0 < k <= len(planned) else name for k, name in zip(numbers, ids.tolist(), strict=True)]
+        [
+            planned[k - 1] if 0 < k <= len(planned) else name
+            for k, name in zip(numbers, ids.tolist(), strict=True)
+        ]
     )

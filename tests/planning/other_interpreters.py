@@ -54,7 +54,9 @@ class Fanuc(Interpreter):
         lines = [re.fullmatch(r" *(\d+):  (.*) ;", line).groups() for line in body.splitlines()]
         assert [int(k) for k, _ in lines] == list(range(1, len(lines) + 1))
         self.lines = [line for _, line in lines]
-        self.labels = {int(m[1]): k for k, line in enumerate(self.lines) if (m := re.fullmatch(r"LBL\[(\d+)\]", line))}
+        self.labels = {
+            int(m[1]): k for k, line in enumerate(self.lines) if (m := re.fullmatch(r"LBL\[(\d+)\]", line))
+        }
         assert len(self.labels) == sum(line.startswith("LBL") for line in self.lines), "a label twice"
         self.registers: dict[int, np.ndarray] = {}
         self.r: dict[int, int] = {}
@@ -118,7 +120,10 @@ class Fanuc(Interpreter):
         out = ["[*POSREG*]$POSREG  Storage: CMOS  Access: RW  : ARRAY[1,100] OF Position Reg"]
         for k, q in sorted(self.registers.items()):
             joints = [f"J{j + 1} = {x:12.5f} deg" for j, x in enumerate(q)]
-            out += [f"     [1,{k}] =   ''   Group: 1", *(f"  {'   '.join(joints[i : i + 3])}" for i in (0, 3))]
+            out += [
+                f"     [1,{k}] =   ''   Group: 1",
+                *(f"  {'   '.join(joints[i : i + 3])}" for i in (0, 3)),
+            ]
         return "\n".join(out) + "\n"
 
 
@@ -187,7 +192,9 @@ class Kuka(Interpreter):
     def _behind(self, lines, at):
         depth = 1
         while depth:
-            depth += lines[at].startswith("IF ") - (lines[at] == "ENDIF") - (depth == 1 and lines[at] == "ELSE")
+            depth += (
+                lines[at].startswith("IF ") - (lines[at] == "ENDIF") - (depth == 1 and lines[at] == "ELSE")
+            )
             at += 1
         return at
 
@@ -263,10 +270,16 @@ class Abb(Interpreter):
         self.values: dict = {"bcState": 0.0, "bcAt": None}
         self.speeds = dict(re.findall(r"CONST speeddata (\w+):=\[(\d+),", text))
         self.procedures = {}
-        for name, parameters, body in re.findall(r"^PROC (\w+)\(([^\n]*)\)\n(.*?)^ENDPROC$", text, re.M | re.S):
+        for name, parameters, body in re.findall(
+            r"^PROC (\w+)\(([^\n]*)\)\n(.*?)^ENDPROC$", text, re.M | re.S
+        ):
             main, _, handler = body.partition("ERROR\n")
             own = [line for line in main.splitlines() if line and not line.startswith(("!", "VAR "))]
-            self.procedures[name] = ([p.split()[-1] for p in parameters.split(", ") if p], own, handler.splitlines())
+            self.procedures[name] = (
+                [p.split()[-1] for p in parameters.split(", ") if p],
+                own,
+                handler.splitlines(),
+            )
         self.log = ""
 
     def run(self) -> Abb:
@@ -328,7 +341,9 @@ class Abb(Interpreter):
             self.move("joint", self._value(found[1], scope), 0.0)
         elif found := re.fullmatch(r"MoveL CalcRobT\((\w+),bcTool\),(\w+),fine,bcTool", line):
             self.move("line", self._value(found[1], scope), self._speed(found[2], scope))
-        elif found := re.fullmatch(r"SearchL\\Stop,diProbe,found,CalcRobT\((\w+),bcTool\),(\w+),bcTool", line):
+        elif found := re.fullmatch(
+            r"SearchL\\Stop,diProbe,found,CalcRobT\((\w+),bcTool\),(\w+),bcTool", line
+        ):
             if self.cell.pressed():
                 raise Abb.Error("ERR_SIGSUPSEARCH")
             seen = self.move("line", self._value(found[1], scope), self._speed(found[2], scope), watch=True)

@@ -217,14 +217,19 @@ def on_planes(plan):
     arm = Arm(session.robot.name, tool.centre)
     tilt = Rotation.from_rotvec([0.02, -0.02, 0.02]).as_matrix()
     at, away, raised = [], [], []
-    for q, k, ball, pose in zip(m.readings, m.target, arm.ball(m.readings), arm.flange(m.readings), strict=True):
+    for q, k, ball, pose in zip(
+        m.readings, m.target, arm.ball(m.readings), arm.flange(m.readings), strict=True
+    ):
         n = np.array(session.targets[k].values["normal"])
         ball = ball - (n @ ball - session.targets[k].values["offset"] - tool.ball_radius) * n
         at.append(arm.inverse(ball, pose[:3, :3], q))
         away.append(arm.inverse(ball + 0.02 * n, tilt @ pose[:3, :3], at[-1]))
         raised.append(arm.inverse(ball + 0.12 * n, tilt @ pose[:3, :3], away[-1]))
     session, count = replace(session, measurements=replace(m, readings=np.array(at))), len(at)
-    leave = [np.array(raised[:1]), *(np.array(raised[k - 1 : k][: k == 5]).reshape(-1, 6) for k in range(1, count))]
+    leave = [
+        np.array(raised[:1]),
+        *(np.array(raised[k - 1 : k][: k == 5]).reshape(-1, 6) for k in range(1, count)),
+    ]
     via = [np.empty((0, 6)), *(np.array(raised[k - 1 + (k == 5) : k + 1]) for k in range(1, count))]
     changes = tuple("attach 0.5 kg beyond the tool" if k == 5 else "" for k in range(count))
     return replace(

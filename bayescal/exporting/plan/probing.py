@@ -108,7 +108,9 @@ class _Line:
 
         arm, goals = self.arm, self.away[some]
         goals[:, :3, 3] += share[:, None] * self.way[some]
-        goals[:, :3, :3] = Rotation.from_rotvec(share[:, None] * self.turn[some]).as_matrix() @ goals[:, :3, :3]
+        goals[:, :3, :3] = (
+            Rotation.from_rotvec(share[:, None] * self.turn[some]).as_matrix() @ goals[:, :3, :3]
+        )
         if arm.robot.n >= 6:
             task = to_poses(arm, goals)
         elif arm.robot.n == 5:
@@ -128,7 +130,10 @@ def steps(plan: Plan, guard: Guarded) -> Iterator[Step]:
         texts = {"id": m.ids[k], "target": session.targets[m.target[k]].name, "number": str(k + 1)}
         if row < 0:
             at = ", ".join(f"{angle:.0f}" for angle in np.degrees(motion.readings))
-            yield Step("stop", texts | {"text": f"jog the arm by hand near to J1 to J{len(m.readings[0])} = {at} deg"})
+            yield Step(
+                "stop",
+                texts | {"text": f"jog the arm by hand near to J1 to J{len(m.readings[0])} = {at} deg"},
+            )
         row = k
         change = plan.changes[k] if plan.changes else ""
         leave = plan.leave[k] if plan.leave else None
