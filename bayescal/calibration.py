@@ -194,7 +194,7 @@ def fit(
             z, kappa = draws.flat[places], draws.kappa[places]
         checked = validate(found, z, kappa, left.excess, of_noise, strict=last)
         if last:
-            tests = acceptance(left, checked, causes, rejected_share(found))
+            tests = acceptance(left, checked, causes, rejected_share(found), dataset)
             progress("predict", 0.2)
             wide = stated(found)
             every = wide.draws(draws.flat, np.random.default_rng(of_discrepancy))
