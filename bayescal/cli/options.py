@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from bayescal.errors import BayescalError
+
 Datasets = Annotated[
     list[Path],
     typer.Argument(
@@ -65,3 +67,9 @@ WithoutEffects = Annotated[
     ),
 ]
 """Options of the commands that take the arm of a run."""
+
+
+def known(to: str, formats: tuple[str, ...]) -> None:
+    """Refuse a format that a command does not print."""
+    if to not in formats:
+        raise BayescalError(f"there is no format `{to}`", "--to", f"formats: {', '.join(formats)}")

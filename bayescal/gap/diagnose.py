@@ -141,7 +141,6 @@ def diagnose(
         arm=arm,
         calibrated=first.fitted,
         covariance=wide.limited,
-        inputs=wide.inputs,
         rigid=rigid,
         undetermined=lacking,
     )

@@ -17,8 +17,9 @@ from bayescal.model import Block
 from bayescal.predict import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
 from bayescal.reporting.fit.iso9283 import iso9283_record
 from bayescal.reporting.fit.verdict import tolerance_record, verdict_record
+from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import origin
-from bayescal.reporting.shared.rows import arm_drawing, rows_record
+from bayescal.reporting.shared.rows import rows_record
 from bayescal.reporting.shared.text import MDEG, MM, UM
 
 SCHEMA = "bayescal-fit/1"

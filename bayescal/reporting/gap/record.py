@@ -12,9 +12,10 @@ from bayescal.model.scene import Scene
 from bayescal.reporting.gap import amplitudes, causes, contacts, undecided
 from bayescal.reporting.gap.lengths import as_lengths, length, main
 from bayescal.reporting.gap.phrases import headline, place, warnings
+from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import origin
 from bayescal.reporting.shared.plain import plain
-from bayescal.reporting.shared.rows import arm_drawing, rows_record
+from bayescal.reporting.shared.rows import rows_record
 from bayescal.reporting.shared.text import UM, amplitude
 
 SCHEMA = "bayescal-gap/1"

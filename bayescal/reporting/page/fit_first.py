@@ -78,7 +78,7 @@ def _keys(record: Any) -> list[tuple[str, str, str]]:
     if pairs:
         within = sum(bool(d["inside95"]) for d in validation["distances"])
         words = f"{within} of {len(pairs)} certified distances within the 95 % prediction interval"
-        out.append(_change("Distance error, nominal → calibrated", *np.array(pairs).T, words))
+        out.append(_change("Distance error, nominal → calibrated", np.array(pairs), words))
     if validation["points"]["count"]:
         p = validation["points"]
         value = f"{length(p['nominal_mean_um'])} → {length(p['calibrated_mean_um'])} µm mean"
@@ -101,10 +101,10 @@ def _keys(record: Any) -> list[tuple[str, str, str]]:
     return out
 
 
-def _change(name: str, before: np.ndarray, after: np.ndarray, words: str) -> tuple[str, str, str]:
-    """RMS and maximum of errors, µm, before and after."""
+def _change(name: str, errors: np.ndarray, words: str) -> tuple[str, str, str]:
+    """RMS and maximum of errors (N, 2), µm, before and after."""
     (was, most_was), (now, most) = (
-        (length(float(np.sqrt(np.mean(e**2)))), length(float(np.max(np.abs(e))))) for e in (before, after)
+        (length(float(np.sqrt(np.mean(e**2)))), length(float(np.max(np.abs(e))))) for e in errors.T
     )
     return name, f"{was} → {now} µm RMS", f"maximum {most_was} → {most} µm; {words}"
 
