@@ -39,8 +39,9 @@ def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
     """Verdict, prediction, validation and parameters; with `verbose` all distances, targets, directions."""
     v = fit.final.validation
     title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
-    parts: list[RenderableType] = [title, facts([*_verdict(fit.acceptance), *_predicted(fit)])]
-    parts.append(facts([*_tolerance(fit.tolerance), *_next(fit, gate.of_fit(fit)), *_findings(fit)]))
+    use = gate.of_fit(fit)
+    parts: list[RenderableType] = [title, facts([*_verdict(fit.acceptance, use), *_predicted(fit)])]
+    parts.append(facts([*_tolerance(fit.tolerance), *_next(fit, use), *_findings(fit)]))
     if v.planes or v.distances or v.points or v.turns:
         parts += ["", level_table(fit.levels)]
     if v.distances:
@@ -55,8 +56,9 @@ def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
     return Group(*parts)
 
 
-def _verdict(tests: Acceptance) -> Facts:
-    style = "bold red" if not tests.explains else "bold green" if tests.usable else "bold yellow"
+def _verdict(tests: Acceptance, use: Use) -> Facts:
+    good = tests.usable and use.allowed
+    style = "bold red" if not tests.explains else "bold green" if good else "bold yellow"
     yield "verdict", tests.verdict, style
     failed = [c.words for c in sorted(tests.failed, key=lambda c: (c.test != PLANNED, c.p_value))
               if c.test != SHARED]  # fmt: skip
