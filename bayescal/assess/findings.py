@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from bayescal.assess.acceptance import SHARED, Acceptance
+from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
 from bayescal.assess.directions import Directions, in_words
 from bayescal.assess.reliability import reliability
 from bayescal.assess.undetermined import Undetermined
@@ -36,8 +36,6 @@ FAR = 4.0
 """Prior standard deviations from nominal from which on a parameter is told."""
 PRIOR_DECIDES = 0.5
 """Share of the predicted distance variance from which on it rests on the tolerances."""
-EXPANDED = 2.0
-"""Coverage factor of U."""
 FAR_BEYOND = 3.0
 """Times the error of validation contacts from which on a distance error is one that they do not show."""
 
@@ -76,7 +74,9 @@ def findings(of: Assessed) -> tuple[Finding, ...]:
 
 def _tests(of: Assessed) -> Iterator[Finding]:
     for check in of.tests.failed:
-        ratio = "" if check.test == SHARED else f" (ratio {check.value:.2g}, limit {check.limit:.2g})"
+        ratio = (
+            "" if check.test in (SHARED, PLANNED) else f" (ratio {check.value:.2g}, limit {check.limit:.2g})"
+        )
         yield Finding(check.test, "error", check.words + ratio)
     if of.tests.causes:
         yield Finding(
@@ -170,7 +170,7 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
         )  # fmt: skip
     residuals = [p.residuals for p in of.checked.planes]
     contact = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))) if residuals else left.fitted
-    distance = max(lead.rms, expected.workspace.rms)
+    distance = max(lead.u, expected.workspace.u)
     if distance > FAR_BEYOND * contact:
         yield Finding(
             "contrast", "warning",
@@ -187,7 +187,7 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
 
 def _gross_errors(of: Assessed) -> Iterator[Finding]:
     """A gross error that the rule for outliers does not see, and that changes distances by more than U."""
-    found, u = reliability(of.found), EXPANDED * of.expected.workspace.rms
+    found, u = reliability(of.found), of.expected.workspace.expanded
     k = int(np.argmax(found.shift)) if len(found.rows) else -1
     if k >= 0 and found.shift[k] > u:
         name = of.found.model.scene.dataset.measurements.ids[found.rows[k]]

@@ -94,7 +94,7 @@ def _assessed(known: Candidates, circumstances: Circumstances, modelled: tuple[s
 
 
 def check_record(of: Check) -> dict[str, Any]:
-    """The content of `bayescal check --json`."""
+    """The content of `bayescal check --to json`."""
     d, m = of.dataset, of.dataset.measurements
     roles = {str(r): int(n) for r, n in zip(*np.unique(m.role, return_counts=True), strict=True)}
     targets = []
@@ -112,7 +112,7 @@ def check_record(of: Check) -> dict[str, Any]:
         "rows": {"total": len(m.ids), **roles},
         "tools": {d.tools[k].name: int(n) for k, n in zip(names, uses, strict=True)},
         "targets": targets,
-        "certificates": [_certificate(c) for c in d.certificates],
+        "certificates": [_certificate(c) for c in d.certificates if not c.derived],
         "noise": {
             "contact_mm": _scaled(d.noise.contact, 1e3),
             "point_mm": _scaled(d.noise.point, 1e3),
@@ -136,7 +136,11 @@ def check_record(of: Check) -> dict[str, Any]:
 def _certificate(c: Certificate) -> dict[str, Any]:
     length = {"distance_mm": _scaled(c.distance, 1e3), "u_um": _scaled(c.u_distance, 1e6)}
     angle = {"u_angle_urad": _scaled(c.u_angle, 1e6), "u_form_um": _scaled(c.u_form, 1e6)}
-    stated = {key: value for key, value in (length | angle).items() if value is not None}
+    stated: dict[str, Any] = {k: value for k, value in (length | angle).items() if value is not None}
+    if c.points is not None:
+        u = np.sqrt(np.mean(np.diag(c.points.covariance)))
+        stated |= {"artefact": c.points.artefact, "points": len(c.points.names), "u_um": _scaled(u, 1e6)}
+        stated |= {"placements": sorted(set(c.points.placements))}
     return {"kind": c.kind, "targets": list(c.targets), **stated}
 
 

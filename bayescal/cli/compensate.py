@@ -8,10 +8,16 @@ from typing import Annotated
 import typer
 
 from bayescal.cli.options import Run, WithEffects, WithoutEffects
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal compensate runs/cell-fit targets.csv --out corrected.csv",
+        "bayescal compensate runs/cell-fit weld.ls --out weld-corrected.ls --payload-kg 2.5",
+        at_time="at-time-s",
+    )
+)
 def compensate(
     run: Run,
     targets: Annotated[
@@ -42,12 +48,13 @@ def compensate(
         ),
     ] = "",
     payload_kg: Annotated[
-        float, typer.Option(min=0.0, help="Mass at the flange beyond the tool, where the table states none.")
+        float, typer.Option(min=0.0, help="Additional payload, where the table states none.")
     ] = 0.0,
     with_: WithEffects = "",
     without: WithoutEffects = "",
     at_time: Annotated[
-        float | None, typer.Option(help="Time of the session, s, whose state of the arm holds (drift, step).")
+        float | None,
+        typer.Option("--at-time-s", help="Time of the session whose state of the arm holds (drift, step)."),
     ] = None,
     at_row: Annotated[
         str | None, typer.Option(help="id of the row whose state holds [default: the last fitted row].")

@@ -139,16 +139,26 @@ def _certificates(sessions: Sequence[Dataset]) -> tuple[Certificate, ...]:
     """
     fitted = [_fitted(s) for s in sessions]
     copies = Counter(
-        c for s, names in zip(sessions, fitted, strict=True) for c in s.certificates if names >= {*c.targets}
+        c for s, names in zip(sessions, fitted, strict=True) for c in s.certificates if _used(c, names)
     )
     out = []
     for s, touched in zip(sessions, fitted, strict=True):
         for c in s.certificates:
-            wide = float(np.sqrt(copies[c])) if touched >= {*c.targets} else 1.0
+            wide = float(np.sqrt(copies[c])) if _used(c, touched) else 1.0
             names = tuple(called(s, name) for name in c.targets)
             u_distance, u_angle = (None if u is None else u * wide for u in (c.u_distance, c.u_angle))
-            out.append(replace(c, targets=names, u_distance=u_distance, u_angle=u_angle))
+            points = c.points
+            if points is not None:
+                covariance = wide**2 * np.array(points.covariance)
+                points = replace(points, covariance=tuple(map(tuple, covariance.tolist())))
+            out.append(replace(c, targets=names, u_distance=u_distance, u_angle=u_angle, points=points))
     return tuple(out)
+
+
+def _used(certificate: Certificate, fitted: set[str]) -> bool:
+    """Whether a fit of these targets uses a certificate."""
+    least = len(certificate.targets) if certificate.points is None else 2
+    return not certificate.derived and len(fitted & {*certificate.targets}) >= least
 
 
 def _stated(sessions: Sequence[Dataset]) -> tuple[Noise, list[np.ndarray]]:

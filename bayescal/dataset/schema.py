@@ -229,6 +229,9 @@ class DatasetFile(Keys):
     certificates: tuple[AnyCertificate, ...] = Field(
         default=(), description="Certified values of the artefacts; u_ is a standard uncertainty (k = 1)."
     )
+    artefact: Name | None = Field(
+        default=None, description="File in this folder with certified coordinates of an artefact's points."
+    )
     temperature_of: Literal["arm", "air", "artefact"] | None = Field(
         default=None, description="What the column `temperature_c` is the temperature of."
     )

@@ -48,12 +48,41 @@ class Target:
 
 
 @dataclass(frozen=True)
+class Points:
+    """Certified coordinates of the K points of an artefact, and which of them the targets of a session are.
+
+    Attributes
+    ----------
+    artefact : str
+        Its name.
+    names : tuple of str
+        Of the points, (K,).
+    coordinates : tuple
+        (K, 3) m, in the frame of the artefact.
+    covariance : tuple
+        (3 K, 3 K) m2.
+    of : tuple of int
+        The point of each target of the certificate.
+    placements : tuple of str
+        The placement of each target; targets of one placement stand to each other as the points.
+    """
+
+    artefact: str
+    names: tuple[str, ...]
+    coordinates: tuple[tuple[float, ...], ...]
+    covariance: tuple[tuple[float, ...], ...]
+    of: tuple[int, ...]
+    placements: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Certificate:
     """What an artefact's certificate says of one or two targets; uncertainties are standard (k = 1).
 
     kind ``parallel`` (distance m, u_distance m, u_angle rad), ``perpendicular`` (u_angle),
     ``distance`` (distance, u_distance), ``diameter`` (u_distance is that of the diameter),
-    ``flat`` (u_form m).
+    ``flat`` (u_form m), ``points`` (coordinates of two or more targets). `derived`: it follows from one of
+    kind ``points``, and a fit uses that.
     """
 
     kind: str
@@ -62,6 +91,8 @@ class Certificate:
     u_distance: float | None = None
     u_angle: float | None = None
     u_form: float | None = None
+    points: Points | None = None
+    derived: bool = False
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bayescal.dataset.artefact import artefact_text
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.schema import CERTIFICATES, SCHEMA, RecordEntry, ToolEntry
 from bayescal.dataset.session import FIELDS, NAMES
@@ -22,7 +23,7 @@ from bayescal.folders import whole
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 from bayescal.robots.writing import number, scalar
 
-ROBOT = "robot.yaml"
+ROBOT, ARTEFACT = "robot.yaml", "artefact.yaml"
 
 DECIMALS = {"mm": 6, "deg": 7, "degps": 6, "kg": 6, "nm": 6, "s": 4, "c": 4, "degc": 4, "mps2": 9}
 """Decimals of a value in a file's unit: a nanometre, two nanoradians; finer than anything measured."""
@@ -68,6 +69,8 @@ def write_setup(dataset: Dataset, folder: Path) -> tuple[str, ...]:
     files = {SETTINGS: _settings(dataset, dataset.robot_reference if builtin else ROBOT)}
     if not builtin:
         files[ROBOT] = robot_to_yaml(dataset.robot)
+    for points in (c.points for c in dataset.certificates if c.points is not None):
+        files[ARTEFACT] = artefact_text(points)
     for name, text in files.items():
         _write(folder / name, text)
     return tuple(files)
@@ -215,9 +218,12 @@ def _settings(dataset: Dataset, robot: str) -> str:
         "targets:",
         *(f"  {scalar(t.name)}: {flow(marked(target_keys(t), 'targets', t.name))}" for t in dataset.targets),
     ]
-    if dataset.certificates:
-        each = (marked(certificate_keys(c), "certificates", i) for i, c in enumerate(dataset.certificates))
+    stated_there = [c for c in dataset.certificates if c.points is None and not c.derived]
+    if stated_there:
+        each = (marked(certificate_keys(c), "certificates", i) for i, c in enumerate(stated_there))
         lines += ["certificates:", *(f"  - {flow(items)}" for items in each)]
+    if any(c.points is not None for c in dataset.certificates):
+        lines.append(f"artefact: {ARTEFACT}")
     if dataset.temperature_of is not None:
         lines.append(f"temperature_of: {dataset.temperature_of}")
     if dataset.torques != "computed":

@@ -38,7 +38,7 @@ class Circumstance:
         row: str | int | None,
     ) -> Circumstance:
         """The state of `count` poses; arguments as of `FittedArm.at`."""
-        for value, option, unit in ((payload_kg, "--payload-kg", "kg"), (time, "--at-time", "s")):
+        for value, option, unit in ((payload_kg, "--payload-kg", "kg"), (time, "--at-time-s", "s")):
             if value is not None and not np.all(np.isfinite(value)):
                 raise BayescalError("is not a finite number", option, f"give a number of {unit}")
         m = dataset.measurements
@@ -74,7 +74,7 @@ class Circumstance:
 def state_row(dataset: Dataset, time: float | None = None, row: str | int | None = None) -> int:
     """Index of the row whose state holds at a time, s, or that is named; default: the last fitted row."""
     if time is not None and row is not None:
-        raise BayescalError("a time and a row are given", "--at-time", "give one of them")
+        raise BayescalError("a time and a row are given", "--at-time-s", "give one of them")
     return int(Circumstance.of(dataset, 1, None, 0.0, time, row).source[0])
 
 

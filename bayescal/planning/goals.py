@@ -124,11 +124,11 @@ def certified(linear: Linearised) -> Goal | None:
     """
     model, scene = linear.model, linear.model.scene
     index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
-    used = {c.targets for c in model.constraints}
+    used = [set(c.targets) for c in model.constraints]
     slopes_by, probing, certificate = [], [], []
     known: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray] | None] = {}
     for c in scene.dataset.certificates:
-        if c.kind != "distance" or c.targets in used:
+        if c.kind != "distance" or any({*c.targets} <= own for own in used):
             continue
         for name in c.targets:
             if name not in known:

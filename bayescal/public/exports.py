@@ -112,7 +112,9 @@ def export(
     ()
     """
     from bayescal.exporting.export import export as work
+    from bayescal.exporting.formats import format_of
 
+    format_of(to)  # before a session is fitted again
     arm = arm_of(run, names(with_), names(without))
     name = f"{arm.dataset.robot.name}-calibrated"
     return ExportResult(

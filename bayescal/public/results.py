@@ -14,7 +14,7 @@ from bayescal.public.positions import Positioned
 from bayescal.public.tables import FitTables, GapTables, Json, fit_line, gap_line
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, RenderableType
 
     from bayescal.assess.agreement import Agreement
     from bayescal.calibration import Fit
@@ -28,12 +28,17 @@ WIDTH = 100
 """Width of a printed summary, characters."""
 
 
-def as_text(renderable: RenderableType) -> str:
-    """Text as on a terminal of `WIDTH` columns, without colours."""
+def console(**options: Any) -> Console:
+    """A terminal to which names of files are text: neither markup nor the code of an emoji."""
     from rich.console import Console
 
+    return Console(highlight=False, markup=False, emoji=False, **options)
+
+
+def as_text(renderable: RenderableType) -> str:
+    """Text as on a terminal of `WIDTH` columns, without colours."""
     out = StringIO()
-    Console(file=out, width=WIDTH, highlight=False, color_system=None).print(renderable)
+    console(file=out, width=WIDTH, color_system=None).print(renderable)
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
 
 

@@ -110,6 +110,7 @@ def settings_text(draft: Draft) -> str:
     lines += [*_explained(DatasetFile, "gravity_mps2"), "gravity_mps2: [0, 0, -9.81]  # nominal", ""]
     lines += [*_tools(draft), "", *_noise(draft), "", *_targets(draft), "", *_certificates(draft), ""]
     lines += [
+        *_optional(DatasetFile, "artefact", "artefact.yaml"),
         *_optional(DatasetFile, "temperature_of", "arm"),
         *_optional(DatasetFile, "torques", "measured"),
     ]

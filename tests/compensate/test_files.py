@@ -89,7 +89,7 @@ def test_bad_tables(arm, tmp_path, text, message):
 
 def test_a_payload_or_a_time_that_is_no_number_is_refused(arm, tmp_path):
     source = table(tmp_path / "t.csv", POSES + ROWS)
-    for state, option in (({"payload": np.nan}, "--payload-kg"), ({"time": np.inf}, "--at-time")):
+    for state, option in (({"payload": np.nan}, "--payload-kg"), ({"time": np.inf}, "--at-time-s")):
         with pytest.raises(BayescalError, match=f"{option}: is not a finite number"):
             compensate_file(arm, source, **state)
 

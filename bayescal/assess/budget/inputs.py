@@ -183,6 +183,11 @@ def _certificates(found: Estimate) -> Iterator[Propagated]:
     for constraint, entry in zip(model.constraints, _entries(model.scene, model.constraints), strict=True):
         by = found.covariance @ found.linear.jacobian[first : first + constraint.rows].T
         first += constraint.rows
+        if entry.points is not None:
+            name = f"certificate: coordinates of {entry.points.artefact}"
+            common = "certificates of the distances"
+            yield Propagated(Input(CERTIFICATE, name, "B", "m", None, None, common=common), by)
+            continue
         units = np.array([unit for _, unit in model.scene.stated(entry)])
         for unit in dict.fromkeys(units.tolist()):
             own = np.flatnonzero(units == unit)
@@ -202,6 +207,9 @@ def _entries(scene: Scene, constraints: Sequence[Constraint]) -> Iterator[Certif
     entries = iter(scene.dataset.certificates)
     for constraint in constraints:
         for entry in entries:
+            if entry.points is not None and constraint.kind == entry.kind:
+                yield entry
+                break
             if (entry.kind, entry.targets) == (constraint.kind, constraint.targets) and scene.stated(entry):
                 assert np.array_equal(u_of(entry, scene.stated(entry)), constraint.u)
                 yield entry

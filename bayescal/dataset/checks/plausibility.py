@@ -80,7 +80,7 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
             yield found
     for wrong in contradictions(dataset):
         if wrong.impossible:
-            where = document.where(("certificates", wrong.certificate))
+            where = document.where(wrong.place)
             yield BayescalError(f"{wrong.what}, as the rows on them are", where, wrong.remedy)
 
 
