@@ -232,7 +232,7 @@ def test_the_command(arm, tmp_path, command):
 
 
 def test_the_tool_and_the_verdict_by_the_command(arm, tmp_path, command):
-    """--tcp is in mm and deg; a bad verdict is in the first line and in the file, a failed fit needs --force."""
+    """--tcp is in mm and deg; a bad verdict is in the first line and the file; a failed fit needs --force."""
     run, source = tmp_path / "run", tmp_path / "p.script"
     source.write_bytes(programs.URSCRIPT)
     told = Use((), ("verdict of the fit: not validated",), left_out=("step is named, not confirmed",))

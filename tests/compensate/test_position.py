@@ -151,8 +151,8 @@ def test_the_covariance_is_along_the_axes_of_the_frame(arm, readings, monkeypatc
     monkeypatch.setattr("bayescal.exporting.compensate.position.frame_of", lambda *_: stand)
     found = positions(arm, readings)
     np.testing.assert_allclose(found.poses[:, :3, 3], plain.poses[:, :3, 3] @ turn, atol=1e-12)
-    np.testing.assert_allclose(found.uncertain.covariance, turn.T @ plain.uncertain.covariance @ turn, rtol=1e-6,
-                               atol=1e-16)  # fmt: skip
+    expected = turn.T @ plain.uncertain.covariance @ turn
+    np.testing.assert_allclose(found.uncertain.covariance, expected, rtol=1e-6, atol=1e-16)
 
 
 def test_direction_of_motion_and_load(fitted, arm, readings):

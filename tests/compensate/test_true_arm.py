@@ -90,8 +90,8 @@ def test_distance_errors_fall_to_what_was_predicted(made):
 def test_points_are_within_their_uncertainty(made):
     """In the frame of the tracker, which the true arm and the fitted one share."""
     found = positions(made.arm, made.inside, frame="tracker")
-    away = np.linalg.norm(in_tracker(made.base, stands(made.body, made.inside, np.zeros(40))) - found.poses[:, :3, 3],
-                          axis=1)  # fmt: skip
+    true = in_tracker(made.base, stands(made.body, made.inside, np.zeros(40)))
+    away = np.linalg.norm(true - found.poses[:, :3, 3], axis=1)
     assert np.mean(away <= found.uncertain.expanded) >= 0.9
     assert 0.3 < np.sqrt(np.mean((away / found.uncertain.u) ** 2)) < 1.5
 
@@ -135,7 +135,7 @@ def statements(name: str, pose: np.ndarray, k: int) -> tuple[str, str]:
 
 @pytest.mark.parametrize("name", ["urscript", "fanuc", "kuka", "abb"])
 def test_programs_replayed_on_the_true_arm(made, tmp_path, name):
-    """The controller takes joints as they are and inverts poses by the nominal model; then the true arm moves."""
+    """The controller takes joints as they are and inverts poses by the nominal model."""
     arm, readings = made.arm, made.inside[:6]
     stand = frame_of(arm, "tracker")
     nominal = nominal_arm(arm.dataset.robot, arm.dataset.tools[0])
@@ -164,8 +164,8 @@ def test_programs_replayed_on_the_true_arm(made, tmp_path, name):
             goal = stand.nominal @ slot.target.pose
             every = solutions(nominal, goal[None], own.readings[None, None])[0]
             run.append(nearest(nominal, every, own.readings[None]))
-    away = np.linalg.norm(in_tracker(made.base, stands(made.body, np.array(run), np.zeros(6))) - wanted[:, :3, 3],
-                          axis=1)  # fmt: skip
+    true = in_tracker(made.base, stands(made.body, np.array(run), np.zeros(6)))
+    away = np.linalg.norm(true - wanted[:, :3, 3], axis=1)
     assert np.all(away <= 1.3 * np.array([own.expanded for own in done.found]))
     assert np.median(away) < 40e-6
     assert min(own.error for own in done.found) > 4e-4
