@@ -49,6 +49,7 @@ VALUES: dict[tuple[str, str], tuple[str, Any]] = {
     ("check", "--to"): ("json", None),
     ("robots", "--to"): ("csv", None),
     ("plan", "--to"): ("csv", "csv"),
+    ("compensate", "--tcp"): ("0,0,100,0,0,180", [0.0, 0.0, 0.1, 0.0, 0.0, math.pi]),
     ("export", "--certificate"): ("given.yaml", "given.yaml"),
     ("export", "--schema"): ("given.xsd", "given.xsd"),
 }
