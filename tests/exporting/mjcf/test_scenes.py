@@ -174,7 +174,7 @@ def test_an_arm_on_a_vehicle(tmp_path, effects):
     assert model.joint("drive").type == mujoco.mjtJoint.mjJNT_FREE
     assert model.body("vehicle").mass == 80
     if effects == EVERY:
-        assert model.body(model.body("stand").parentid[0]).name == "vehicle"
+        assert model.body(model.body("stand").parentid[0]).name == "base"
 
 
 def test_masses_of_geoms_stay(tmp_path):
@@ -221,6 +221,16 @@ def test_an_exported_file_is_patched_again(tmp_path, first):
     assert np.abs(np.abs(np.sum(one.body_quat * two.body_quat, axis=1)) - 1.0).max() < 1e-5
     np.testing.assert_allclose(one.key_qpos, two.key_qpos, atol=1e-9)
     np.testing.assert_allclose(one.jnt_stiffness, two.jnt_stiffness, rtol=1e-9)
+
+
+def test_gravity_acts_on_links_that_a_scene_compensates(tmp_path):
+    text = changed(('<body name="forearm_link" ', '<body name="forearm_link" gravcomp="1" '))
+    out = fits(save(tmp_path, text), BASE)
+    assert "gravity acts on forearm_link: springs of the arm carry them" in out.notes
+    once = out.written.content
+    twice = fits(save(tmp_path, once), BASE).written.content
+    one, two = (mujoco.MjModel.from_xml_string(t) for t in (once, twice))
+    assert one.names == two.names
 
 
 def test_of_two_arms_the_last_body_says_which(tmp_path):
