@@ -143,6 +143,24 @@ def test_meshes_are_found_from_another_folder(tmp_path):
         assert "../" not in (tmp_path / "robots" / "arm.xml").read_text()
 
 
+def test_nested_includes_are_found_as_by_mujoco(tmp_path):
+    """Relative to the scene first, else to the file that includes them."""
+    (tmp_path / "parts").mkdir()
+    note = "<mujoco><custom><text name='{}' data='x'/></custom></mujoco>"
+    save(tmp_path / "parts", '<mujoco><include file="a.xml"/><include file="b.xml"/></mujoco>', "all.xml")
+    for folder, name in (("", "a"), ("parts", "a"), ("parts", "b")):
+        save(tmp_path / folder, note.format(f"{folder}{name}"), f"{name}.xml")
+    text = changed(
+        ('  <compiler angle="radian"', '  <include file="parts/all.xml"/>\n  <compiler angle="radian"')
+    )
+    path = save(tmp_path, text)
+    whole = mujoco.MjModel.from_xml_path(str(path))
+    model = mujoco.MjModel.from_xml_string(fits(path, ("geometry",)).written.content)
+    kind = mujoco.mjtObj.mjOBJ_TEXT
+    names = [[mujoco.mj_id2name(m, kind, k) for k in range(m.ntext)] for m in (whole, model)]
+    assert names == [["a", "partsb"]] * 2
+
+
 def test_included_files_stand_in_the_patched_file(tmp_path):
     body = re.search(r"  <worldbody>.*</actuator>\n", SCENE, re.DOTALL)[0]
     (tmp_path / "parts").mkdir()
@@ -175,6 +193,19 @@ def test_an_arm_on_a_vehicle(tmp_path, effects):
     assert model.body("vehicle").mass == 80
     if effects == EVERY:
         assert model.body(model.body("stand").parentid[0]).name == "base"
+
+
+def test_places_of_parameters_are_those_of_the_scene(tmp_path):
+    """Where the sidecar says that a parameter is: bodies and joints of the scene."""
+    record = fits(save(tmp_path, SCENE), ELASTIC).record("scene.xml")
+    at = {item["parameter"]: (item["element"], item["attribute"]) for item in record["written"]}
+    assert at["a2"] == ("body forearm_link", "pos, quat")  # row 3 of modified DH is before joint 3
+    assert at["theta2"] == ("body upper_arm_link", "pos, quat")
+    assert at["compliance J3"][0].startswith("joint elbow_joint_flex")
+    assert at["ball x"] == ("site ball", "pos")
+    new = export(drawn("universal-robots-ur5e", ELASTIC), "mjcf", force=True).record("arm.xml")
+    at = {item["parameter"]: item["element"] for item in new["written"]}
+    assert (at["a2"], at["theta2"]) == ("body link3", "body link2")
 
 
 def test_masses_of_geoms_stay(tmp_path):
