@@ -12,6 +12,7 @@ from bayescal.dataset import Dataset
 from bayescal.dataset.checks import orientation_check, plausibility, torque_check
 from bayescal.dataset.checks.certified import contradictions
 from bayescal.dataset.checks.misfit import nominal
+from bayescal.dataset.checks.planned import planned
 from bayescal.dataset.read import TABLE
 from bayescal.dataset.table import Table
 from bayescal.errors import BayescalError
@@ -51,6 +52,7 @@ def odd(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]
     yield from refused
     if not refused:
         yield from _diameters(dataset, document)
+        yield from _planned(dataset, table)
 
 
 def _refused(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]:
@@ -143,6 +145,14 @@ def _clock(dataset: Dataset, table: Table) -> Iterator[Finding]:
     what = f"`time_s` goes back by {time[row - 1] - time[row]:.6g} s{more}"
     remedy = "put the rows in the order of time, or count on from the session before"
     yield Finding("clock", "odd", what, place_of(dataset, table, row), remedy)
+
+
+def _planned(dataset: Dataset, table: Table) -> Iterator[Finding]:
+    """Contacts that were never made."""
+    if (found := planned(dataset)) is not None:
+        place = place_of(dataset, table, int(found.rows[0]))
+        remedy = "remove these rows, or write the readings at which the probe touched"
+        yield Finding("planned_pose", "odd", found.words(dataset), place, remedy)
 
 
 def _diameters(dataset: Dataset, document: Document) -> Iterator[Finding]:

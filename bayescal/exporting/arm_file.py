@@ -21,7 +21,7 @@ from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.fitted import FittedArm, Origin
 from bayescal.exporting.gate import Use
-from bayescal.exporting.masses import MassErrors
+from bayescal.exporting.unmodelled import Unmodelled
 from bayescal.files import json_text
 from bayescal.folders import check_unchanged
 from bayescal.model import Model, equilibrium, with_parameters
@@ -75,7 +75,7 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
         "seed": arm.origin.seed,
         "parameters": parameters,
         "covariance_si": arm.covariance.tolist(),
-        "masses": None if arm.masses is None else arm.masses.record(),
+        **arm.beyond.record(),
         "targets_si": {name: state.tolist() for name, state in arm.states.items()},
         "rejected": list(arm.rejected),
         "use": arm.use.record(),
@@ -205,5 +205,5 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
             tuple(record["without"]),
         ),
         Use.read(record, model.parameters),
-        MassErrors.read(record.get("masses"), len(values)),
+        Unmodelled.read(record, len(values)),
     )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from bayescal.dataset import Dataset
+from bayescal.dataset import Dataset, Measurements
 from bayescal.dataset.append import appended
 from bayescal.effects import Parameter
 from bayescal.errors import BayescalError
@@ -116,13 +116,20 @@ def posed_rows(
     dataset = replace(scene.dataset, measurements=appended(m, source, changed, [f"pose {k}" for k in rows]))
     stance = None if scene.stance is None else scene.stance.at(np.concatenate([np.arange(count), source]))
 
+    own = driven_by(m, source, still)
+    return settled_model(model, replace(scene, dataset=dataset, stance=stance), values, own), rows
+
+
+def driven_by(m: Measurements, source: np.ndarray, still: bool) -> Callable[[Parameter], Parameter]:
+    """What `posed_rows` makes of the drivers of a parameter of the session `m` with rows appended."""
+
     def own(p: Parameter) -> Parameter:
         """The parameter; the state of the source rows where its driver is an event or the row's number."""
         if p.driver.kind == "event" or (p.driver.kind == "time" and m.time is None):
-            return _driven(p, count, source)
-        return _driven(p, count, None) if still and p.driver.kind in MOVING else p
+            return _driven(p, len(m.ids), source)
+        return _driven(p, len(m.ids), None) if still and p.driver.kind in MOVING else p
 
-    return settled_model(model, replace(scene, dataset=dataset, stance=stance), values, own), rows
+    return own
 
 
 def _driven(p: Parameter, count: int, source: np.ndarray | None) -> Parameter:

@@ -20,11 +20,12 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from bayescal.arm.chain import chain_of
 from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.digits import numbers
-from bayescal.exporting.displaced import constant
+from bayescal.exporting.displaced import constant, constant_displacements
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.geometry import (
     at_zero_poses,
@@ -52,7 +53,7 @@ def write(arm: FittedArm, options: Options) -> Written:
     """The URDF of an arm in one state."""
     calibrated = geometry_of(arm, options.state)
     text, names, details, notes = (
-        _patched(arm, calibrated, options.into) if options.into else _new(arm, calibrated, options.name)
+        _patched(arm, calibrated, options.into) if options.into else _new(arm, calibrated, options)
     )
     return Written(
         text,
@@ -173,9 +174,10 @@ def _spins(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _new(
-    arm: FittedArm, calibrated: np.ndarray, name: str
+    arm: FittedArm, calibrated: np.ndarray, options: Options
 ) -> tuple[str, tuple[str, ...], dict[str, Any], tuple[str, ...]]:
-    robot = arm.dataset.robot
+    robot, name = arm.dataset.robot, options.name
+    delta = constant_displacements(arm.model, arm.values, options.state)
     sense = np.where(np.diag(robot.link_from_reading) < 0, -1.0, 1.0)
     most = [np.full(robot.n, np.nan) if x is None else x for x in (robot.torques, robot.velocities)]
     free = " and ".join(
@@ -201,7 +203,7 @@ def _new(
             f'    <limit lower="{low!r}" upper="{high!r}" '
             f'effort="{effort[k]!r}" velocity="{velocity[k]!r}"/>',
             "  </joint>",
-            *_link(robot, k, link),
+            *_link(robot, delta, k, link),
         ]
         before = link
     lines += [
@@ -231,11 +233,11 @@ def _origin(step: np.ndarray) -> str:
     return f'<origin xyz="{numbers(step[:3, 3])}" rpy="{numbers(rpy_of(step[:3, :3]))}"/>'
 
 
-def _link(robot: Robot, k: int, name: str) -> list[str]:
+def _link(robot: Robot, delta: np.ndarray, k: int, name: str) -> list[str]:
     """A link with its mass."""
     if robot.masses is None:
         return [f"  <link name={quoteattr(name)}/>"]
-    centre, mass = centre_in_frame(robot, k), float(robot.masses[k])
+    centre, mass = centre_in_frame(robot, chain_of(robot), delta, k), float(robot.masses[k])
     inertia = 0.4 * mass * BALL**2
     return [
         f"  <link name={quoteattr(name)}>",

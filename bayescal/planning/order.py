@@ -78,14 +78,16 @@ ORDERS: Mapping[str, Callable[[Pool, np.ndarray, np.random.Generator, Blocked], 
 """Orders by their name."""
 
 
-def travel(pool: Pool, rows: np.ndarray, via: Sequence[np.ndarray | None] = ()) -> float:
+def travel(pool: Pool, rows: np.ndarray, *passed: Sequence[np.ndarray | None]) -> float:
     """Time, s, of the motion between contacts in the given order, with approach and retract.
 
-    `via` (M of (K, n)), rad, are the readings that are passed before each row (`transit.Transits.via`).
+    `passed` (each M of (K, n)), rad, are the readings that are passed before each row one after the other
+    (`leave` and `via` of `transit.Ways`).
     """
     approach, m = pool.approach[rows], pool.session.measurements
-    passed = [way if way is not None else () for way in via] or [()] * len(rows)
-    points = [p for way, own in zip(passed, approach, strict=True) for p in (*way, own)]
+    points = []
+    for *ways, own in zip(*passed, approach, strict=True):
+        points += [p for way in ways if way is not None for p in way] + [own]
     moves = seconds_between(np.array(points[:-1]), np.array(points[1:])) if len(points) > 1 else 0.0
     touched = np.any(approach != m.readings[rows], axis=1)
     return float(np.sum(moves) + np.sum(touched) * (RETRACT / SPEED + RETRACT / BACK))

@@ -138,7 +138,7 @@ def plan(
     moves = Transits(pool)
     at = orders.ordered(pool, rows, order, np.random.default_rng(of_order), moves.blocked)
     progress("motions", 0.5)
-    via = moves.via(rows[at])
+    ways = moves.ways(rows[at])
     session = _session(pool, rows[at], repeats=set(pool.candidates[repeats].tolist()))
     progress("done", 1.0)
     return Plan(
@@ -157,14 +157,18 @@ def plan(
         next_u=curve.next_u,
         detectable=detectable(found, planned, selections),
         confusable=separated,
-        travel=orders.travel(pool, rows[at], via),
-        via=via,
+        travel=orders.travel(pool, rows[at], ways.leave, ways.via),
+        via=ways.via,
+        leave=ways.leave,
+        changes=ways.changes,
+        by_hand=ways.by_hand,
+        clearance=ways.clearance,
         seconds=time.perf_counter() - begin,
         warnings=(
             *setup.notes,
             *pool.warnings,
             *(text for text in (*(goal.note for goal in wanted), few) if text),
-            *_closed(session, via),
+            *_closed(session, ways.by_hand),
         ),
         aim=aim,
         order=order,
@@ -210,9 +214,9 @@ def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:
     return replace(pool.session, measurements=m)
 
 
-def _closed(session: Dataset, via: Sequence[np.ndarray | None]) -> list[str]:
+def _closed(session: Dataset, by_hand: Sequence[str]) -> list[str]:
     """A warning of contacts to which no free way was found."""
-    ids = [name for name, way in zip(session.measurements.ids, via, strict=True) if way is None]
+    ids = [name for name, words in zip(session.measurements.ids, by_hand, strict=True) if words]
     text = f"no collision-free path found to {', '.join(ids)} from the contact before: jog manually"
     return [text] if ids else []
 

@@ -1,12 +1,12 @@
 """Motions between contacts: whether they are collision-free, and where they must pass otherwise.
 
 Controllers move between approaches by joint angles, all joints at the same time. Such a motion from one face
-of an artefact to another usually passes through it.
+of an artefact to another usually passes through it. Where a tool, the placement of an artefact or the payload
+is changed, the arm first goes to a raised pose, far from all solids, and waits there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -28,6 +28,9 @@ MOST = 64
 """Configurations that are tried for a motion before all of them are."""
 RESERVE = 300  # of the others that are tried at once
 PAIRED = 12  # on each side, where two configurations must be passed
+RAISED = 0.1
+"""m: distance of the tool from all solids where the arm waits for a change, if it can be had (assumed)."""
+WAITING = 24  # raised poses that are tried, those of the shortest way first
 
 
 def seconds_between(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -35,7 +38,7 @@ def seconds_between(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     return np.abs(end - begin).max(axis=-1, initial=0.0) / RATE
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Place:
     """An arm with its tool among the solids that are there at the same time."""
 
@@ -64,12 +67,32 @@ class Place:
         some = self.hand.anywhere[:NODES]
         return some[self.clearance.collides(some) == 0]
 
-    def ways(self, begin: np.ndarray, end: np.ndarray) -> list[np.ndarray | None]:
-        """Readings (K, n), rad, K = 1 or 2, to pass between readings (M, n); None if no free way is found.
+    @cached_property
+    def raised(self) -> np.ndarray:
+        """Readings (K, n), rad, at which the arm can wait, with its tool far from all solids."""
+        away = self.away(self.nodes)
+        return self.nodes[away >= min(RAISED, np.quantile(away, 0.9))] if len(away) else self.nodes
 
-        The nodes of the shortest ways are tried for all motions at once. Where none of them will do, two of
-        them are, and then all nodes.
+    def away(self, readings: np.ndarray) -> np.ndarray:
+        """Distances (M,), m, of the tool from all solids at readings (M, n); -1 where anything collides."""
+        tool = tuple(c for c in self.clearance.capsules if c.frame == self.hand.arm.robot.n + 1)
+        away = replace(self.clearance, capsules=tool, own=()).distances(readings)
+        return np.where(self.clearance.collides(readings) != 0, -1.0, away)
+
+    def ways(self, begin: np.ndarray, end: np.ndarray) -> list[np.ndarray | None]:
+        """Readings (K, n), rad, K <= 2, to pass between readings (M, n); None if no free way is found.
+
+        The nodes of the shortest ways are tried for all motions at once that are not free without. Where none
+        of them will do, two of them are, and then all nodes.
         """
+        free = self.free(begin, end)
+        out: list[np.ndarray | None] = [begin[:0] if own else None for own in free]
+        bad = np.flatnonzero(~free)
+        for k, way in zip(bad, self._around(begin[bad], end[bad]), strict=True):
+            out[k] = way
+        return out
+
+    def _around(self, begin: np.ndarray, end: np.ndarray) -> list[np.ndarray | None]:
         out: list[np.ndarray | None] = [None] * len(begin)
         detour = seconds_between(begin[:, None], self.nodes) + seconds_between(self.nodes, end[:, None])
         order = np.argsort(detour, axis=1, kind="stable")
@@ -117,6 +140,17 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Ways:
+    """Motions to the approaches of M rows in the order of probing; see the fields of `result.Plan`."""
+
+    leave: tuple[np.ndarray | None, ...]
+    via: tuple[np.ndarray | None, ...]
+    changes: tuple[str, ...]
+    by_hand: tuple[str, ...]
+    clearance: np.ndarray
+
+
+@dataclass(frozen=True)
 class Transits:
     """Motions between the approaches of rows of a pool."""
 
@@ -144,38 +178,101 @@ class Transits:
             self._places[tool, label] = Place(hand, hand.clearance.among(there))
         return self._places[tool, label]
 
-    def _groups(self, begin: np.ndarray, end: np.ndarray) -> Iterator[tuple[Place, np.ndarray]]:
-        """Motions between rows (M,), by the place where they are; none where tool or artefact is changed."""
+    def blocked(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Which straight motions between the approaches of rows (M,) collide, (M,).
+
+        None where tool or artefact is changed on the way: the arm stops there.
+        """
+        out, approach = np.zeros(len(begin), bool), self.pool.approach
         tool = self.pool.session.measurements.tool
         a, b = self._labels[begin], self._labels[end]
         label = np.where(b == "", a, b)
         moved = (tool[begin] == tool[end]) & ((a == "") | (b == "") | (a == b))
         for k, name in sorted(
-            {(int(t), str(n)) for t, n in zip(tool[end][moved], label[moved], strict=True)}
+            {(int(tool[e]), str(n)) for e, n in zip(end[moved], label[moved], strict=True)}
         ):
-            yield self._place(k, name), np.flatnonzero(moved & (tool[end] == k) & (label == name))
-
-    def blocked(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Which straight motions between the approaches of rows (M,) collide, (M,)."""
-        out, approach = np.zeros(len(begin), bool), self.pool.approach
-        for place, some in self._groups(begin, end):
-            out[some] = ~place.free(approach[begin[some]], approach[end[some]])
+            some = moved & (tool[end] == k) & (label == name)
+            out[some] = ~self._place(k, name).free(approach[begin[some]], approach[end[some]])
         return out
 
-    def via(self, rows: np.ndarray) -> tuple[np.ndarray | None, ...]:
-        """Where the arm passes between rows (M,) in the order of probing.
+    def ways(self, rows: np.ndarray) -> Ways:
+        """The motions to rows (M,) in the order of probing, with the stops where something is changed."""
+        approach, labels = self.pool.approach[rows], self._placed(rows)
+        tool = self.pool.session.measurements.tool[rows]
+        changes = self._changes(rows, labels)
+        stops = np.array([k == 0 or bool(text) for k, text in enumerate(changes)])
+        none = np.empty((0, approach.shape[1]))
+        leave: list[np.ndarray | None] = [none] * len(rows)
+        via: list[np.ndarray | None] = [none] * len(rows)
+        places = [self._place(int(t), str(n)) for t, n in zip(tool, labels, strict=True)]
+        for k in np.flatnonzero(stops):
+            before = None if k == 0 else (places[k - 1], approach[k - 1])
+            leave[k], via[k] = stopped(before, (places[k], approach[k]))
+        for place in dict.fromkeys(places):
+            some = np.array([k for k, own in enumerate(places) if own is place and not stops[k]], int)
+            for k, way in zip(some, place.ways(approach[some - 1], approach[some]), strict=True):
+                via[k] = way
+        words = tuple(by_hand(end) if way is None else "" for end, way in zip(approach, via, strict=True))
+        return Ways(tuple(leave), tuple(via), changes, words, np.full(len(rows), np.nan))
 
-        Returns
-        -------
-        tuple of np.ndarray, shape (K, n), or None
-            Readings, rad, that are passed before the approach of each row; most often K = 0. None where no
-            free way from the row before was found.
+    def _placed(self, rows: np.ndarray) -> np.ndarray:
+        """Placement of the artefact while each of rows (M,) is probed, (M,).
+
+        It stays where it is until a row needs another, and is there from the beginning.
         """
-        out: list[np.ndarray | None] = [np.empty((0, self.pool.approach.shape[1]))] * len(rows)
-        begin, end = rows[:-1], rows[1:]
-        for place, some in self._groups(begin, end):
-            a, b = self.pool.approach[begin[some]], self.pool.approach[end[some]]
-            bad = np.flatnonzero(~place.free(a, b))
-            for k, way in zip(bad, place.ways(a[bad], b[bad]), strict=True):
-                out[int(some[k]) + 1] = way
+        out = self._labels[rows]
+        known = np.flatnonzero(out != "")
+        if len(known):
+            out = out[known[np.maximum(np.searchsorted(known, np.arange(len(rows)), side="right") - 1, 0)]]
+        return out
+
+    def _changes(self, rows: np.ndarray, labels: np.ndarray) -> tuple[str, ...]:
+        """What the person has to do before each of rows (M,), or ""."""
+        session = self.pool.session
+        m = session.measurements
+        payload = np.zeros(len(rows)) if m.payload is None else m.payload[rows]
+        names = [session.tools[k].name for k in m.tool[rows]]
+        several = {"tool": len(set(names)) > 1, "placement": len(set(labels)) > 1}
+        out = []
+        for k, (name, label, load) in enumerate(zip(names, labels, payload, strict=True)):
+            parts = []
+            if several["tool"] and (k == 0 or name != names[k - 1]):
+                parts.append(f"mount tool {name}")
+            if several["placement"] and (k == 0 or label != labels[k - 1]):
+                parts.append(f"move the artefact to placement {label}")
+            if load != (payload[k - 1] if k else 0.0):
+                parts.append(f"attach {load:g} kg beyond the tool" if load else "remove the payload")
+            out.append("; ".join(parts))
         return tuple(out)
+
+
+def stopped(
+    before: tuple[Place, np.ndarray] | None, after: tuple[Place, np.ndarray]
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Ways (K, n) from an approach (n,) to a raised pose where the arm waits, and from there to another.
+
+    The last of the first is where it waits. At the start of a session (`before` is None) it is the only. None
+    for both if there is no such way.
+    """
+    place, end = after
+    raised = place.raised
+    if before is not None and before[0] is not place:
+        away = before[0].away(raised)
+        raised = raised[away >= min(RAISED, 0.5 * away.max(initial=0.0))]
+    begin = end if before is None else before[1]
+    order = np.argsort(seconds_between(begin, raised) + seconds_between(raised, end), kind="stable")
+    best = raised[order[:WAITING]]
+    down = place.ways(best, np.broadcast_to(end, best.shape))
+    up = [best[:0]] * len(best)
+    if before is not None:
+        up = before[0].ways(np.broadcast_to(begin, best.shape), best)
+    for wait, a, b in zip(best, up, down, strict=True):
+        if a is not None and b is not None:
+            return np.concatenate([a, wait[None]]), b
+    return None, None
+
+
+def by_hand(end: np.ndarray) -> str:
+    """How the arm is moved by hand to readings (n,), rad, to which no free way is known."""
+    joints = ", ".join(f"J{k} {angle:.1f}" for k, angle in enumerate(np.degrees(end), 1))
+    return f"move by hand: raise the tool above all that stands there, then to {joints} deg"

@@ -66,11 +66,17 @@ def test_orders_avoid_collisions(ordered):
 
 def test_ways_around_are_free(pool, ordered):
     moves, _, seeing = ordered
-    via = moves.via(seeing)
+    ways = moves.ways(seeing)
+    via = ways.via
+    same = np.array([not text for text in ways.changes[1:]])
     blocked = moves.blocked(seeing[:-1], seeing[1:])
-    assert [len(way) > 0 for way in via[1:]] == blocked.tolist()
-    assert not len(via[0])
-    points = [p for way, row in zip(via, seeing, strict=True) for p in (*way, pool.approach[row])]
+    assert [len(way) > 0 for way in via[1:]] == (blocked & same).tolist()
+    assert [len(way) for way in ways.leave[:1]] == [1]
+    points = [
+        p
+        for *both, row in zip(ways.leave, via, seeing, strict=True)
+        for p in (*both[0], *both[1], pool.approach[row])
+    ]
     assert depths(pool, np.array(points)).min() > -DEEP
     times = orders.travel(pool, seeing, via), orders.travel(pool, seeing)
     assert times[1] < times[0] < times[1] + 10.0 * blocked.sum()
@@ -85,9 +91,11 @@ def test_no_way_is_said(pool, ordered):
     )
     moves = Transits(replace(pool, approach=inside))
     other = int(pool.candidates[1])
-    first, *others = moves.via(np.array([other, row, other]))
+    found = moves.ways(np.array([other, row, other]))
+    first, *others = found.via
     assert len(first) == 0
     assert others == [None, None]
+    assert [bool(words) for words in found.by_hand] == [False, True, True]
     assert orders.travel(moves.pool, np.array([other, row]), [first, None]) > 0
 
 
@@ -106,7 +114,9 @@ def test_placements_that_come_one_after_the_other_are_not_between_each_other():
     assert labels[0, "1"] == [""] * 3  # cube, one sphere, table
     assert labels[0, ""] == [""] * 2
     assert not moves.blocked(np.array([one]), np.array([other])).any()  # the artefact is moved between them
-    assert len(list(moves._groups(np.array([one]), np.array([pool.candidates[0]])))) == 1
+    ways = moves.ways(np.array([one, pool.candidates[0], other]))
+    assert ways.changes == ("move the artefact to placement 1", "", "move the artefact to placement 3")
+    assert [len(way) > 0 for way in ways.leave] == [True, False, True]
 
 
 def test_times_between_readings():
