@@ -18,6 +18,7 @@ from bayescal.assess.identifiability import Identifiability, identifiability
 from bayescal.assess.shared_causes import SharedCause, rejected_share, shared_causes, with_sharing_rows
 from bayescal.assess.undetermined import Undetermined, undetermined
 from bayescal.dataset import Dataset
+from bayescal.effects import parameters_of
 from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.joint import JOINT
 from bayescal.effects.selection import plain
@@ -137,10 +138,14 @@ def fit(
         If the session cannot be fitted, or the model has no such part, with the reason.
     """
     check_asked(effects, prior_width)
-    parts = parts_of(without, effects)
     if tolerance is not None:
         check_tolerance(tolerance)
     scene = Scene(dataset, oriented=True)
+    parts = parts_of(
+        without,
+        effects,
+        parameters_of(effects, scene.circumstances(scene.rows("calibrate"))) if without else (),
+    )
     check_enough(scene)
     check_located(scene)
     of_draws, of_sampler, of_causes, of_noise, of_forecast, of_discrepancy = spawned(seed, 6)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli.options import Run
+from bayescal.cli.options import Run, known
 from bayescal.cli.root import app, ending
 from bayescal.errors import BayescalError
 
@@ -38,8 +38,7 @@ def budget(
     """State the uncertainty budget (JCGM 100) of a distance, a parameter or a point of a run folder."""
     from bayescal.public.budgets import budget as work
 
-    if to not in FORMATS:
-        raise BayescalError(f"there is no format `{to}`", "--to", f"formats: {', '.join(FORMATS)}")
+    known(to, FORMATS)
     found = work(
         run,
         distance=distance,

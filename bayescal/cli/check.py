@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli.options import AllowXacro
+from bayescal.cli.options import AllowXacro, known
 from bayescal.cli.root import app, ending
-from bayescal.errors import BayescalError
 
 FORMATS = ("table", "json")
 
@@ -24,8 +23,7 @@ def check(
     """Check a dataset without fitting it: what is understood, what is missing, what looks wrong."""
     from bayescal.public.checking import check as run
 
-    if to not in FORMATS:
-        raise BayescalError(f"there is no format `{to}`", "--to", f"formats: {', '.join(FORMATS)}")
+    known(to, FORMATS)
     result = run(dataset, allow_xacro=allow_xacro)
     if json or to == "json":
         from bayescal.files import json_text

@@ -12,8 +12,9 @@ Their uncertainty is not removed: the covariance is that of the model with them 
 parameter whose estimate is v <= 0, E[v'^2 | v' >= 0] <= u^2: the uncertainty stated about zero is not too
 small.
 
-A value below -`SIGNIFICANT` u contradicts the model, and is left as it is. So are all, where only together
-they are that improbable (chi-square of the bound).
+A value that is significantly negative contradicts the model, and is left as it is: below -2 u of a single
+positive parameter; several share its probability (Bonferroni): below -2.6 u of five. So are all, where only
+together they are that improbable (chi-square of the bound).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
+from scipy.special import ndtr, ndtri
 
 from bayescal.distributions import chi2_isf
 from bayescal.effects import UNITS, Parameter
@@ -32,10 +34,8 @@ from bayescal.model import ARM
 from bayescal.model.equilibrium import moved, standing_model, tool_points
 from bayescal.model.model import with_parameters
 
-SIGNIFICANT = 2.0
-"""Standard uncertainties below zero from which on a value contradicts the model."""
-CHANCE = 0.0455
-"""Chance of a value so far from zero, of either sign."""
+CHANCE = float(ndtr(-2.0))
+"""Probability that a rigid part has an estimate below -2 u."""
 TIGHT = 1e-6
 """Prior standard deviation of a parameter that is fitted at its bound, as a share of its own."""
 FITS = 8
@@ -44,6 +44,8 @@ AT_REST = 1e-2
 """Displacement of the TCP by such a fit, in units of the smallest noise, at which they end."""
 CAUSE = "the model lacks an effect, or masses are wrong: run bayescal gap"
 """What a value that is significantly negative comes from, and what to do."""
+NAMED = 2
+"""Negative values that the sentence names, the most significant first."""
 PAIRS = 400
 """Pairs of poses whose distance is compared."""
 
@@ -56,11 +58,12 @@ class Negative:
     value: float
     u: float
     unit: str  # a key of UNITS
+    limit: float = 2.0  # u below zero from which on it is significant
 
     @property
     def significant(self) -> bool:
         """Whether the value is not that of a rigid part with its uncertainty."""
-        return self.value < -SIGNIFICANT * self.u
+        return self.value < -self.limit * self.u
 
     @property
     def figures(self) -> str:
@@ -85,9 +88,13 @@ class Rigid:
         each = ", ".join(f"{n.parameter} {n.figures}" for n in self.parameters)
         return (
             f"set to rigid, because not distinguishable from 0: {each}; fitted again, distances over the "
-            f"poses of the session change by {1e6 * self.distance_rms:.2g} µm RMS, "
-            f"{1e6 * self.distance_max:.2g} µm at most"
+            f"poses of the session change by {_um(self.distance_rms)} RMS, {_um(self.distance_max)} at most"
         )
+
+
+def _um(length: float) -> str:
+    """A length, m, in µm with two significant digits."""
+    return f"{float(f'{1e6 * length:.2g}'):.9g} µm"
 
 
 UNCHANGED = Rigid()
@@ -96,8 +103,9 @@ UNCHANGED = Rigid()
 
 def negative(parameters: Sequence[Parameter], deviations: np.ndarray, sd: np.ndarray) -> tuple[Negative, ...]:
     """Physically positive parameters below zero, by deviations (P,) from nominal and their u (P,), SI."""
+    limit = float(-ndtri(CHANCE / max(sum(p.positive for p in parameters), 1)))
     return tuple(
-        Negative(p.name, float(p.nominal + d), float(u), p.unit)
+        Negative(p.name, float(p.nominal + d), float(u), p.unit, limit)
         for p, d, u in zip(parameters, deviations, sd, strict=True)
         if p.positive and p.nominal + d < -TIGHT * p.sd
     )
@@ -115,7 +123,7 @@ def bounded(found: Estimate) -> tuple[Estimate, Rigid]:
     below = negative(model.parameters, found.arm, np.sqrt(np.diag(covariance)) * model.sd)
     kept = {n.parameter for n in below if n.significant}
     free = [k for k, p in enumerate(model.parameters) if p.positive and p.name not in kept]
-    at_zero = _at_zero(found, free, covariance)
+    at_zero = _at_zero(found, free, covariance, below[0].limit)
     out = found
     for _ in range(len(free)):
         if not at_zero:
@@ -144,15 +152,21 @@ def not_physical(found: Estimate, covariance: np.ndarray) -> tuple[str, ...]:
     if not clear:
         return ()
     together = "" if clear[0].significant else "together, "
-    what = ", ".join(f"{n.parameter} {n.figures}" for n in clear)
-    return (f"negative by more than {SIGNIFICANT:.0f} u, {together}which is not physical: {what}; {CAUSE}",)
+    clear = sorted(clear, key=lambda n: n.value / n.u)
+    what = ", ".join(f"{n.parameter} {n.figures}" for n in clear[:NAMED])
+    what += f" and {len(clear) - NAMED} more" if len(clear) > NAMED else ""
+    return (
+        f"negative by more than {clear[0].limit:.2g} u, {together}which is not physical: {what}; {CAUSE}",
+    )
 
 
-def _at_zero(found: Estimate, free: Sequence[int], covariance: np.ndarray) -> tuple[str, ...]:
+def _at_zero(found: Estimate, free: Sequence[int], covariance: np.ndarray, limit: float) -> tuple[str, ...]:
     """Parameters, of those at `free`, that are zero at the most probable values that are not negative.
 
     None, where the stated `covariance` (P, P) of z makes them improbable together.
     """
+    if not free:  # of an empty matrix, nnls aborts the process
+        return ()
     p = found.model.parameters
     zero = np.array([-p[k].centre / p[k].sd for k in free])  # z of a part that is rigid
     above = found.z[list(free)] - zero
@@ -163,7 +177,7 @@ def _at_zero(found: Estimate, free: Sequence[int], covariance: np.ndarray) -> tu
     if not len(off):
         return ()
     wide = covariance[np.ix_(free, free)][np.ix_(off, off)]
-    if above[off] @ np.linalg.solve(wide, above[off]) > chi2_isf(CHANCE, len(off)):
+    if above[off] @ np.linalg.solve(wide, above[off]) > max(limit**2, chi2_isf(CHANCE, len(off))):
         return ()
     return tuple(p[free[int(k)]].name for k in off)
 

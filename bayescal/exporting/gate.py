@@ -31,6 +31,16 @@ REMAINS = {
     "ambiguous": "the data do not decide between effects; the arm has only those that are named",
 }
 """What a verdict says of the arm of a diagnosis."""
+MEASURE = ("directions", "prior", "no_length", "contrast", "not_identifiable")
+"""Findings after which more is to be measured."""
+STEPS = {
+    "gap": "find the cause in the machine",
+    "samples": "repeat with another --seed or with --samples 0; the posterior is not converged",
+    "measure": "measure what the warnings say is missing; then fit again",
+    "validate": "add measurements with role validate, best on spheres at certified distances; then fit again",
+    "use": "use robot.yaml of the run folder, or export the arm",
+}
+"""What to do after a fit."""
 PAIRS = 400
 """Pairs of poses whose distances are looked at."""
 
@@ -49,12 +59,15 @@ class Use:
         Parameters that the fit set to rigid, and what that changes.
     left_out : tuple of str
         Named effects that the arm is without, and why.
+    next : str
+        What to do after a fit: a key of `STEPS`; "" of a diagnosis, which advises by itself.
     """
 
     against: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     rigid: Rigid = UNCHANGED
     left_out: tuple[str, ...] = ()
+    next: str = ""
 
     @property
     def allowed(self) -> bool:
@@ -89,6 +102,7 @@ class Use:
             "rigid_distance_rms_um": 1e6 * self.rigid.distance_rms,
             "rigid_distance_max_um": 1e6 * self.rigid.distance_max,
             "left_out": list(self.left_out),
+            "next": self.next,
         }
 
     @classmethod
@@ -103,7 +117,7 @@ class Use:
             value, u = entry["value_without_bound"] / UNITS[unit][1], entry["u"] / UNITS[unit][1]
             held.append(Negative(entry["parameter"], value, u, unit))
         rigid = Rigid(tuple(held), 1e-6 * use["rigid_distance_rms_um"], 1e-6 * use["rigid_distance_max_um"])
-        return cls(tuple(use["against"]), tuple(use["warnings"]), rigid, tuple(use["left_out"]))
+        return cls(tuple(use["against"]), tuple(use["warnings"]), rigid, tuple(use["left_out"]), use["next"])
 
 
 NOTHING = Use()
@@ -113,7 +127,8 @@ NOTHING = Use()
 def of_fit(fit: Fit) -> Use:
     """What may be used of a calibration."""
     sampler = () if fit.draws.converged else (f"the sampler did not converge: {fit.draws.complaint}",)
-    reasons = of_estimate(fit.final.estimate, fit.stated.limited)
+    found, covariance = fit.final.estimate, fit.stated.limited
+    reasons = of_estimate(found, covariance)
     if not reasons and not fit.acceptance.determined:
         share = 100 * fit.forecast.prior_share
         reasons = (
@@ -122,7 +137,20 @@ def of_fit(fit: Fit) -> Use:
     tests = fit.acceptance
     reasons = (*((tests.unmade,) if tests.unmade else ()), *reasons)
     told = () if tests.explains and tests.validated else (f"verdict of the fit: {tests.verdict}",)
-    return Use((*sampler, *reasons), told, fit.rigid)
+    codes = {f.code for f in fit.findings if f.severity != "note"}
+    step = next(
+        key
+        for key, here in (
+            ("gap", not tests.explains or bool(not_physical(found, covariance))),
+            ("samples", bool(sampler)),
+            ("measure", bool(reasons)),
+            ("validate", not tests.validated),
+            ("measure", not codes.isdisjoint(MEASURE)),
+            ("use", True),
+        )
+        if here
+    )
+    return Use((*sampler, *reasons), told, fit.rigid, next=step)
 
 
 def of_gap(gap: Gap) -> Use:
@@ -199,5 +227,5 @@ def check(use: Use, force: bool, done: str = "exported") -> None:
         With all reasons, unless `force`.
     """
     if use.against and not force:
-        remedy = "--force ignores this; --without EFFECT (or 'compliance at joint 3') fits the session again"
+        remedy = "--force ignores this; --without EFFECT (or 'compliance J3') fits the session again"
         raise BayescalError("; ".join(use.against), f"not {done}", remedy)

@@ -29,8 +29,10 @@ ZERO = np.radians(2.0)
 """rad: joint zeros that differ by more are those of another arm; those of calibrated arms differ by less."""
 NOMINAL = np.radians(0.05)
 """rad: axes that differ by less are nominal, with rounded angles; else the file is calibrated."""
-PLACED = (np.radians(2.0), 10e-3)
-"""rad, m: a root of a calibrated file within this of a multiple of 90 deg, and of F0's origin, is there."""
+PLACED = (np.radians(2.0), LENGTH)
+"""rad, m: a root within this of a multiple of 90 deg, and of F0's origin, is there, unless a file is exact."""
+ROUNDED = 1e-5
+"""rad, m: difference of axes beyond which lengths of a file are rounded, or it is calibrated."""
 LEVER, STEPS, STEP = 0.3, 20, 1e-6
 """m: length that counts as a radian where zeros are found; iterations, and step of their differences, rad."""
 EXACT = 1e-6
@@ -77,8 +79,11 @@ def match(robot: Robot, file: FileArm, name: str) -> Match:
     r, b = _lines(file.frames, file.axes)
     _check_pairs(robot, file, name, _pairs(p, a), _pairs(r, b))
     root = _alignment(p, a, r, b)
-    here = np.eye(4) if _off(p, a, r, b, np.eye(4))[2] <= _off(p, a, r, b, root)[2] + EXACT else root
+    least = _off(p, a, r, b, root)[2]
+    here = np.eye(4) if _off(p, a, r, b, np.eye(4))[2] <= least + EXACT else root
     angle, length, _ = _off(p, a, r, b, here)
+    if least > ROUNDED and np.max(_off(p, a, r, b, _placed(root))[1]) <= LENGTH:
+        here = _placed(root)
     frames, notes = file.frames, tuple[str, ...]()
     if np.max(angle) > NOMINAL:
         root, zeros = _zeros(p, a, file, root)
@@ -159,14 +164,9 @@ def _settled(
     first axis is the zero of the first joint. A tip that is close to a multiple of 90 deg about the last axis
     of the flange has the zero of the last one.
     """
-    near = np.round(root[:3, :3])
-    off = Rotation.from_matrix(root[:3, :3] @ near.T) if abs(np.linalg.det(near)) == 1 else None
-    if off is None or off.magnitude() > PLACED[0]:
-        near, off = root[:3, :3], Rotation.identity()
-    shift = root[:3, 3] if np.linalg.norm(root[:3, 3]) > PLACED[1] else np.zeros(3)
-    zeros = zeros.copy()
-    zeros[0] = float(off.as_rotvec() @ near @ _lines(file.frames, file.axes)[1][0])
-    here = rigid(near, shift)
+    here, zeros = _placed(root), zeros.copy()
+    off = Rotation.from_matrix(root[:3, :3] @ here[:3, :3].T).as_rotvec()
+    zeros[0] = float(off @ here[:3, :3] @ _lines(file.frames, file.axes)[1][0])
     tip = np.linalg.inv(flange) @ here @ _turned(file, zeros)[-1]
     axis, tip = tip[:3, :3] @ file.axes[-1], tip @ file.tip
     x, y, _ = tip[:3, np.argmin(np.abs(tip[2, :3]))]  # the axis of the tip that is across the last joint's
@@ -174,6 +174,15 @@ def _settled(
     past = angle - np.round(angle / (0.5 * np.pi)) * 0.5 * np.pi
     zeros[-1] = -float(np.sign(axis[2])) * past if abs(past) <= PLACED[0] else 0.0
     return here, zeros
+
+
+def _placed(root: np.ndarray) -> np.ndarray:
+    """A root (4, 4) at a multiple of 90 deg and in F0, where it is close to them."""
+    near = np.round(root[:3, :3])
+    turned = abs(np.linalg.det(near)) == 1
+    close = turned and Rotation.from_matrix(root[:3, :3] @ near.T).magnitude() <= PLACED[0]
+    shift = root[:3, 3] if np.linalg.norm(root[:3, 3]) > PLACED[1] else np.zeros(3)
+    return rigid(near if close else root[:3, :3], shift)
 
 
 def _calibrated(robot: Robot, file: FileArm, zeros: np.ndarray, name: str) -> tuple[str, ...]:

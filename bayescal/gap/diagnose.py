@@ -10,6 +10,7 @@ import numpy as np
 from bayescal.assess.identifiability import identifiability
 from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
+from bayescal.effects import parameters_of
 from bayescal.estimate import Estimate, check_enough
 from bayescal.estimate.bounds import bounded
 from bayescal.estimate.discrepancy import stated
@@ -73,8 +74,12 @@ def diagnose(
         If the session cannot be fitted, or the model has no such part, with the reason.
     """
     check_asked(effects, prior_width)
-    parts = parts_of(without, effects)
     scene = Scene(dataset, oriented=True)
+    parts = parts_of(
+        without,
+        effects,
+        parameters_of(effects, scene.circumstances(scene.rows("calibrate"))) if without else (),
+    )
     check_enough(scene)
     check_located(scene)
     found = explain(scene, effects, robust, prior_width, parts, progress)

@@ -26,8 +26,9 @@ def compensation_summary(arm: FittedArm, done: Compensation) -> RenderableType:
         rows.append(
             ("nominal error", f"mean {MM * error.mean():.3f} mm, maximum {MM * error.max():.3f} mm", "")
         )
-        rows.append(("uncertainty", f"u of a point (k = 1): median {um2(float(np.median(u)))} µm, maximum "
-                     f"{um2(float(u.max()))} µm; U (95 %): median {um2(float(np.median(most)))} µm", ""))  # fmt: skip
+        middle, high, expanded = (um2(float(x)) for x in (np.median(u), u.max(), np.median(most)))
+        text = f"u of a point {middle} µm (median), {high} µm (maximum); U {expanded} µm (median, 95 %)"
+        rows.append(("uncertainty", text, ""))
         outside = sum(not own.inside for own in good)
         text = "all targets are inside" if not outside else f"{outside} of {len(good)} targets are outside"
         rows.append(("probed region", text, "yellow" if outside else ""))

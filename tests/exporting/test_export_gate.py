@@ -12,6 +12,7 @@ from bayescal.estimate.bounds import UNCHANGED
 from bayescal.exporting import gate, of_fit
 from bayescal.exporting.export import export
 from bayescal.exporting.fitted import of_estimate
+from bayescal.exporting.formats import FORMATS
 from bayescal.exporting.gate import Use
 
 
@@ -51,12 +52,26 @@ def soft(result):
 
 
 def test_a_negative_compliance(soft):
-    words = r"not exported: negative by more than 2 u, which is not physical: compliance J3 -\S+ µrad/\(N m\)"
+    words = (
+        r"not exported: negative by more than \S+ u, which is not physical: compliance J3 -\S+ µrad/\(N m\)"
+    )
     with pytest.raises(BayescalError, match=words):
         export(soft, "robot.yaml")
     out = export(soft, "robot.yaml", force=True)
     assert [m.parameters for m in out.missing] == [("compliance J3",)]
     assert "compliance J3" not in [i.parameter for i in out.written.items]
+
+
+@pytest.mark.parametrize("to", [f for f in FORMATS if f != "ur-yaml"])
+def test_every_format_can_be_forced(soft, to):
+    """What a format cannot hold, as a spring that pushes, is left out and said."""
+    with pytest.raises(BayescalError, match="not exported"):
+        export(soft, to)
+    out = export(soft, to, force=True)
+    lost = {name for m in out.missing for name in m.parameters}
+    assert "compliance J3" in lost or any(i.parameter == "compliance J3" for i in out.written.items)
+    assert any("exported with --force: negative by more than " in note for note in out.notes)
+    assert out.record("x")["use"]["allowed"] is False
 
 
 def test_priors_that_decide(result):

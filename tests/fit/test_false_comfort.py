@@ -197,8 +197,8 @@ def test_a_negative_value_is_judged_by_the_stated_uncertainty(fits):
     z[k] = (-3.0 * found.sd[k] * p.sd - p.centre) / p.sd
     below = replace(found, z=z)
     (words,) = not_physical(below, found.covariance)
-    assert words.startswith(f"negative by more than 2 u, which is not physical: {p.name}")
-    assert not_physical(below, 4.0 * found.covariance)[0].startswith("negative by more than 2 u, together")
+    assert words.startswith(f"negative by more than 2.6 u, which is not physical: {p.name}")
+    assert not_physical(below, 4.0 * found.covariance)[0].startswith("negative by more than 2.6 u, together")
     assert not_physical(found, found.covariance) == ()
 
 

@@ -16,7 +16,7 @@ from bayescal.distributions import f_isf
 from bayescal.errors import BayescalError
 from bayescal.exporting.compensate.frames import BASE, Frame, frame_of
 from bayescal.exporting.compensate.region import Region
-from bayescal.exporting.compensate.tools import axes_of, tool_of
+from bayescal.exporting.compensate.tools import Working, axes_of, tool_of
 from bayescal.exporting.fitted import FittedArm, Poses
 from bayescal.exporting.lost_motion import lost_motion
 
@@ -49,33 +49,39 @@ class Positions:
 
 
 def uncertainty(
-    arm: FittedArm,
+    working: Working,
     frame: Frame,
     at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
     velocity: np.ndarray,
     poses: Poses,
-    u_tool: float = 0.0,
 ) -> Uncertain:
     """Uncertainty of the points of an arm relative to a frame, along the axes of F0.
 
     Parameters
     ----------
-    arm : FittedArm
+    working : Working
     frame : Frame
     at, velocity, poses
-        As of `lost_motion`.
-    u_tool : float
-        m, standard uncertainty of each coordinate of a tool that was not fitted.
+        As of `lost_motion`, with the working tool.
     """
     by, own = frame.moved(poses)
-    off = lost_motion(arm, at, poses.readings, velocity, poses)
-    covariance = poses.spread_by(by) + own + np.einsum("cji,cjk->cik", off, off) + u_tool**2 * np.eye(3)
+    off = lost_motion(working.arm, at, poses.readings, velocity, poses)
+    covariance = poses.spread_by(by) + own + np.einsum("cji,cjk->cik", off, off) + working.covariance(poses)
+    dof = poses.dof_by(by, np.trace(covariance, axis1=1, axis2=2))
+    return Uncertain(covariance, expanded(covariance, dof))
+
+
+def expanded(covariance: np.ndarray, dof: np.ndarray) -> np.ndarray:
+    """Lengths (C,), m, that errors of covariance (C, 3, 3) with `dof` (C,) do not exceed (95.45 %).
+
+    Over u^2 the length squared is taken for F with (sum s_i^2)^2 / sum s_i^4 and `dof` degrees of freedom,
+    s_i the principal uncertainties; as in `assess.budget`.
+    """
     total = np.trace(covariance, axis1=1, axis2=2)
     square = np.trace(covariance @ covariance, axis1=1, axis2=2)
     h = np.divide(total**2, square, out=np.ones(len(total)), where=square > 0)
-    dof = np.maximum(poses.dof_by(by, total), FEWEST_DOF)
-    k = [np.sqrt(f_isf(1.0 - COVERAGE, one, other)) for one, other in zip(h, dof, strict=True)]
-    return Uncertain(covariance, np.array(k, float) * np.sqrt(total))
+    k = [f_isf(1.0 - COVERAGE, *each) for each in zip(h, np.maximum(dof, FEWEST_DOF), strict=True)]
+    return np.sqrt(np.array(k, float) * total)
 
 
 def positions(
@@ -134,7 +140,7 @@ def positions(
 
     every = np.arange(len(readings))
     poses = at(readings, every)
-    found = uncertainty(arm, stand, at, way, poses, working.u)
+    found = uncertainty(working, stand, at, way, poses)
     inside = Region.of(arm).contains(
         working.probed(
             poses,

@@ -216,7 +216,7 @@ def _fitted(
                             np.maximum(high, begin.max(axis=0)))  # fmt: skip
     readings = nominal.readings_of(angles)
     poses = at(readings, every)
-    spread = uncertainty(arm, frame, at, velocity, poses, working.u)
+    spread = uncertainty(working, frame, at, velocity, poses)
     probed = working.probed(poses, lambda name: at(readings, every, tool=name))
     inside = region.contains(probed, readings)
     error = np.linalg.norm(at(before, every).points - goals[:, :3, 3], axis=1)

@@ -1,8 +1,9 @@
 """The working tool: a tool of the session, or another one that was not measured.
 
 Of a tool that the fitted rows used, the fit knows the point. Another one is carried by the fitted flange, at
-the place that is stated. The fitted offset of the probe is no part of it. So errors that the fit cannot
-separate from that offset (along the last joint) are in the uncertainty of its point.
+the place that is stated. The fitted offset of the probe is no part of it. But that offset has taken up the
+zero and the length of the last joint, unless the place of the probe was stated: for another tool these are
+known by their tolerances only, which are part of the uncertainty of its point.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.dataset import Tool
+from bayescal.effects import Parameter, parameters_of
+from bayescal.effects.geometry import GEOMETRY
 from bayescal.errors import BayescalError
-from bayescal.exporting.fitted import FittedArm, Poses
+from bayescal.exporting.fitted import FittedArm, Poses, padded, slopes_of
 from bayescal.exporting.rows import state_row
 
 TCP = "tcp"
@@ -29,15 +32,24 @@ SAME, SAME_ANGLE = 10e-6, np.radians(0.01)
 class Working:
     """A working tool, and the arm that carries it.
 
-    `u` is the standard uncertainty, m, of each coordinate of a stated point that was not fitted; `probe` the
-    tool of the session whose points tell where it has probed.
+    `u` is the standard uncertainty, m, of each coordinate of a stated point that was not fitted, `flange` the
+    parameters of the arm that the offset of another tool has taken up; `probe` is the tool of the session
+    whose points tell where it has probed. A tool is `chosen` by its name or pose.
     """
 
     arm: FittedArm
     tool: Tool
     u: float
     probe: str
-    chosen: bool  # named, or given by its pose
+    chosen: bool
+    flange: tuple[Parameter, ...] = ()
+
+    def covariance(self, poses: Poses) -> np.ndarray:
+        """Covariance (C, 3, 3), m2, of the points by errors of a tool that was not fitted, in F0."""
+        wide = replace(poses.model, parameters=(*poses.model.parameters, *self.flange))
+        by = slopes_of(wide.motion(poses.rows), padded(poses.values, wide))[..., len(poses.values) :]
+        by = by * np.array([p.sd for p in self.flange])
+        return by @ np.swapaxes(by, -1, -2) + self.u**2 * np.eye(3)
 
     def probed(self, poses: Poses, of_tool: Callable[[str], Poses]) -> np.ndarray:
         """Points (C, 3), m, of the probe at the poses of the working tool."""
@@ -92,15 +104,26 @@ def tool_of(arm: FittedArm, name: str | None = None, tcp: np.ndarray | None = No
             raise BayescalError("is not six numbers", "--tcp", "give X,Y,Z,RX,RY,RZ in mm and deg")
         heavy = probe.centre if probe.centre_of_mass is None else probe.centre_of_mass
         tool = replace(probe, name=TCP, centre=values[:3], rpy=values[3:], u=0.0, centre_of_mass=heavy)
-        return Working(_carrying(arm, tool), tool, 0.0, probe.name, True)
+        return Working(_carrying(arm, tool), tool, 0.0, probe.name, True, _taken_up(arm))
     if name is None and len(tools) > 1:
         raise BayescalError("the session has several tools", "--tool", f"name one; {known}")
     if name is not None and name not in tools:
         raise BayescalError(f"there is no tool `{name}`", "--tool", known)
     tool = next(iter(tools.values())) if name is None else tools[name]
     used = {arm.dataset.tools[k].name for k in np.unique(m.tool[m.role == "calibrate"])}
-    u = 0.0 if tool.name in used else tool.u or 0.0
-    return Working(arm, tool, u, tool.name if tool.name in used else probe.name, name is not None)
+    if tool.name in used:
+        return Working(arm, tool, 0.0, tool.name, name is not None)
+    return Working(arm, tool, tool.u or 0.0, probe.name, name is not None, _taken_up(arm))
+
+
+def _taken_up(arm: FittedArm) -> tuple[Parameter, ...]:
+    """Parameters of the geometry that the model lacks because the offset of a tool contains them."""
+    scene, known = arm.model.scene, {p.name for p in arm.model.parameters}
+    around = replace(scene.circumstances(scene.rows("calibrate")), tied_tool=True)
+    every = parameters_of(arm.effects, around, lenient=True)
+    width = arm.origin.prior_width
+    own = [p for p in every if p.effect == GEOMETRY.name and p.name not in known]
+    return tuple(replace(p, sd=width * p.sd) for p in own)
 
 
 def _carrying(arm: FittedArm, tool: Tool) -> FittedArm:

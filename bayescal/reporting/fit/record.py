@@ -12,12 +12,14 @@ from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.undetermined import Undetermined
 from bayescal.calibration import Fit, ModelLevel
 from bayescal.estimate import Estimate
+from bayescal.exporting import gate
 from bayescal.model import Block
 from bayescal.predict import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
 from bayescal.reporting.fit.iso9283 import iso9283_record
 from bayescal.reporting.fit.verdict import tolerance_record, verdict_record
+from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import origin
-from bayescal.reporting.shared.rows import arm_drawing, rows_record
+from bayescal.reporting.shared.rows import rows_record
 from bayescal.reporting.shared.text import MDEG, MM, UM
 
 SCHEMA = "bayescal-fit/1"
@@ -32,6 +34,7 @@ def fit_record(fit: Fit) -> dict[str, Any]:
     return {
         **origin(SCHEMA, fit.dataset, fit.seed, LIBRARIES),
         "verdict": verdict_record(fit.acceptance, fit.dataset),
+        "use": gate.of_fit(fit).record(),
         "acceptance": None if fit.tolerance is None else tolerance_record(fit.tolerance),
         "model": list(level.effects),
         "prior_width": fit.prior_width,

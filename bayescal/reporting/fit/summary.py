@@ -14,6 +14,8 @@ from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.calibration import Fit
 from bayescal.estimate.discrepancy import MASSES
+from bayescal.exporting import gate
+from bayescal.exporting.gate import STEPS, Use
 from bayescal.predict import DistanceErrors, Validation, inside95
 from bayescal.reporting.fit.iso9283 import iso9283_table
 from bayescal.reporting.fit.tables import distance_table, level_table, parameter_table, tolerance_table
@@ -28,8 +30,6 @@ MOST_ROWS = 6
 """Rejected measurements named without --verbose."""
 MOST_FAMILIES = 3
 """Families of the discrepancy that are named."""
-MEASURE = ("directions", "prior", "no_length", "contrast", "not_identifiable")
-"""Findings after which more is to be measured."""
 STYLES = {PASS: "bold green", FAIL: "bold red"}
 
 Facts = Iterable[tuple[str, str, str]]
@@ -39,8 +39,9 @@ def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
     """Verdict, prediction, validation and parameters; with `verbose` all distances, targets, directions."""
     v = fit.final.validation
     title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
-    parts: list[RenderableType] = [title, facts([*_verdict(fit.acceptance), *_predicted(fit)])]
-    parts.append(facts([*_tolerance(fit.tolerance), *_next(fit), *_findings(fit)]))
+    use = gate.of_fit(fit)
+    parts: list[RenderableType] = [title, facts([*_verdict(fit.acceptance, use), *_predicted(fit)])]
+    parts.append(facts([*_tolerance(fit.tolerance), *_next(fit, use), *_findings(fit)]))
     if v.planes or v.distances or v.points or v.turns:
         parts += ["", level_table(fit.levels)]
     if v.distances:
@@ -55,8 +56,9 @@ def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
     return Group(*parts)
 
 
-def _verdict(tests: Acceptance) -> Facts:
-    style = "bold red" if not tests.explains else "bold green" if tests.usable else "bold yellow"
+def _verdict(tests: Acceptance, use: Use) -> Facts:
+    good = tests.usable and use.allowed
+    style = "bold red" if not tests.explains else "bold green" if good else "bold yellow"
     yield "verdict", tests.verdict, style
     failed = [c.words for c in sorted(tests.failed, key=lambda c: (c.test != PLANNED, c.p_value))
               if c.test != SHARED]  # fmt: skip
@@ -129,21 +131,19 @@ def _tolerance(decided: Tolerance | None) -> Facts:
     yield "", f"probability {percent(decided.probability)} for a distance in the probed volume", ""
 
 
-def _next(fit: Fit) -> Facts:
-    if not fit.acceptance.explains:
-        folders = [str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,))]
-        yield "next", f"bayescal gap {' '.join(folders)}", "bold"
-    elif not fit.acceptance.validated:
-        words = "add measurements with role validate, best on spheres at certified distances"
-        yield "next", words, "bold"
-    elif any(f.code in MEASURE for f in fit.findings if f.severity != "note"):
-        yield "next", "measure what the warnings below say is missing; then fit again", "bold"
-    else:
-        yield "next", "use robot.yaml of the run folder", "bold"
+def _next(fit: Fit, use: Use) -> Facts:
+    for k, reason in enumerate(use.against):
+        yield "" if k else "not to be used", reason, "red"
+    if use.against:
+        yield "", "no robot.yaml is written; export, compensate and certificates need --force", ""
+    words = STEPS[use.next]
+    if use.next == "gap":
+        words = f"bayescal gap {' '.join(str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,)))}"
+    yield "next", words, "bold"
 
 
 def _findings(fit: Fit) -> Facts:
-    told = {check.test for check in fit.acceptance.failed}
+    told = {*(check.test for check in fit.acceptance.failed), "negative"}
     for finding in fit.findings:
         if finding.code not in told:
             yield finding.severity, finding.text, "" if finding.severity == "note" else "yellow"

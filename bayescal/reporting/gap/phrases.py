@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import Site
+from bayescal.exporting import gate
 from bayescal.gap.result import Gap, Named, Place, Verdict
 from bayescal.gap.settings import VERDICT
 from bayescal.model.orientations import posed
@@ -125,9 +127,12 @@ def _cause(at: Place | None, gap: Gap) -> list[str]:
 
 
 def warnings(gap: Gap) -> tuple[str, ...]:
-    """What limits the results, and which rows the lengths leave out."""
+    """What limits the results and the use of the arm, and which rows the lengths leave out."""
+    told = gap.warnings
+    if gap.arm is not None:
+        told = (*replace(gate.of_gap(gap), warnings=()).remarks, *told)  # the headline has the verdict
     turns = int(np.sum(posed(gap.dataset)))
     if not turns:
-        return gap.warnings
+        return told
     used = "the diagnosis uses it, but figures in µm are of the points alone"
-    return (*gap.warnings, f"{turns} measurements are also of an orientation: {used}")
+    return (*told, f"{turns} measurements are also of an orientation: {used}")

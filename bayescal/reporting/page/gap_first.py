@@ -57,13 +57,15 @@ def first(run: Run) -> Section:
         "arm_caption": "Marked: " + ", ".join(s.text for s in sites),
         "next": _next(run),
         "warnings": record["warnings"],
+        "notes": (),
     }
     return Section("result", "", "first.html.j2", context)
 
 
 def _lines(word: str, words: Sequence[str]) -> list[str]:
     """The verdict without what its word says already: ``Effect found: joint 3 has ...`` after the first."""
-    rest = words[0].removeprefix(f"{word.partition(',')[0].partition(':')[0]}: ")
+    said = word.partition(",")[0].partition(":")[0]
+    rest = words[0].removeprefix(f"{said}: ").removeprefix(f"{said} ")
     return [rest[:1].upper() + rest[1:], *words[1:]]
 
 

@@ -59,7 +59,7 @@ def interactive(run: Run) -> dict[str, Any] | None:
         },
         "arm": run.record["arm"],
         "typical": typical(rows),
-        "eye": {"x": 1.5 * np.cos(angle), "y": 1.5 * np.sin(angle), "z": 0.65},
+        "eye": {"x": 1.15 * np.cos(angle), "y": 1.15 * np.sin(angle), "z": 0.5},
         "marks": {
             "joints": numbers(sites, "joint"),
             "links": numbers(sites, "link"),

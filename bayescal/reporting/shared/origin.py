@@ -67,7 +67,7 @@ def filed(record: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
 
 def filed_lines(dataset: Dataset) -> list[tuple[str, str, str]]:
     """The same as lines of the terminal, of each session: heading, text, style; without what is missing."""
-    out = []
+    out: list[tuple[str, str, str]] = []
     for s in dataset.sessions or (dataset,):
         known = [f"{k[:1].lower()}{k[1:]} {v}" for k, v in filed(record_of(s.record)) if v != NOT_STATED]
         if known:

@@ -68,6 +68,7 @@ def test_names_of_the_scene_are_left_to_it(tmp_path):
     assert renamed["joint"] == {"elbow_joint_flex": "elbow_joint_flex_2", "stand_x": "stand_x_2"}
     assert renamed["tendon"] == {"elbow_joint_gear": "elbow_joint_gear_2"}
     assert renamed["site"] == {"ball": "ball_2"}
+    assert "the file has a site ball: that of the arm is called ball_2" in out.notes
     old, new = ElementTree.fromstring(text), ElementTree.fromstring(out.written.content)
     for kind in ("body", "site", "joint", "fixed"):
         own = {e.get("name"): e for e in new.iter(kind)}

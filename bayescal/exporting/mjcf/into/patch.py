@@ -125,6 +125,8 @@ def patched(arm: FittedArm, options: Options) -> Patched:
         "root_in_f0": where.root.tolist(),
         "renamed": others,
     }
+    for kind, each in others.items():
+        notes += [f"the file has a {kind} {name}: that of the arm is called {new}" for name, new in each.items()]
     links = [model.body(b).name for b in found.ids]
     return Patched(
         text,
