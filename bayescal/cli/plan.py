@@ -56,14 +56,14 @@ def plan(
     to: Annotated[
         list[str] | None,
         typer.Option(
-            help="For the controller: a probing program (urscript, fanuc, kuka, abb; none of them has been run on "
-            "a controller) or a table (csv, robodk, poses); repeatable."
+            help="For the controller: a probing program (urscript, fanuc, kuka, abb; none has been run on a "
+            "controller) or a table (csv, robodk, poses); repeatable."
         ),
     ] = None,
     probe_input: Annotated[
         str,
         typer.Option(
-            help="Digital input that the probe switches, as the controller names it: 0, or tool:0 (UR, FANUC), "
+            help="Digital input that the probe switches, as the controller names it: 0, tool:0 (UR, FANUC), "
             "measure:1 (KUKA), a signal (ABB) [default: 0, 1, 1, diProbe]."
         ),
     ] = "",

@@ -87,7 +87,8 @@ def _searches(setup: Setup) -> list[Search]:
     """A search for every target, with the tools that measure it."""
     dataset, around = setup.dataset, scene(setup)
     tools = [tools_for(dataset, k) for k in range(len(dataset.targets))]
-    hands = {k: Hand.of(dataset, k, around, setup.cone) for k in sorted({k for own in tools for k in own})}
+    needed = sorted({k for own in tools for k in own})
+    hands = {k: Hand.of(dataset, k, around, setup.cone, setup.clearance) for k in needed}
     solids = around.touched([t.name for t in dataset.targets])
     return [
         Search(k, {tool: hands[tool] for tool in own}, int(solid))

@@ -14,8 +14,8 @@ import numpy as np
 
 from bayescal.collision.path import RETRACT
 from bayescal.planning.obstacles import placements
+from bayescal.planning.place import seconds_between
 from bayescal.planning.pool import Pool
-from bayescal.planning.transit import seconds_between
 from bayescal.simulation.probing import SPEED
 
 SWEEPS = "sweeps"

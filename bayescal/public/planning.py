@@ -79,8 +79,7 @@ class PlanResult(PlanTables):
         ----------
         folder : path
         to : sequence of str, or str
-            Formats for a controller that are written too: 'csv', 'urscript', 'fanuc', 'kuka', 'abb', 'robodk',
-            'poses'.
+            Formats that are written too: 'csv', 'urscript', 'fanuc', 'kuka', 'abb', 'robodk', 'poses'.
         probe_input : str
             Digital input of the probe as the controller names it: '0', 'tool:0'; default: the first.
         probe_force_n : float, optional

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bayescal.planning import order as orders
-from bayescal.planning.transit import RATE
+from bayescal.planning.place import RATE
 
 TARGETS = ("cube.+x", "cube.+y", "cube.+z", "ball.A@1", "ball.A@2", "ball.A@3")
 

@@ -29,7 +29,7 @@ SHARES = (1.0, 0.5, 0.25, 0.0)
 
 @dataclass(frozen=True)
 class Guarded:
-    """Guarded motions of N rows: readings (N, n), rad, where they begin and end; m (N,) beyond the surface."""
+    """Guarded motions of N rows: readings (N, n), rad, where they begin and end; m (N,) past the surface."""
 
     begin: np.ndarray
     end: np.ndarray
@@ -81,8 +81,11 @@ def guarded(plan: Plan, beyond: float) -> Guarded:
 
 @dataclass(frozen=True)
 class _Line:
-    """Straight motions of M tools: their poses at the approach, (M, 4, 4), the way (M, 3), m, and the rotation
-    (M, 3), rad, to the contact, whose readings (M, n), rad, are `near`."""
+    """Straight motions of M tools to their contacts.
+
+    Poses at the approach, (M, 4, 4); the way (M, 3), m, and the rotation (M, 3), rad, from there; readings
+    (M, n), rad, of the contact.
+    """
 
     arm: NominalArm
     away: np.ndarray

@@ -71,6 +71,7 @@ def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
         "arm_caption": "",
         "next": [(STEPS[purpose], command) for purpose, command in commands],
         "warnings": [*plan.warnings, *(f"not separated: {line}" for line in phrases.not_separated(plan))],
+        "notes": (),
     }
     return Section("result", "", "first.html.j2", context)
 

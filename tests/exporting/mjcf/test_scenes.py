@@ -143,6 +143,24 @@ def test_meshes_are_found_from_another_folder(tmp_path):
         assert "../" not in (tmp_path / "robots" / "arm.xml").read_text()
 
 
+def test_nested_includes_are_found_as_by_mujoco(tmp_path):
+    """Relative to the scene first, else to the file that includes them."""
+    (tmp_path / "parts").mkdir()
+    note = "<mujoco><custom><text name='{}' data='x'/></custom></mujoco>"
+    save(tmp_path / "parts", '<mujoco><include file="a.xml"/><include file="b.xml"/></mujoco>', "all.xml")
+    for folder, name in (("", "a"), ("parts", "a"), ("parts", "b")):
+        save(tmp_path / folder, note.format(f"{folder}{name}"), f"{name}.xml")
+    text = changed(
+        ('  <compiler angle="radian"', '  <include file="parts/all.xml"/>\n  <compiler angle="radian"')
+    )
+    path = save(tmp_path, text)
+    whole = mujoco.MjModel.from_xml_path(str(path))
+    model = mujoco.MjModel.from_xml_string(fits(path, ("geometry",)).written.content)
+    kind = mujoco.mjtObj.mjOBJ_TEXT
+    names = [[mujoco.mj_id2name(m, kind, k) for k in range(m.ntext)] for m in (whole, model)]
+    assert names == [["a", "partsb"]] * 2
+
+
 def test_included_files_stand_in_the_patched_file(tmp_path):
     body = re.search(r"  <worldbody>.*</actuator>\n", SCENE, re.DOTALL)[0]
     (tmp_path / "parts").mkdir()
@@ -174,7 +192,20 @@ def test_an_arm_on_a_vehicle(tmp_path, effects):
     assert model.joint("drive").type == mujoco.mjtJoint.mjJNT_FREE
     assert model.body("vehicle").mass == 80
     if effects == EVERY:
-        assert model.body(model.body("stand").parentid[0]).name == "vehicle"
+        assert model.body(model.body("stand").parentid[0]).name == "base"
+
+
+def test_places_of_parameters_are_those_of_the_scene(tmp_path):
+    """Where the sidecar says that a parameter is: bodies and joints of the scene."""
+    record = fits(save(tmp_path, SCENE), ELASTIC).record("scene.xml")
+    at = {item["parameter"]: (item["element"], item["attribute"]) for item in record["written"]}
+    assert at["a2"] == ("body forearm_link", "pos, quat")  # row 3 of modified DH is before joint 3
+    assert at["theta2"] == ("body upper_arm_link", "pos, quat")
+    assert at["compliance J3"][0].startswith("joint elbow_joint_flex")
+    assert at["ball x"] == ("site ball", "pos")
+    new = export(drawn("universal-robots-ur5e", ELASTIC), "mjcf", force=True).record("arm.xml")
+    at = {item["parameter"]: item["element"] for item in new["written"]}
+    assert (at["a2"], at["theta2"]) == ("body link3", "body link2")
 
 
 def test_masses_of_geoms_stay(tmp_path):
@@ -221,6 +252,16 @@ def test_an_exported_file_is_patched_again(tmp_path, first):
     assert np.abs(np.abs(np.sum(one.body_quat * two.body_quat, axis=1)) - 1.0).max() < 1e-5
     np.testing.assert_allclose(one.key_qpos, two.key_qpos, atol=1e-9)
     np.testing.assert_allclose(one.jnt_stiffness, two.jnt_stiffness, rtol=1e-9)
+
+
+def test_gravity_acts_on_links_that_a_scene_compensates(tmp_path):
+    text = changed(('<body name="forearm_link" ', '<body name="forearm_link" gravcomp="1" '))
+    out = fits(save(tmp_path, text), BASE)
+    assert "gravity acts on forearm_link: springs of the arm carry them" in out.notes
+    once = out.written.content
+    twice = fits(save(tmp_path, once), BASE).written.content
+    one, two = (mujoco.MjModel.from_xml_string(t) for t in (once, twice))
+    assert one.names == two.names
 
 
 def test_of_two_arms_the_last_body_says_which(tmp_path):
