@@ -118,7 +118,7 @@ def level(what: str, found: Estimate) -> Record:
     return {
         "model": what,
         **errors(checked),
-        "distances": [_distances(d) for d in (*expected.checked, expected.workspace)],
+        "distances": [_distances(d) for d in expected.every],
         "prior_share": expected.prior_share,
     }
 

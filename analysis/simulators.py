@@ -21,11 +21,11 @@ from bayescal.dataset import Dataset
 from bayescal.effects import Parameter
 from bayescal.exporting.export import export
 from bayescal.exporting.fitted import FittedArm
-from bayescal.exporting.rows import standing_model
 from bayescal.exporting.verify.levels import File
 from bayescal.exporting.verify.limits import TOGETHER, TOGETHER_RMS, limit
 from bayescal.exporting.verify.replay import Machine, Place, modelled, replayed
 from bayescal.model import build
+from bayescal.model.equilibrium import standing_model
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
 

@@ -83,8 +83,9 @@ def check(folder: Path | str, allow_xacro: bool = False) -> Check:
     tested = None if any(f.kind == "refused" for f in found) else judged(dataset)
     if tested is not None:
         told = [Finding(m.code, "odd", m.what, document.where(m.place), m.remedy) for m in mistaken(tested)]
-        # a diameter that contacts contradict is explained by it
-        found = [f for f in found if f.where not in {other.where for other in told}] + told
+        if any("diameter_mm" in f.what for f in told):
+            found = [f for f in found if f.code != "diameter"]  # that the contacts show another one
+        found += told
     return Check(
         dataset=dataset,
         modelled=modelled,
@@ -104,7 +105,7 @@ def _assessed(known: Candidates, circumstances: Circumstances, modelled: tuple[s
 
 
 def check_record(of: Check) -> dict[str, Any]:
-    """The content of `bayescal check --json`."""
+    """The content of `bayescal check --to json`."""
     d, m = of.dataset, of.dataset.measurements
     roles = {str(r): int(n) for r, n in zip(*np.unique(m.role, return_counts=True), strict=True)}
     targets = []

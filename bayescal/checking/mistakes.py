@@ -33,6 +33,8 @@ SURE, SURE_PER_ROW = 60.0, 1.0
 """Least gain of F, in all and for each row, of a finding (assumed; of sessions without one: below 0.6)."""
 ALIKE = 6.0
 """Difference of F up to which two hypotheses explain the rows equally well."""
+EXPLAINED = 20.0
+"""Times the stated noise of residuals that a right correction leaves at most (assumed)."""
 WIDE = 0.1
 """Relative standard deviation of a common factor of all certified lengths (assumed)."""
 CERTAIN = 6.0
@@ -126,10 +128,12 @@ def judged(dataset: Dataset, effects: tuple[str, ...] = MODEL) -> Judged | None:
     if model is None or not model.size:
         return None
     stated = _fitted(model, np.zeros(model.size))
-    every = [(_fitted(_model(h, model, effects), stated.z).f, h) for h in hypotheses(some)]
+    fits = [(_fitted(_model(h, model, effects), stated.z), h) for h in hypotheses(some)]
+    every = [(best.f, h) for best, h in fits]
     gain = max(SURE, SURE_PER_ROW * len(some.measurements.ids))
-    best = min((f for f, _ in every), default=stated.f)
-    better = tuple(h for f, h in every if f < min(stated.f - gain, best + ALIKE))
+    good = [(best.f, h) for best, h in fits if best.f < stated.f - gain and best.kappa < EXPLAINED]
+    least = min((f for f, _ in good), default=stated.f)
+    better = tuple(h for f, h in good if f < least + ALIKE)
     unknown = dict.fromkeys(h.what for f, h in every if f < stated.f + ALIKE)
     return Judged(better, () if better else tuple(unknown), _scale(some, effects, model, stated))
 

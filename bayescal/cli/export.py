@@ -9,11 +9,17 @@ import typer
 
 from bayescal.cli.options import Run, WithEffects, WithoutEffects
 from bayescal.cli.output import said
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 from bayescal.errors import BayescalError
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal export runs/cell-fit --to urdf --into arm.urdf#tool0",
+        "bayescal export runs/cell-gap --to mjcf --with backlash --out arm.xml",
+        at_time="at-time-s",
+    )
+)
 def export(
     run: Run,
     to: Annotated[
@@ -36,7 +42,10 @@ def export(
         typer.Option(help="mjcf: errors of the readings in the file (plain) or in a replay script (script)."),
     ] = "plain",
     at_time: Annotated[
-        float | None, typer.Option(help="s since the session began, at which the file holds (drift, steps).")
+        float | None,
+        typer.Option(
+            "--at-time-s", help="Time since the session began at which the file holds (drift, step)."
+        ),
     ] = None,
     at_row: Annotated[
         str, typer.Option(help="id of the row at which it holds [default: the last fitted row].")

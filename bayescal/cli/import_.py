@@ -7,10 +7,17 @@ from pathlib import Path
 import typer
 
 from bayescal.cli.options import AllowXacro
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 
 
-@app.command("import")
+@app.command(
+    "import",
+    **ending(
+        'bayescal import log.csv --map "j*=A* deg, x=X mm, y=Y mm, z=Z mm" --robot ur5e --out cell',
+        "bayescal import log.csv --plan runs/cell-plan --template cell --out cell-measured",
+        tool="tcp",
+    ),
+)
 def import_(
     log: Path = typer.Argument(
         ...,
@@ -50,6 +57,7 @@ def import_(
     ),
     tool: str = typer.Option(
         "",
+        "--tcp",
         help='Position of the reflector on the flange, "0 0 31 mm", and orientation of its frame if stated: '
         '"0 0 31 mm; 0 0 90 wpr deg" [default: estimated].',
     ),

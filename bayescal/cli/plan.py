@@ -10,10 +10,15 @@ import typer
 from bayescal.cli.options import AllowXacro, Out, Seed
 from bayescal.cli.output import run_folder, show
 from bayescal.cli.progress import progress
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal plan cell --contacts 100 --to urscript",
+        "bayescal plan cell --after runs/cell-gap --for gap --contacts 60",
+    )
+)
 def plan(
     setup: Annotated[
         Path,

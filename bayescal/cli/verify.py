@@ -9,10 +9,15 @@ import typer
 
 from bayescal.cli.output import show
 from bayescal.cli.progress import progress
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal verify runs/cell-fit arm.xml",
+        "bayescal verify runs/cell-fit arm.urdf --out runs/arm-verify",
+    )
+)
 def verify(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of bayescal fit or gap.")],
     file: Annotated[Path, typer.Argument(metavar="FILE", help="File written by bayescal export.")],

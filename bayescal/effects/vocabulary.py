@@ -30,6 +30,13 @@ UNITS = {
 """SI unit in memory -> unit in files and factor to it."""
 
 
+def unit_label(unit: str) -> str:
+    """A unit of the files in print: µ for u, nothing for a pure number."""
+    if unit == "1":
+        return ""
+    return ("µ" + unit[1:] if unit.startswith(("um", "urad")) else unit).replace("^2", "²")
+
+
 @dataclass(frozen=True)
 class Face:
     """A fitted plane, and the position of each row on it: `place` (N, 2) from -1 to 1 over its contacts."""

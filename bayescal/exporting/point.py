@@ -40,7 +40,7 @@ def point(
     n = arm.dataset.robot.n
     if readings.shape != (n,) or not np.all(np.isfinite(readings)):
         what = f"{readings.size} readings, or one that is no finite number, for {n} joints"
-        raise BayescalError(what, "--point", "give one reading in deg for each joint, with commas")
+        raise BayescalError(what, "--point-deg", "give one reading in deg for each joint, with commas")
     here = Circumstance.of(arm.dataset, 1, tool, payload_kg, None, None)
     posed, rows = posed_rows(arm.model, arm.values, here.source, here.changed(readings[None], None), True)
     wide = basis.stated.wide
@@ -51,7 +51,9 @@ def point(
     ]
     count = wide.model.slices[ARM].stop
     if len(posed.parameters) + len(functions) != count:
-        raise BayescalError("the model discrepancy differs at this pose", "--point", "choose another pose")
+        raise BayescalError(
+            "the model discrepancy differs at this pose", "--point-deg", "choose another pose"
+        )
     values = np.concatenate([arm.values, np.zeros(len(functions))])
     motion = Model(posed.scene, wide.model.effects, (*posed.parameters, *functions), (), ()).motion(rows)
     at = motion.points(values)

@@ -7,6 +7,8 @@ must be that of arm.json.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from bayescal.errors import BayescalError
@@ -36,7 +38,8 @@ def restored(arm: FittedArm) -> Estimate:
         z[model.slices[block.target]] = state[block.free] / block.sd
     ids = model.scene.dataset.measurements.ids
     rejected = np.array([ids.index(name) for name in arm.rejected], int)
-    return at_solution(model, z, rejected)
+    held = tuple(n.parameter for n in arm.use.rigid.parameters)
+    return replace(at_solution(model, z, rejected), held=held)
 
 
 def check_restored(arm: FittedArm, covariance: np.ndarray) -> None:

@@ -16,7 +16,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import Selection
 from bayescal.estimate import Estimate
-from bayescal.estimate.discrepancy import Inputs
+from bayescal.estimate.bounds import UNCHANGED, Rigid
 
 VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
 """Kinds of validation measurement, as reports name them."""
@@ -287,5 +287,5 @@ class Gap:
     arm: Estimate | None = None  # with the named effects that are confirmed: what an export is made of
     calibrated: Estimate | None = None  # of the baseline, before any refit
     covariance: np.ndarray | None = None  # (D, D) of its z, with the model discrepancy and errors of masses
-    inputs: Inputs | None = None  # the latter
+    rigid: Rigid = UNCHANGED  # parameters of `arm` that were set to rigid
     undetermined: tuple[Undetermined, ...] = ()  # of the fullest model

@@ -10,6 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bayescal.public.positions import Positioned
 from bayescal.public.tables import FitTables, GapTables, Json, fit_line, gap_line
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def drawing_beside(wanted: bool) -> AbstractContextManager[None]:
 
 
 @dataclass(frozen=True, repr=False)
-class FitResult(FitTables):
+class FitResult(FitTables, Positioned):
     """A calibration; `print` shows its summary.
 
     Attributes
@@ -104,7 +105,7 @@ class FitResult(FitTables):
 
 
 @dataclass(frozen=True, repr=False)
-class GapResult(GapTables):
+class GapResult(GapTables, Positioned):
     """A diagnosis; `print` shows its summary.
 
     Attributes

@@ -271,8 +271,9 @@ def test_command_line_and_api(tmp_path, good):
     done = CliRunner().invoke(app, ["check", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert "no contact is repeated" in " ".join(done.output.split())
-    done = CliRunner().invoke(app, ["check", str(tmp_path), "--json"])
+    done = CliRunner().invoke(app, ["check", str(tmp_path), "--to", "json"])
     record = json.loads(done.output)
+    assert CliRunner().invoke(app, ["check", str(tmp_path), "--json"]).output == done.output  # earlier name
     assert record["rows"]["calibrate"] == 120
     result = bc.check(tmp_path)
     assert result.record == record

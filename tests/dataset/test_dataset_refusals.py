@@ -20,7 +20,7 @@ SPOILT_SETTINGS = [
     ("name: tiny", "nane: tiny", "nane", "is it `name`"),
     ("source: made up", "? [a]\n: b", "[a]", "plain name"),
     ("fanuc-lrmate200ic", "fanuc-lrmate200c", "robot", "mean `fanuc-lrmate200ic`"),
-    ("fanuc-lrmate200ic", "nothing", "robot", "built-in are"),
+    ("fanuc-lrmate200ic", "nothing", "robot", "`bayescal robots` lists"),
     ("encoder", "pendant", "readings", "'encoder' or 'command'"),
     ("-9.81", "-9810", "gravity_mps2", "9.81"),
     ("-9.81", ".nan", "gravity_mps2", "not a number"),

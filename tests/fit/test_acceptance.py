@@ -206,7 +206,7 @@ def test_a_tolerance_is_decided(session):
     expected, v = found.forecast, found.final.validation
 
     def at(x, tests=found.acceptance):
-        return conformance(x, expected, v, tests)
+        return conformance(x, expected, v, tests, found.budgets)
 
     assert at(1e-6).decision in (OPEN, FAIL)
     assert at(0.5 * expected.workspace.rms).probability < 0.6

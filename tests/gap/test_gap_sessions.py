@@ -11,6 +11,7 @@ from bayescal.dataset import Measurements, read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate, settled
 from bayescal.exporting import open_run
+from bayescal.exporting.gate import NOTHING
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import VERDICTS
 from bayescal.model import build
@@ -134,7 +135,7 @@ def test_play_is_named_and_removed(loud, tmp_path, command):
     }  # fmt: skip
     arm = open_run(out)  # with the named effect, which the validation measurements confirm
     assert [e[:8] for e in arm.effects] == ["geometry", "complian", "backlash"]
-    assert arm.doubts == arm.notes == ()
+    assert arm.use == NOTHING
     refit = {p.name: v for p, v in zip(arm.model.parameters, arm.values, strict=True)}
     for a in record["amplitudes"]:
         assert abs(np.degrees(refit[a["parameters"][0]])) == pytest.approx(a["value"], rel=1e-9)

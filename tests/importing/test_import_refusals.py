@@ -61,7 +61,7 @@ def test_quantities():
     assert quantity("0, 0.07, 31 mm", "length", 3, "") == pytest.approx((0, 7e-5, 0.031))
     for text in ("1 2 mm", "1 2 3", "1 2 x mm", "1 2 3 deg"):
         with pytest.raises(BayescalError):
-            quantity(text, "length", 3, "--tool")
+            quantity(text, "length", 3, "--tcp")
 
 
 @pytest.mark.parametrize(

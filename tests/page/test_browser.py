@@ -16,7 +16,8 @@ from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.pdf import BROWSERS
 from bayescal.reporting.page.run import Run
-from bayescal.reporting.shared.rows import arm_drawing, rows_record
+from bayescal.reporting.shared.body import arm_drawing
+from bayescal.reporting.shared.rows import rows_record
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (bayescal[test])")
 PROGRAM = next((path for name in BROWSERS if (path := shutil.which(name))), None)

@@ -104,7 +104,7 @@ HEADLINES = {
     "named": "Effect found: joint 3 has lost motion on reversal (backlash, probability 0.97)",
     "named+unexplained": "Also found: the base shifted suddenly, from row 41 on (step, probability 0.95)",
     "unknown": "Unmodelled effect not in the list of known effects, at joint 3, direction of motion of J3",
-    "ambiguous": "Ambiguous: these data do not distinguish bending and base-compliance",
+    "ambiguous": "Ambiguous: these data do not distinguish the effects of the 90 % set",
 }
 
 

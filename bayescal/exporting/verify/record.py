@@ -30,6 +30,7 @@ def record(v: Verification) -> dict[str, Any]:
         "rms_difference_um": {level.name: 1e6 * level.rms for level in v.levels},
         "limit_um": {level.name: 1e6 * level.limit for level in v.levels},
         "not_in_file_rms_um": {name: 1e6 * size for name, size in v.missing.items()},
+        "use": v.arm.use.record(),
         "passed": v.passed,
         "measured": None,
     }
@@ -63,6 +64,7 @@ def report(v: Verification) -> RenderableType:
     if v.missing:
         sizes = ", ".join(f"{name} ({um(size)} µm RMS)" for name, size in v.missing.items())
         parts.append(Text(f"not in the file, and part of the gap after: {sizes}"))
+    parts += [Text(remark, style="yellow") for remark in v.arm.use.remarks]
     worst = next((level for level in v.levels if not level.passed), None)
     if worst is None:
         rest = " without these effects" if v.missing else ""

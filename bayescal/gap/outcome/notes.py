@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from bayescal.assess.findings import negative
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import Driver
@@ -144,7 +143,6 @@ def warnings(
     if count := len(after.rejected):
         was = "rows were excluded as outliers" if count > 1 else "row was excluded as an outlier"
         out.append(f"{count} calibration {was}")
-    out += negative(after)
     out += [u.words for u in lacking if u.matters]
     if not before.model.knows_length:
         out.append(

@@ -9,8 +9,9 @@ import numpy as np
 
 from bayescal.effects.location import Site
 from bayescal.effects.sizes import DEVIATION
+from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import Amplitude, Gap
-from bayescal.reporting.shared.text import amplitude, unit_label, with_u
+from bayescal.reporting.shared.text import amplitude, with_u
 
 
 def told(gap: Gap, effect: str) -> tuple[Amplitude, ...]:

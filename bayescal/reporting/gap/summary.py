@@ -15,6 +15,7 @@ from bayescal.reporting.gap.causes import cause
 from bayescal.reporting.gap.contacts import first_contacts
 from bayescal.reporting.gap.lengths import as_lengths, length, main, per_residual
 from bayescal.reporting.gap.phrases import headline, place, unexplained, warnings
+from bayescal.reporting.shared.origin import filed_lines
 from bayescal.reporting.shared.text import (
     NEVER,
     facts,
@@ -23,6 +24,7 @@ from bayescal.reporting.shared.text import (
     p_value,
     plain_table,
     probability,
+    reduction,
     rival,
     signed,
     size,
@@ -196,8 +198,6 @@ def _shrinkage(gap: Gap) -> Table:
     headings = ("count", "before", "after", "expected", "limit", "removed", "95 %")
     table = plain_table("refit: RMS (µm)", *headings)
     for s in map(as_lengths, gap.shrinkage):
-        low, high = s.removed_interval95
-        shown = s.claimed and np.isfinite(s.removed)
         table.add_row(
             s.what,
             str(s.count),
@@ -205,8 +205,7 @@ def _shrinkage(gap: Gap) -> Table:
             um(s.after) if s.claimed else "not claimed",
             f"{um(s.predicted_before)} -> {um(s.predicted)}",
             um(s.floor),
-            f"{100 * s.removed:.0f} %" if shown else "-",
-            f"{100 * low:.0f} .. {100 * high:.0f} %" if shown and np.isfinite(low) else "-",
+            *reduction(s.removed, s.removed_interval95, s.claimed),
         )
     return table
 
@@ -277,3 +276,4 @@ def _remarks(gap: Gap) -> Facts:
         yield "" if k else "note", note, ""
     for k, warning in enumerate(warnings(gap)):
         yield "" if k else "warning", warning, "yellow"
+    yield from filed_lines(gap.dataset)

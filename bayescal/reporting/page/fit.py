@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.page import rows, svg
 from bayescal.reporting.page.fit_first import first
 from bayescal.reporting.page.numbers import MISSING, interval, length, measured, share, uncertainty
@@ -23,7 +24,7 @@ from bayescal.reporting.page.section import (
     blocks,
     texts,
 )
-from bayescal.reporting.shared.text import model_label, parameter_notes, unit_label
+from bayescal.reporting.shared.text import model_label, parameter_notes, signed, unsigned_zero
 
 ARM = ("target", "plane-form")
 """Effects whose parameters are not those of the arm."""
@@ -78,8 +79,8 @@ def distances(run: Run) -> Section | None:
             (
                 " – ".join(d["between"]),
                 f"{d['certified_mm']:.3f}",
-                f"{d['nominal_error_um']:+.0f}",
-                f"{d['calibrated_error_um']:+.1f}",
+                signed(d["nominal_error_um"]),
+                signed(d["calibrated_error_um"], 1),
                 uncertainty(d["predicted_sd_um"]),
                 _ends(d["predicted_interval95_um"]),
                 "within" if d["inside95"] else "outside",
@@ -107,7 +108,15 @@ def distances(run: Run) -> Section | None:
     )
     predicted = Sheet(
         "distances between",
-        ("number", "lengths (mm)", "expected RMS (µm)", "U, k = 2 (µm)", "95 % (µm)", "measured RMS (µm)"),
+        (
+            "number",
+            "lengths (mm)",
+            "expected RMS (µm)",
+            "U = k u (µm)",
+            "k",
+            "95 % (µm)",
+            "measured RMS (µm)",
+        ),
         tuple(
             (
                 d["over"],
@@ -115,6 +124,7 @@ def distances(run: Run) -> Section | None:
                 "{:.0f} to {:.0f}".format(*d["lengths_mm"]),
                 uncertainty(d["predicted_rms_um"]),
                 uncertainty(d["expanded_U_um"]),
+                f"{d.get('k', 2.0):.2f}",
                 interval(d["predicted_interval95_um"]),
                 length(d["measured_rms_um"]),
             )
@@ -151,7 +161,7 @@ def iso9283(run: Run) -> Section | None:
 
 
 def _ends(ends: list[float]) -> str:
-    return f"{ends[0]:+.1f} to {ends[1]:+.1f}"
+    return f"{signed(ends[0], 1)} to {signed(ends[1], 1)}"
 
 
 def by_target(run: Run) -> Sheet:
@@ -187,7 +197,7 @@ def parameters(run: Run) -> Section | None:
         prior = (p.get("prior_mean", p["nominal"]), p["prior_sd"])
         return (
             p["name"],
-            f"{p['nominal']:.{decimals}f}",
+            unsigned_zero(f"{p['nominal']:.{decimals}f}"),
             text,
             unit_label(p["unit"]),
             f"{float(format(p['prior_sd'], '.2g')):.9g}",
@@ -230,7 +240,7 @@ def correlations(run: Run) -> Section | None:
     table = Sheet(
         "parameter",
         ("parameter", "correlation"),
-        tuple((p["a"], p["b"], f"{p['r']:+.3f}") for p in pairs),
+        tuple((p["a"], p["b"], signed(p["r"], 3)) for p in pairs),
         "The strongest correlations: only their combination is well known",
         words=(1,),
         shown=PAIRS,

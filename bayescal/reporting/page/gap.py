@@ -23,7 +23,7 @@ from bayescal.reporting.page.gap_first import (
 from bayescal.reporting.page.numbers import MISSING, length, quantity, share
 from bayescal.reporting.page.run import Run
 from bayescal.reporting.page.section import Bar, Block, Section, Sheet, Text, blocks, texts
-from bayescal.reporting.shared.text import NEVER, level_label, p_value, probability, rival, signed
+from bayescal.reporting.shared.text import NEVER, level_label, p_value, probability, reduction, rival, signed
 
 SIGNIFICANT = 0.01
 MARGINS = ("target", "joint", "region", "time", "direction")
@@ -79,7 +79,7 @@ def effects(run: Run) -> Section | None:
             (
                 " + ".join(map(rival, h["effects"])) or rival(NULL),
                 Bar(h["probability"], probability(h["probability"])),
-                MISSING if h["log_evidence"] is None else f"{h['log_evidence']:+.1f}",
+                MISSING if h["log_evidence"] is None else signed(h["log_evidence"], 1),
             )
             for h in record["hypotheses"]
         ),
@@ -207,8 +207,6 @@ def _reductions(record: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]
 def _improved(what: str, s: Mapping[str, Any], of: Mapping[str, Any] | None) -> tuple[str, ...]:
     as_length = of or s
     ratio = as_length["before_rms_um"] / s["before_rms_um"] if s["before_rms_um"] else 1.0
-    removed = s["removed_interval95"] or (None, None)
-    claimed = s["claimed"] and s["removed"] is not None
     return (
         what,
         str(s["count"]),
@@ -216,8 +214,7 @@ def _improved(what: str, s: Mapping[str, Any], of: Mapping[str, Any] | None) -> 
         length(as_length["after_rms_um"]) if s["claimed"] else "not claimed",
         length(ratio * s["predicted_rms_um"]),
         length(as_length["floor_um"]),
-        share(s["removed"]) if claimed else MISSING,
-        f"{share(removed[0])} to {share(removed[1])}" if claimed and None not in removed else MISSING,
+        *reduction(s["removed"], s["removed_interval95"], s["claimed"]),
     )
 
 

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.arm import draw_arm, marked_sites, numbers, typical
 from bayescal.reporting.page.numbers import MISSING, length, share
 from bayescal.reporting.page.run import FIGURES, Run
 from bayescal.reporting.page.section import Bar, Block, Facts, Figures, Section, Sheet, Text, blocks
-from bayescal.reporting.shared.text import two_digits, unit_label
+from bayescal.reporting.shared.text import two_digits
 
 LARGEST, MOST = 12, 200
 """Rows that the table of residuals shows unfolded, and at most."""
@@ -58,7 +59,7 @@ def interactive(run: Run) -> dict[str, Any] | None:
         },
         "arm": run.record["arm"],
         "typical": typical(rows),
-        "eye": {"x": 1.5 * np.cos(angle), "y": 1.5 * np.sin(angle), "z": 0.65},
+        "eye": {"x": 1.15 * np.cos(angle), "y": 1.15 * np.sin(angle), "z": 0.5},
         "marks": {
             "joints": numbers(sites, "joint"),
             "links": numbers(sites, "link"),

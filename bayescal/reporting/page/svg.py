@@ -46,6 +46,12 @@ def line(points: np.ndarray, style: str) -> str:
     return f'<polyline class="{style}" points="{path}"/>'
 
 
+def polygon(points: np.ndarray, style: str) -> str:
+    """A closed shape with corners (N, 2)."""
+    path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    return f'<polygon class="{style}" points="{path}"/>'
+
+
 def ticks(low: float, high: float, count: int = TICKS) -> np.ndarray:
     """Round values within an interval, at most about `count`; zero has no sign."""
     if not high > low:

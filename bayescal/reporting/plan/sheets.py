@@ -6,10 +6,11 @@ from collections import Counter
 
 import numpy as np
 
+from bayescal.effects.vocabulary import unit_label
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Detectable, ExpectedDistances, Plan
 from bayescal.reporting.page.section import Sheet
 from bayescal.reporting.plan.contacts import payloads
-from bayescal.reporting.shared.text import NEVER, percent, size, um2, unit_label
+from bayescal.reporting.shared.text import NEVER, percent, size, um2
 
 PURPOSES = {DISTANCES: "distances", GAP: "gap", REPEAT: "repeats", VALIDATE: "validation"}
 """Purposes of contacts, and their heading."""
