@@ -157,7 +157,7 @@ class Transits:
             if several["placement"] and (k == 0 or label != labels[k - 1]):
                 parts.append(f"move the artefact to placement {label}")
             if load != (payload[k - 1] if k else 0.0):
-                parts.append(f"attach {load:g} kg beyond the tool" if load else "remove the payload")
+                parts.append(f"attach {load:g} kg to the tool" if load else "remove the payload")
             out.append("; ".join(parts))
         return tuple(out)
 
@@ -190,6 +190,6 @@ def stopped(
 
 
 def by_hand(end: np.ndarray) -> str:
-    """How the arm is moved by hand to readings (n,), rad, to which no free way is known."""
+    """How the arm is jogged manually to readings (n,), rad, to which no free way is known."""
     joints = ", ".join(f"J{k} {angle:.1f}" for k, angle in enumerate(np.degrees(end), 1))
-    return f"move by hand: raise the tool above all that stands there, then to {joints} deg"
+    return f"jog manually: raise the tool above all that stands there, then to {joints} deg"
