@@ -53,7 +53,6 @@ VALUES: dict[tuple[str, str], tuple[str, Any]] = {
         pytest.approx([1e-3, 2e-3, 3e-3, math.pi / 10, 0.0, -math.pi / 5]),
     ),
     ("plan", "--to"): ("csv", "csv"),
-    ("compensate", "--tcp"): ("0,0,100,0,0,180", [0.0, 0.0, 0.1, 0.0, 0.0, math.pi]),
     ("export", "--certificate"): ("given.yaml", "given.yaml"),
     ("export", "--schema"): ("given.xsd", "given.xsd"),
 }

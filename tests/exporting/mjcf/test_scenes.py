@@ -280,7 +280,8 @@ def test_of_two_arms_the_last_body_says_which(tmp_path):
 def test_the_script_beside_a_scene(tmp_path):
     """On a vehicle, in a scene that has a site and a body of the names of ours; with a payload."""
     text = changed((BASE_TAG, VEHICLE), (ENDS, "      </body>\n    </body></body>\n  </worldbody>"))
-    taken = '<body name="payload" pos="3 0 0"><site name="ball"/><geom size=".1" mass="1"/></body><geom name="table"'
+    taken = '<body name="payload" pos="3 0 0"><site name="ball"/><geom size=".1" mass="1"/></body>'
+    taken += '<geom name="table"'
     text = text.replace('<geom name="table"', taken)
     text = text.replace('qpos="0.6 0.3 0.1 1 0 0 0 ', 'qpos="0.6 0.3 0.1 1 0 0 0 1 2 0.5 0.8 0 0 0.6 ')
     arm = drawn("universal-robots-ur5e", (*ELASTIC, "coupling"))
