@@ -69,7 +69,7 @@ COMMANDS = {
     "import": Command(
         (
             *("import", LOG, "--map", "id=Point, j*=A* deg, x=X mm, y=Y mm, z=Z mm", "--robot"),
-            *("fanuc-lrmate200ic", "--noise", "0.02 mm", "--tool", "60 0 120 mm", "--out", "imported"),
+            *("fanuc-lrmate200ic", "--noise", "0.02 mm", "--tcp", "60 0 120 mm", "--out", "imported"),
         ),
         "imported",
         "dataset.yaml",

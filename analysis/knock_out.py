@@ -174,7 +174,7 @@ def knocked(dataset: Dataset, without: str, beside: Sequence[str] = ()) -> Recor
 
 
 def lost(known: Estimate, without: Estimate) -> tuple[float, float]:
-    """What the rest of a model cannot take up of what it lacks, at the fitted rows: rms, m, and lambda."""
+    """What the rest of a model cannot take up of what it lacks, at the fitted data: rms, m, and lambda."""
     moved, over = [], []
     for full, bare in zip(known.model.blocks, without.model.blocks, strict=True):
         keep = known.weights.row[full.target] > 0
@@ -187,7 +187,7 @@ def lost(known: Estimate, without: Estimate) -> tuple[float, float]:
 
 
 def possible(known: Estimate, found: Explained) -> float:
-    """Nats that the fitted rows gain where their residuals shrink to those of the whole model."""
+    """Nats that the fitted measurements gain where their residuals shrink to those of the whole model."""
     null = found.first.search.hypotheses[frozenset()].state
     scale = known.weights.scale[found.before.main]
     return null.problem.count * float(np.log(null.kappa / scale))

@@ -45,7 +45,7 @@ RULES: dict[str, Callable[[Record], bool]] = {
         main_kind(r)["before_um"] > MANY * main_kind(r)["whole_um"] and r["claimed_nats"] > r["possible_nats"]
     ),
     "no effect on validation errors": lambda r: main_kind(r)["before_um"] < MISSED * main_kind(r)["whole_um"],
-    "other effects explain it, on validation rows too": lambda r: (
+    "other effects explain it, on validation measurements too": lambda r: (
         bool(r["named"]) and main_kind(r)["after_um"] < MISSED * main_kind(r)["whole_um"]
     ),
     "other effects are preferred": lambda r: bool(r["named"]),
@@ -86,8 +86,8 @@ def _summary(first: Sequence[Record], again: dict[tuple[str, str], Record]) -> s
     return "\n".join(
         [
             f"- all parts: {count(first)};",
-            f"- of these, detectable in the fitted rows (lambda from {SEEN:.0f}): {count(seen)};",
-            "- of these, with an effect on validation rows "
+            f"- of these, detectable in the fitted measurements (lambda from {SEEN:.0f}): {count(seen)};",
+            "- of these, with an effect on validation measurements "
             f"(error {100 * (MISSED - 1):.0f} % larger): {count(missed)};",
             _foreseen([r for r in first if right(r)]),
             "",

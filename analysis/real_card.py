@@ -1,4 +1,4 @@
-"""Card of the sessions of real arms: halves, transfer, and names found in halves, beside what is wanted.
+"""Card of the sessions of real arms: halves, transfer, and names found in halves, with target values.
 
 ``python -m analysis.real_card --real ../shared/data/real --out docs/real_card.md``
 
@@ -29,7 +29,7 @@ NONE = "-"
 
 
 class Figure(NamedTuple):
-    """A line of the card: its value for some sessions' records, and whether it is as wanted."""
+    """A line of the card: its value for some sessions' records, and whether it meets its target."""
 
     what: str
     wanted: str
@@ -84,7 +84,7 @@ FIGURES = (
 
 
 def card(sessions: Sequence[Record], halves: Sequence[Record]) -> str:
-    """The card as a table, a column a session; a figure that is not as wanted is bold.
+    """The card as a table, a column a session; a figure that is off target is bold.
 
     Parameters
     ----------

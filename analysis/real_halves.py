@@ -45,7 +45,7 @@ KINDS = ("random", "time", "workspace")
 
 @dataclass(frozen=True)
 class Split:
-    """Two halves of the fitted rows."""
+    """Two halves of the fitted measurements."""
 
     kind: str  # of KINDS
     halves: tuple[np.ndarray, np.ndarray]

@@ -1,6 +1,6 @@
 """Names found in one half of a real session: found in the other half too, and do they improve it.
 
-Each session is split by pose at random. One half is diagnosed alone (`gap` without validation rows). The
+Each session is split by pose at random. One half is diagnosed alone (`gap` without validation data). The
 model that it names, fitted to this half, predicts the other half; so does that model without each of its
 names in turn.
 

@@ -99,7 +99,7 @@ def base_and_tool(scene: Scene) -> Estimate:
 
 
 def as_in_the_files(scene: Scene) -> Record:
-    """Residuals of the validation rows where nothing is fitted."""
+    """Residuals of the validation measurements where nothing is fitted."""
     model = with_parameters(scene, (), ())
     rows, sizes = scene.rows("validate"), {}
     for t in np.unique(scene.dataset.measurements.target[rows]):
@@ -118,7 +118,7 @@ def level(what: str, found: Estimate) -> Record:
     return {
         "model": what,
         **errors(checked),
-        "distances": [_distances(d) for d in (*expected.checked, expected.workspace)],
+        "distances": [_distances(d) for d in expected.every],
         "prior_share": expected.prior_share,
     }
 

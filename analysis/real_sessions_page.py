@@ -23,7 +23,7 @@ Record = dict[str, Any]
 
 
 def quoted() -> dict[tuple[str, str, str], Record]:
-    """Published results by session, kind of validation rows, and model level."""
+    """Published results by session, kind of validation measurements, and model level."""
     with QUOTED.open(encoding="utf-8", newline="") as file:
         return {(r["session"], r["validation"], r["ours"]): r for r in csv.DictReader(file)}
 

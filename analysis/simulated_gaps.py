@@ -54,7 +54,7 @@ def replayed(run: Path) -> Replayed | None:
         except BayescalError as error:
             why = str(error)
     if found is None or not found["measured"]:
-        return Replayed(run.name, effects, readings, {}, {}, {}, {}, why or "no validation rows")
+        return Replayed(run.name, effects, readings, {}, {}, {}, {}, why or "no validation measurements")
     of = {k: found["measured"][k] for k in KINDS if k in found["measured"]}
     return Replayed(
         run.name, effects, readings,

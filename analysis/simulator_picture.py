@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for entry in given.records:
         label, _, path = entry.partition("=")
         shown += bars(label, json.loads(Path(path).read_text(encoding="utf-8")))
-    out = figure(9, 0.9 + 0.75 * len(shown), ["Validation rows replayed in MuJoCo: simulator minus machine"])
+    out = figure(9, 0.9 + 0.75 * len(shown), ["Validation data replayed in MuJoCo: simulator minus machine"])
     axes = out.subplots()
     for k, (_, before, after) in enumerate(shown[::-1]):
         for value, at, colour in ((before, k + 0.18, FAINT), (after, k - 0.18, ACCENT)):

@@ -4,7 +4,7 @@
     python -m analysis.simulators --robots universal-robots-ur5e --into tests/exporting/mjcf/ur5e_scene.xml
 
 An arm has parameters drawn from the priors of its effects. Its file, new or patched into a scene, is
-replayed in MuJoCo, and the tool points are compared with the model at the readings that it reached.
+replayed in MuJoCo, and the TCP positions are compared with the model at the readings that it reached.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from bayescal.dataset import Dataset
 from bayescal.effects import Parameter
 from bayescal.exporting.export import export
 from bayescal.exporting.fitted import FittedArm
-from bayescal.exporting.rows import standing_model
 from bayescal.exporting.verify.levels import File
 from bayescal.exporting.verify.limits import TOGETHER, TOGETHER_RMS, limit
 from bayescal.exporting.verify.replay import Machine, Place, modelled, replayed
 from bayescal.model import build
+from bayescal.model.equilibrium import standing_model
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
 
@@ -83,7 +83,7 @@ def _value(p: Parameter, rng: np.random.Generator) -> float:
 
 
 def differences(arm: FittedArm, poses: int, file: File | None = None) -> tuple[np.ndarray, float]:
-    """Differences (C,), m, of the tool points from the model, and the RMS size of the last effect, m."""
+    """Differences (C,), m, of the TCP positions from the model, and the RMS size of the last effect, m."""
     rows = np.unique(np.linspace(0, len(arm.dataset.measurements.ids) - 1, poses).astype(int))
     state = int(rows[-1])
     file = file or File.new(arm, state)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
@@ -10,18 +10,21 @@ from math import inf
 import numpy as np
 
 from bayescal.assess.acceptance import Acceptance, acceptance, widened
-from bayescal.assess.budget import Basis
+from bayescal.assess.budget import Basis, Budget, of_distances, with_budgets
 from bayescal.assess.conformance import Tolerance, check_tolerance, conformance
 from bayescal.assess.directions import Directions, directions
 from bayescal.assess.findings import Assessed, Finding, findings, rests_on_priors
 from bayescal.assess.identifiability import Identifiability, identifiability
 from bayescal.assess.shared_causes import SharedCause, rejected_share, shared_causes, with_sharing_rows
 from bayescal.assess.undetermined import Undetermined, undetermined
+from bayescal.checking.mistakes import judged, mistaken
 from bayescal.dataset import Dataset
+from bayescal.effects import parameters_of
 from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.joint import JOINT
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, calibrated, check_enough, estimate
+from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded
 from bayescal.estimate.discrepancy import Stated, stated
 from bayescal.estimate.flatness import FORM, FaceCheck, check_faces, with_form
 from bayescal.estimate.latent import with_latent_readings
@@ -37,13 +40,17 @@ from bayescal.streams import spawned
 
 VALIDATION_DRAWS = 2000
 MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 4_000_000, 400
-"""Predictions of single validation rows, beyond which there are fewer draws of each: 2000 rows."""
+"""Predictions of single validation measurements, beyond which there are fewer draws of each: 2000 rows."""
 NOMINAL = ("nominal",)
+
+
+GROSS = ("many_rejected", "not_flat", "far_from_nominal", "negative")
+"""Findings behind which a gross mistake of a stated value is looked for, as behind every error."""
 
 
 @dataclass(frozen=True)
 class ModelLevel:
-    """One model level: its estimate and its prediction of the validation rows."""
+    """One model level: its estimate and its prediction of the validation measurements."""
 
     effects: tuple[str, ...]
     estimate: Estimate
@@ -69,11 +76,11 @@ class Fit:
     directions: Directions
     acceptance: Acceptance
     findings: tuple[Finding, ...]
+    basis: Basis  # the stated uncertainty, from which the budget of any quantity follows
     tolerance: Tolerance | None = None  # conformance decisions, where a tolerance was given
     robust: bool = True  # whether outliers were excluded
     without: tuple[str, ...] = ()  # parts of the effects that stay nominal: "geometry at joint 4"
-    excess: float = 0.0  # m a coordinate, of points: unexplained, beyond the discrepancy of `stated`
-    known: Prepared | None = None  # validation rows and located targets of `stated.wide`
+    rigid: Rigid = UNCHANGED  # parameters that the fit set to rigid
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -81,9 +88,9 @@ class Fit:
         return tuple(f.text for f in self.findings)
 
     @cached_property
-    def basis(self) -> Basis:
-        """The stated uncertainty, from which the budget of any quantity follows."""
-        return _basis(self.stated, self.excess, self.final.validation, self.known)
+    def budgets(self) -> Mapping[tuple[str, str], Budget]:
+        """The budget of the error of each certified distance, by its ends."""
+        return of_distances(self.basis)
 
     @property
     def final(self) -> ModelLevel:
@@ -136,10 +143,14 @@ def fit(
         If the session cannot be fitted, or the model has no such part, with the reason.
     """
     check_asked(effects, prior_width)
-    parts = parts_of(without, effects)
     if tolerance is not None:
         check_tolerance(tolerance)
     scene = Scene(dataset, oriented=True)
+    parts = parts_of(
+        without,
+        effects,
+        parameters_of(effects, scene.circumstances(scene.rows("calibrate"))) if without else (),
+    )
     check_enough(scene)
     check_located(scene)
     of_draws, of_sampler, of_causes, of_noise, of_forecast, of_discrepancy = spawned(seed, 6)
@@ -147,6 +158,7 @@ def fit(
     levels: list[ModelLevel] = []
     faces: tuple[FaceCheck, ...] = ()
     causes: tuple[SharedCause, ...] = ()
+    rigid = UNCHANGED
     for k, step in enumerate(steps):
         progress("estimate", k / len(steps))
         if step:
@@ -164,6 +176,7 @@ def fit(
                 found = with_sharing_rows(found, causes)
             if latent_joints:
                 found = with_latent_readings(found)
+            found, rigid = bounded(found)
         left = unexplained(found)
         if not last:
             z, kappa = approximate(found, of_draws, predicted_draws(dataset))
@@ -186,7 +199,7 @@ def fit(
             z, kappa = draws.flat[places], draws.kappa[places]
         checked = validate(found, z, kappa, left.excess, of_noise, strict=last)
         if last:
-            tests = acceptance(left, checked, causes, rejected_share(found))
+            tests = acceptance(left, checked, causes, rejected_share(found), dataset)
             progress("predict", 0.2)
             wide = stated(found)
             every = wide.draws(draws.flat, np.random.default_rng(of_discrepancy))
@@ -197,18 +210,24 @@ def fit(
     progress("predict", 0.8)
     determined, seen = identifiability(found), directions(found.model)
     lacking = undetermined(found, determined)
-    expected = forecast(found, z, checked, rest.excess, of_forecast, wide.wide)
+    basis = _basis(wide, rest.excess, checked, known)
+    expected = with_budgets(forecast(found, z, checked, rest.excess, of_forecast, wide.wide), basis)
     tests = replace(tests, determined=not rests_on_priors(expected, left))
     told = findings(
-        Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, wide.sd)
+        Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, wide.sd, rigid)
     )
-    decided = None if tolerance is None else conformance(tolerance, expected, checked, tests)
+    if any(f.severity == "error" or f.code in GROSS for f in told):
+        tested = judged(dataset)
+        mistakes = () if tested is None else mistaken(tested)
+        told = (*(Finding(m.code, "error", f"{m.what}; {m.remedy}") for m in mistakes), *told)
+    decided = None
+    if tolerance is not None:
+        decided = conformance(tolerance, expected, checked, tests, of_distances(basis))
     progress("done", 1.0)
     return Fit(
         dataset, seed, prior_width, tuple(levels), wide, draws,
         replace(draws, z=wide.reported(every).reshape(draws.z.shape)), determined,
-        lacking, faces, expected, seen, tests, told, decided, robust, tuple(map(str, parts)), rest.excess,
-        known,
+        lacking, faces, expected, seen, tests, told, basis, decided, robust, tuple(map(str, parts)), rigid,
     )  # fmt: skip
 
 
@@ -218,7 +237,7 @@ def _restated(
 ) -> tuple[Unexplained, Validation, Unexplained]:  # fmt: skip
     """What is unexplained in total, the validation with the stated uncertainty, and what it adds to points.
 
-    A part of the residuals is explained by the discrepancy; errors that validation rows show beyond all of
+    A part of the residuals is explained by the discrepancy; errors that validation data show beyond all of
     it are added.
     """
     kappa = kappa * np.sqrt(wide.white)
@@ -239,7 +258,7 @@ def basis_of(found: Estimate, seed: int = 0) -> Basis:
     ----------
     found : Estimate
     seed : int
-        Of the draws by which validation rows are tested.
+        Of the draws by which validation measurements are tested.
     """
     of_draws, of_noise, of_discrepancy = spawned(seed, 3)
     z, kappa = approximate(found, of_draws, predicted_draws(found.model.scene.dataset))
@@ -251,12 +270,12 @@ def basis_of(found: Estimate, seed: int = 0) -> Basis:
     return _basis(wide, rest.excess, checked, known)
 
 
-def _basis(wide: Stated, excess: float, checked: Validation, known: Prepared | None = None) -> Basis:
+def _basis(wide: Stated, excess: float, checked: Validation, known: Prepared) -> Basis:
     """The basis of budgets; `excess`, m, of points, beyond the discrepancy."""
     left = unexplained(wide.plain)
     own = wide.remaining(left).excess
     beyond = max(excess**2 - own**2, 0.0)
-    # beyond the residuals, the unexplained error was estimated from validation rows
+    # beyond the residuals, the unexplained error was estimated from validation measurements
     rows = [len(c.residuals) for c in checked.planes] + [c.residuals.shape[1] for c in checked.points]
     shown = len(checked.distances) or sum(rows)
     below = own**4 / left.excess_dof + beyond**2 / max(shown, 1)
@@ -270,7 +289,7 @@ def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:
 
 
 def predicted_draws(dataset: Dataset) -> int:
-    """Number of draws from which validation rows are predicted: `VALIDATION_DRAWS`, fewer of many rows."""
+    """Number of draws from which validation data are predicted: `VALIDATION_DRAWS`, fewer of many rows."""
     rows = int(np.sum(dataset.measurements.role == "validate"))
     return min(VALIDATION_DRAWS, max(MOST_PREDICTED // max(rows, 1), FEWEST_VALIDATION_DRAWS))
 

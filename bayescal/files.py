@@ -26,7 +26,7 @@ from bayescal.refusals import told_of
 from bayescal.stopping import completed
 
 UNITS = {"mm": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180} | dict.fromkeys(
-    ("rad", "kg", "nm", "s", "c", "mps2", "rad_per_nm"), 1.0
+    ("rad", "kg", "nm", "s", "c", "degc", "mps2", "rad_per_nm"), 1.0
 )
 """Unit suffixes of keys and columns, and the factors to SI (degrees Celsius are kept)."""
 
@@ -65,6 +65,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "nm": (-1e7, 1e7),
     "s": (-1e12, 1e12),
     "c": (-273.15, 1e4),
+    "degc": (-273.15, 1e4),
     "mps2": (-1e6, 1e6),
     "rad_per_nm": (-1e3, 1e3),
     "": (-1e9, 1e9),

@@ -35,6 +35,7 @@ _TOLD: dict[str, Callable[[str, dict[str, Any], Any], tuple[str, str]]] = {
         f"{key} is {value}",
         f"no uncertainty is less than {ctx['least']:g}",
     ),
+    "not_a_date": lambda key, ctx, value: (f"{key} is {value!r}, not a date", "write it as YYYY-MM-DD"),
     "string_too_long": lambda key, ctx, value: (
         f"{key} has {len(value)} characters",
         f"must have at most {ctx['max_length']}",

@@ -26,7 +26,7 @@ FORMS = ("plane", "axis", "point")
 RELATIONS: dict[str, dict[tuple[str, str], tuple[Relation, ...]]] = {
     "parallel": {
         ("plane", "plane"): (aligned, between_faces),
-        ("plane", "axis"): (square, off_plane),  # the normal is square to the axis
+        ("plane", "axis"): (square, off_plane),  # the normal is perpendicular to the axis
         ("axis", "axis"): (aligned, apart),
     },
     "perpendicular": {

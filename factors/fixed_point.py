@@ -1,4 +1,4 @@
-"""The ball comes back to one point (a cone, a socket): ``p - c = 0``."""
+"""A nest locates the ball centre at one point (a cone, a socket): ``p - c = 0``."""
 
 from __future__ import annotations
 

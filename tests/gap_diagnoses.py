@@ -75,7 +75,7 @@ def diagnosis(dataset, kind: str = "named", distances: bool = True) -> Gap:
     poses = tuple(tuple(r) for r in dataset.measurements.readings[:3])
     return Gap(
         dataset, ("geometry", "compliance"), 3,
-        Magnitude("validation rows", 13e-6, 6e-6, (5.4e-6, 6.7e-6), "repeats", 0.0 if null else 11.6e-6,
+        Magnitude("validation data", 13e-6, 6e-6, (5.4e-6, 6.7e-6), "repeats", 0.0 if null else 11.6e-6,
                   (0.0, 2e-6) if null else (9.8e-6, 13.2e-6), measured),
         where, {"target": (Margin("cube.+y", "cube.+y", 30, 14e-6, 1e-6, 1e-4),)}, verdict,
         () if null else shrinkage, tuple(ladder),

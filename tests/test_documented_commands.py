@@ -1,4 +1,4 @@
-"""Commands in README, CONTRIBUTING and docs: they parse, and make targets and modules exist."""
+"""Commands in README, CONTRIBUTING, docs and `--help`: they parse, and make targets and modules exist."""
 
 import re
 import shlex
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
 from bayescal.cli import app
 
@@ -46,6 +47,26 @@ def occurrences(pattern: re.Pattern[str]) -> list:
 @pytest.mark.parametrize("command", occurrences(LINE))
 def test_every_command_of_a_code_block_parses(command):
     parsed(command)
+
+
+def commands(group=None, name: str = "bayescal") -> dict:
+    """Every command and group of the command line by its words, and what parses it."""
+    group = group or typer.main.get_command(app)
+    out = {name: group}
+    for word, found in getattr(group, "commands", {}).items():
+        out |= commands(found, f"{name} {word}")
+    return out
+
+
+@pytest.mark.parametrize("name", commands())
+def test_help_ends_with_two_examples_that_parse(name):
+    examples = LINE.findall(commands()[name].epilog)
+    assert len(examples) == 2
+    shown = CliRunner().invoke(app, [*name.split()[1:], "--help"], terminal_width=150).output
+    assert [line.strip() for line in shown.strip().splitlines()[-2:]] == examples
+    for example in examples:
+        assert f"{example} ".startswith(f"{name} ")
+        parsed(example)
 
 
 @pytest.mark.parametrize("command", occurrences(INLINE))

@@ -28,6 +28,7 @@ COMMANDS = (
     "report",
     "schema",
     "check",
+    "robots",
 )
 
 PROGRAM = """

@@ -1,7 +1,7 @@
 """The same posterior in JAX: the chain unrolled over its frames, only what a term moves computed.
 
 What is constant is a constant of the trace; sines and cosines of the nominal angles are known, as in
-the kernel. XLA fuses the rest, but for one matrix product half-way down the chain: without it XLA
+the kernel. XLA fuses the rest, except for one matrix product half-way down the chain: without it XLA
 computes points anew for each of their uses (the value is then seven times as slow); with more, or with
 matrix products alone, value and gradient are slower too (131 us with one, 140 with none, 190 with all).
 """

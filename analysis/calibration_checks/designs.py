@@ -44,7 +44,7 @@ DESIGNS: tuple[Design, ...] = (
     Design("few, outliers", "30 contacts, 7 % gross", 30, 12, gross=0.07),
     Design("sampled", "30 contacts, sampled by emcee", 30, 12, samples=400),
     Design("two groups", "16 contacts (5 µm) and 40 points of an instrument (30 µm)", 16, 12, 1, points=40),
-    Design("masses", "200 contacts, masses in error as `gap` assumes", 200, 20, masses=True),
+    Design("masses", "200 contacts, uncertain masses as `gap` assumes", 200, 20, masses=True),
 )
 
 
@@ -66,7 +66,7 @@ def planned(design: Design) -> tuple[Dataset, Scenery]:
 
 
 def _read_by_instrument(dataset: Dataset, count: int) -> Dataset:
-    """The session with `count` of its fitted rows read by an instrument, instead of touching a face."""
+    """The session with `count` of its fitted data read by an instrument, instead of touching a face."""
     m = dataset.measurements
     single = np.flatnonzero((m.role == "calibrate") & (m.repeat == ""))
     rows = single[np.linspace(0, len(single) - 1, count).astype(int)]

@@ -49,7 +49,7 @@ class Simulated:
     gross: np.ndarray  # rows
 
     def points(self, rows: np.ndarray) -> np.ndarray:
-        """True tool points (3, R) in F0, m, of rows."""
+        """True TCP positions (3, R) in F0, m, of rows."""
         model = self.world.model(self.actual)
         return model.motion(rows).points(self.world.deviations(model))
 

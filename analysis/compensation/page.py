@@ -100,7 +100,7 @@ def write(sessions: Sequence[Session], seed: int, count: int, out: Path) -> None
         f"{COUNT} nominal joint targets beside rows of the session are compensated, and the true arm is "
         "brought to the nominal and to the compensated readings. Compared are the distances between all "
         "targets that are inside the probed region. Sessions whose hidden effect moves no pose (probe, "
-        "artefact), depends on the time, or is outside the vocabulary are left out.",
+        "artefact), depends on the time, or is not in the list of known effects are left out.",
         "",
         f"`python -m analysis.compensation --seed {seed} --count {count}`",
         "",
@@ -115,7 +115,7 @@ def write(sessions: Sequence[Session], seed: int, count: int, out: Path) -> None
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
         *map(row, sessions),
         "",
-        "Distances in µm. Nominal errors contain that of the stated tool point, which is corrected as well.",
+        "Distances in µm. Nominal errors contain that of the stated TCP, which is corrected as well.",
         "",
     ]
     out.write_text("\n".join(lines), encoding="utf-8")

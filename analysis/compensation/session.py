@@ -21,7 +21,6 @@ from bayescal.exporting.compensate.solve import compensated, nominal_arm
 from bayescal.exporting.compensate.targets import Corrected, Target
 from bayescal.world.build import Made, make
 from bayescal.world.mix import FIRST_OF, recipe
-from bayescal.world.touch import World
 
 GENERATOR = 3
 """Version of the simulator: contacts on a cube and on spheres."""
@@ -64,7 +63,7 @@ def stands(made: Made, session: np.ndarray, rows: np.ndarray, readings: np.ndarr
     """
     s = made.world.session
     own = replace(s, speed=SLOW * s.speed)
-    world = World(made.world.arm, made.world.scene, own, made.world.give)
+    world = replace(made.world, session=own)
     every = session.copy()
     every[rows] = readings
     return world.seen(every, made.acts)[0].ball[rows]
@@ -110,7 +109,7 @@ def measured(made: Made, arm: FittedArm, seed: int) -> Level:
 
 
 def _slopes(arm: FittedArm, found: Sequence[Corrected], targets: Sequence[Target]) -> np.ndarray:
-    """Slopes of the tool points by the arm's parameters, (C, 3, P)."""
+    """Slopes of the TCP positions by the arm's parameters, (C, 3, P)."""
     readings = np.array([f.readings for f in found])
     way, payload = np.array([t.velocity for t in targets]), np.array([t.payload for t in targets])
     return arm.at(readings, direction=way, payload_kg=payload).by_parameters

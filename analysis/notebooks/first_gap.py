@@ -78,7 +78,7 @@ plt.show()
 # %% [markdown]
 # ## Effect
 #
-# The probability of every effect, of the noise-only model and of an unmodelled effect outside the vocabulary.
+# The probability of every known effect, of the noise-only model and of an effect not in that list.
 # The 90 % set contains the effects that these data do not distinguish.
 
 # %%

@@ -18,8 +18,8 @@
 # it gain if they are chosen instead of taken at random?
 #
 # No answer needs a measurement: the covariance of the parameters follows from the poses of the contacts,
-# their noise, the certificate of the cube and the priors. It holds **if the model is right**: the second
-# part of the notebook shows what that condition means.
+# their noise, the certificate of the cube and the priors. It holds **assuming the model is correct**:
+# the second part of the notebook shows what that condition means.
 
 # %%
 import os
@@ -45,7 +45,10 @@ HERE = Path.cwd()
 DATA = next(p / "data" / "lrmate200ic-cube" for p in (HERE, *HERE.parents) if (p / "data").is_dir())
 COUNT = int(os.environ.get("BAYESCAL_NOTEBOOK_CANDIDATES", "4000"))
 COUNTS = [50, 70, 100, 150, 200, 300] if COUNT >= 4000 else [60, 100]
-NOISES = [5.0, 20.0]  # µm: a probe on an arm that stands still; the repeatability that the maker states
+NOISES = [
+    5.0,
+    20.0,
+]  # µm: a probe on an arm that stands still; the repeatability that the manufacturer states
 TOLERANCE = 50.0  # µm
 MODEL = ("geometry", "compliance")
 
@@ -159,7 +162,7 @@ for noise, both in every.items():
         print(f"noise {noise:.0f} µm, {how}: {text} for 0.05 mm")
 
 # %% [markdown]
-# ## If the model is right
+# ## Assuming the model is correct
 #
 # Real arms are not quite like any model: the real sessions of `docs/real_sessions.md` have errors that
 # geometry and compliance leave, of the size of the tolerance. They do not fall with the number of contacts.

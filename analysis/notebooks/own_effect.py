@@ -13,7 +13,7 @@
 # %% [markdown]
 # # An effect of your own
 #
-# The cable package of an arm pulls joint 5 as joint 4 turns. No effect of the vocabulary has this form: the
+# The cable package of an arm pulls joint 5 as joint 4 turns. No known effect has this form: the
 # error acts at joint 5 and depends on the angle of joint 4. This notebook defines the effect, simulates an
 # arm that has it, and calibrates the arm without and with the effect.
 
@@ -77,7 +77,7 @@ for name, value in truth.items():
 # %% [markdown]
 # ## Calibration without and with the effect
 #
-# `later` contacts are validation rows: they are predicted, not fitted.
+# `later` contacts are validation measurements: they are predicted, not fitted.
 
 # %%
 models = {"without": "geometry, compliance", "with": "geometry, compliance, cable"}

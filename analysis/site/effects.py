@@ -38,7 +38,7 @@ The change of the residuals by one prior standard deviation of a parameter: of t
 coordinate, and its RMS for each parameter. Geometry, targets and compliance absorb a part of it in a fit; a
 diagnosis counts what is left.
 
-## In the workshop
+## On the shop floor
 
 {remedy}
 
@@ -49,7 +49,7 @@ diagnosis counts what is left.
 
 INDEX = """# Effects
 
-The vocabulary of errors. `--model` accepts every name, in `fit`, `gap` and `simulate --effects`; a diagnosis
+The known effects. `--model` accepts every name, in `fit`, `gap` and `simulate --effects`; a diagnosis
 may name each. The priors state what is plausible on small arms, with their source. [An effect of your
 own](../contributing.md#an-effect) is one file.
 

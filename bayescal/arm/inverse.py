@@ -77,7 +77,7 @@ def descend(
 
 
 def to_points(arm: NominalArm, points: np.ndarray) -> Task:
-    """The task of bringing the tool point of a nominal arm to `points` (M, 3), m; the orientation is free."""
+    """The task of bringing the TCP of a nominal arm to `points` (M, 3), m; the orientation is free."""
 
     def task(angles: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         pose = arm.frames(arm.readings_of(angles))

@@ -52,7 +52,7 @@ class NominalArm:
         return frames(self.chain, link_angles(self.robot, readings))
 
     def ball(self, pose: np.ndarray) -> np.ndarray:
-        """Tool points (N, 3), m, of the poses of `frames`."""
+        """TCP positions (N, 3), m, of the poses of `frames`."""
         return pose[:, -1, :3, :3] @ self.tool + pose[:, -1, :3, 3]
 
     def tool_axis(self, pose: np.ndarray) -> np.ndarray:
@@ -68,7 +68,7 @@ class NominalArm:
         return out
 
     def jacobian(self, pose: np.ndarray) -> np.ndarray:
-        """Derivatives (N, 6, n) of the tool point (m/rad) and of its rotation by the limited angles."""
+        """Derivatives (N, 6, n) of the TCP (m/rad) and of its rotation by the limited angles."""
         axis, origin = pose[:, 1:-1, :3, 2], pose[:, 1:-1, :3, 3]
         slide = cross(axis, self.ball(pose)[:, None] - origin)
         return np.swapaxes(np.concatenate([slide, axis], axis=2), 1, 2) * self.sign

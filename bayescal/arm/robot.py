@@ -43,6 +43,8 @@ class Robot:
     flange: np.ndarray = field(default_factory=lambda: np.eye(4))  # in the last row's frame; mdh only
     coupling: Coupling = "display"
     radii: np.ndarray | None = None  # (n,) m, of capsules around the links; nan where assumed
+    velocities: np.ndarray | None = None  # (n,) rad/s, largest of the joints; nan where not stated
+    torques: np.ndarray | None = None  # (n,) N m, largest of the joints; nan where not stated
 
     def __post_init__(self) -> None:
         assert self.convention == "mdh" or np.array_equal(self.flange, np.eye(4)), "standard rows end at it"

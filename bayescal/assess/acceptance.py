@@ -1,4 +1,4 @@
-"""Tests of the model: residuals of a fit, its validation rows, and its rejected rows.
+"""Tests of the model: residuals of a fit, its validation measurements, and its rejected measurements.
 
 Each test compares a figure with its posterior prediction from noise, parameters and certificates, including
 their correlations. The tests share a probability of a false alarm (Bonferroni), so that a correct model
@@ -15,6 +15,8 @@ from scipy.special import ndtr, ndtri
 
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
 from bayescal.assess.shared_causes import SharedCause
+from bayescal.dataset import Dataset
+from bayescal.dataset.checks.planned import CHANCE, planned
 from bayescal.distributions import chi2_isf, chi2_sf, poisson_sf
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.predict.validation import DistanceCheck, PlaneCheck, PointCheck, TurnCheck, Validation
@@ -23,14 +25,17 @@ LEVEL = 0.01
 """Chance that a correct model fails any of the tests (that of shared causes has a level of its own)."""
 EXPLAINED = "calibrated; model explains validation data"
 CONTRADICTED = "model does not explain the machine: run bayescal gap"
-UNVERIFIED = "not verified: no validation rows"
-UNDETERMINED = "not determined by these rows: the prediction rests on priors"
+UNVERIFIED = "not verified: no validation measurements"
+UNDETERMINED = "not determined by these measurements: the prediction rests on priors"
+NOT_MADE = "no calibration: contacts of a plan that were not made"
+PLANNED = "planned_poses"
+"""The test of contacts that have the readings of a plan."""
 SHARED = "shared_cause"
-"""The test of what rejected rows share."""
+"""The test of what rejected measurements share."""
 FEWEST_DISTANCES = 3
 """Distances whose mean error is tested."""
 FALSE_REJECTIONS = 0.01
-"""Validation rows of normal noise that are left out of the test of all as outliers, on average."""
+"""Validation measurements of normal noise that are left out of the test of all as outliers, on average."""
 MORE_OUTLIERS = 1e-3
 """Chance of more such rows, at the share of rows that the fit rejected, below which all of them count."""
 
@@ -54,12 +59,12 @@ class Check:
 
 @dataclass(frozen=True)
 class Acceptance:
-    """All tests of a fit, and what rejected rows share."""
+    """All tests of a fit, and what rejected measurements share."""
 
     checks: tuple[Check, ...]
     causes: tuple[SharedCause, ...]
-    validated: bool  # there are validation rows
-    rejected: float = 0.0  # share of the fitted rows
+    validated: bool  # there are validation measurements
+    rejected: float = 0.0  # share of the fitted measurements
     determined: bool = True  # the predicted distance error rests on rows, not on priors
 
     @property
@@ -70,11 +75,18 @@ class Acceptance:
     @property
     def verdict(self) -> str:
         """In one line."""
+        if self.unmade:
+            return NOT_MADE
         if not self.explains:
             return CONTRADICTED
         if not self.determined:
             return UNDETERMINED
         return EXPLAINED if self.validated else UNVERIFIED
+
+    @property
+    def unmade(self) -> str:
+        """Which contacts have the readings of a plan, in words; "" if none."""
+        return next((c.words for c in self.failed if c.test == PLANNED), "")
 
     @property
     def explains(self) -> bool:
@@ -83,7 +95,7 @@ class Acceptance:
 
     @property
     def usable(self) -> bool:
-        """Whether validation rows agree with a model that the rows determine."""
+        """Whether validation measurements agree with a model that the rows determine."""
         return self.explains and self.determined and self.validated
 
 
@@ -97,7 +109,11 @@ class _Figure:
 
 
 def acceptance(
-    left: Unexplained, checked: Validation, causes: Sequence[SharedCause] = (), rejected: float = 0.0
+    left: Unexplained,
+    checked: Validation,
+    causes: Sequence[SharedCause] = (),
+    rejected: float = 0.0,
+    dataset: Dataset | None = None,
 ) -> Acceptance:
     """Test a fit.
 
@@ -108,9 +124,11 @@ def acceptance(
     checked : Validation
         Of the same fit, predicted without any widening by its own errors.
     causes : sequence of SharedCause
-        What rejected rows share.
+        What rejected measurements share.
     rejected : float
-        Share of the fitted rows that were rejected: as many of the validation rows may be outliers.
+        Share of the fitted measurements that were rejected: as many of the validation data may be outliers.
+    dataset : Dataset, optional
+        The session, whose contacts are tested for readings of a plan.
     """
     figures = [_noise(left), *_validation(checked, None if causes else rejected)]
     level = LEVEL / len(figures)
@@ -119,12 +137,15 @@ def acceptance(
         Check(SHARED, len(c.rows) / c.rejected, c.size / c.count, c.p_value, LEVEL_SHARED, c.words)
         for c in causes
     ]
+    if dataset is not None and (unmade := planned(dataset)) is not None:
+        words = unmade.words(dataset)
+        checks.insert(0, Check(PLANNED, len(unmade.rows), 0.0, unmade.chance, CHANCE, words))
     validated = bool(checked.planes or checked.distances or checked.points or checked.turns)
     return Acceptance(tuple(checks), tuple(causes), validated, rejected)
 
 
 def widened(left: Unexplained, checked: Validation, tests: Acceptance) -> Unexplained:
-    """What is unexplained, m a coordinate, with what validation rows show beyond their prediction.
+    """What is unexplained, m a coordinate, with what validation measurements show beyond their prediction.
 
     Of a test that failed, the mean square error beyond the predicted one; half of it for distances, which
     have the error of two points. The largest counts.
@@ -158,9 +179,10 @@ def _validation(checked: Validation, rejected: float | None) -> Iterator[_Figure
             sd = float(np.std(np.mean(predicted, axis=1)))
             value = float(np.mean(error)) / sd
             same = max(np.sum(error > 0), np.sum(error < 0))
+            signs = "all" if same == len(error) else f"{same} of {len(error)}"
             words = (
                 f"mean distance error {1e6 * np.mean(error):+.1f} µm with a predicted standard deviation of "
-                f"{1e6 * sd:.1f} µm; {same} of {len(error)} errors have one sign"
+                f"{1e6 * sd:.1f} µm; {signs} errors have the same sign"
             )
             p = 2.0 * float(ndtr(-abs(value)))
             yield _Figure("mean_distance_error", abs(value), p, lambda a: float(-ndtri(a / 2)), words)
@@ -179,7 +201,7 @@ def _chi_square(
     mean = float(np.mean(draws))
     dof = 2.0 * mean**2 / float(np.var(draws))
     words = (
-        f"{of} of validation rows: RMS error {factor * np.sqrt(np.mean(r**2)):.1f} {unit} against "
+        f"{of} of validation measurements: RMS error {factor * np.sqrt(np.mean(r**2)):.1f} {unit} against "
         f"{factor * np.sqrt(np.mean(sd**2)):.1f} {unit} predicted"
     )
     p = float(chi2_sf(dof * statistic / mean, dof))
@@ -188,9 +210,9 @@ def _chi_square(
 
 
 def _sets(checked: Validation, rejected: float | None) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Residuals (C,) and their draws (S, C) by kind of validation row, without outliers.
+    """Residuals (C,) and their draws (S, C) by kind of validation measurement, without outliers.
 
-    `rejected` is the share of outliers among the fitted rows; None: no row is an outlier.
+    `rejected` is the share of outliers among the fitted measurements; None: no row is an outlier.
     """
     kinds: dict[str, tuple[PlaneCheck | PointCheck | TurnCheck, ...]] = {
         "contacts": checked.planes, "points": checked.points, "orientations": checked.turns

@@ -17,11 +17,11 @@ from bayescal.predict.elsewhere import elsewhere, joint_range, point_slopes
 PLANNED = 120
 """Rows of a session with changes; as many again with a second tool, and with a payload."""
 SECOND_TOOL = np.array([0.08, 0.05, 0.06])
-"""m, from the tool point: the point of a second tool (assumed)."""
+"""m, from the TCP: the point of a second tool (assumed)."""
 PAYLOAD = 2.0
 """kg: an attached mass (assumed)."""
 ANGLE = 1e-3
-"""rad: of the last joint, to measure the distance of the tool point from its axis."""
+"""rad: of the last joint, to measure the distance of the TCP from its axis."""
 SEED = 20
 """Of the poses."""
 
@@ -78,14 +78,14 @@ class Conditions:
         return self._information[changes]
 
     def displacement(self, covariance: np.ndarray) -> float:
-        """RMS displacement, m, of tool points over the range of all joints, for a covariance (P, P) of z."""
+        """RMS displacement, m, of TCPs over the range of all joints, for a covariance (P, P) of z."""
         points, slopes = self._points(True, "")
         a = _free_of(slopes[..., self.index].reshape(-1, len(self.index)), _body(points, False))
         return float(np.sqrt(max(np.sum((a @ covariance) * a), 0.0) / len(points)))
 
     @property
     def lever(self) -> float:
-        """Largest distance of a tool point from the last axis, m."""
+        """Largest distance of a TCP from the last axis, m."""
         turned = self.readings[self.rows].copy()
         turned[:, -1] += ANGLE
         moved = elsewhere(self.model, self.rows, turned).points(self._values).T - self._points(False, "")[0]
@@ -97,7 +97,7 @@ class Conditions:
         return joint_range(robot, PLANNED, np.random.default_rng(SEED))
 
     def _points(self, everywhere: bool, other: str) -> tuple[np.ndarray, np.ndarray]:
-        """Tool points (N, 3), m, and their slopes (N, 3, P') by z; `other`: payload, tool, or ""."""
+        """TCP positions (N, 3), m, and their slopes (N, 3, P') by z; `other`: payload, tool, or ""."""
         if (everywhere, other) not in self._slopes:
             payload = self.model.scene.dataset.measurements.payload
             own = np.zeros(PLANNED) if payload is None else payload[self.rows]

@@ -1,31 +1,31 @@
 """Conformance of a distance error to a tolerance: probability, and the decision rule of ISO 14253-1.
 
 In this rule the uncertainty counts against the party that proves: with a measured error e, its expanded
-uncertainty U = 2 u (k = 2) and a tolerance X, conformance is proven if abs(e) + U <= X, nonconformance if
+uncertainty U = k u and a tolerance X, conformance is proven if abs(e) + U <= X, nonconformance if
 abs(e) - U > X; in between there is no decision. The edition of 2017 requires by default a probability of
 conformance of 95 %, which a guard band of 1.65 u gives where X is large beside u (one-sided; JCGM 106:2012,
-8.3). U with k = 2, the guard band of the editions before and of calibration certificates, is the stricter
-of the two (97.7 % one-sided), and is what this program uses.
+8.3). U with a coverage of 95.45 %, the guard band of the editions before and of calibration certificates, is
+the stricter of the two (97.7 % one-sided), and is what this program uses.
 
-u is the predicted standard deviation of the error: noise of the contacts, parameters of the arm, unexplained
-residuals, and the certificate. It is larger than that of the measurement alone, so that the rule is
-conservative: more results are 'not decided'.
+u and k are those of the uncertainty budget of the error (`assess.budget`), which a report and a certificate
+state: noise of the contacts, parameters of the arm, unexplained residuals, and the certificate. u is larger
+than that of the measurement alone, so that the rule is conservative: more results are 'not decided'.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import stdtr
 
 from bayescal.assess.acceptance import Acceptance
+from bayescal.assess.budget import MOST_DOF, Budget
 from bayescal.errors import BayescalError
 from bayescal.predict.forecast import Forecast
 from bayescal.predict.validation import DistanceCheck, Validation
 
-COVERAGE = 2.0
-"""k: U = k u."""
 PASS, FAIL, OPEN = "PASS", "FAIL", "cannot be decided"
 
 
@@ -35,7 +35,8 @@ class Conformance:
 
     between: tuple[str, str]
     error: float
-    expanded: float  # U, k = 2
+    expanded: float  # U = k u
+    k: float
     probability: float  # that its error is within the tolerance
     decision: str
 
@@ -48,11 +49,15 @@ class Tolerance:
     decision: str  # of all together
     why: str
     probability: float  # that the error of a distance in the probed volume is within
-    expanded: float  # U, k = 2, of such an error
+    expanded: float  # U = k u of such an error
+    k: float
     distances: tuple[Conformance, ...]
 
 
-def conformance(tolerance: float, expected: Forecast, checked: Validation, tests: Acceptance) -> Tolerance:
+def conformance(
+    tolerance: float, expected: Forecast, checked: Validation, tests: Acceptance,
+    budgets: Mapping[tuple[str, str], Budget],
+) -> Tolerance:  # fmt: skip
     """Decide whether distance errors are within a tolerance.
 
     Parameters
@@ -60,9 +65,12 @@ def conformance(tolerance: float, expected: Forecast, checked: Validation, tests
     tolerance : float
         m, of the absolute error of a distance.
     expected : Forecast
+        With u and k of its distances.
     checked : Validation
     tests : Acceptance
         Where the model is not validated, or does not explain the machine, conformance is not proven.
+    budgets : mapping
+        Budget of the error of each certified distance (`assess.budget.of_distances`).
 
     Raises
     ------
@@ -71,8 +79,7 @@ def conformance(tolerance: float, expected: Forecast, checked: Validation, tests
     """
     check_tolerance(tolerance)
     space = expected.workspace
-    distances = tuple(_decided(d, tolerance) for d in checked.distances)
-    expanded = COVERAGE * space.rms
+    distances = tuple(_decided(d, tolerance, budgets[d.between]) for d in checked.distances)
     failed = [d for d in distances if d.decision == FAIL]
     undecided = [d for d in distances if d.decision == OPEN]
     if failed:
@@ -80,15 +87,15 @@ def conformance(tolerance: float, expected: Forecast, checked: Validation, tests
     elif not tests.explains:
         decision, why = OPEN, "the model does not explain the machine"
     elif not tests.validated:
-        decision, why = OPEN, "no validation rows verify the prediction"
+        decision, why = OPEN, "no validation measurements verify the prediction"
     elif undecided:
         decision = OPEN
         why = f"{len(undecided)} of {len(distances)} certified distances: error within U of the tolerance"
-    elif expanded > tolerance:
+    elif space.expanded > tolerance:
         decision, why = OPEN, "U of a distance in the probed volume is larger than the tolerance"
     else:
         decision, why = PASS, "error + U <= tolerance, for every distance"
-    return Tolerance(tolerance, decision, why, space.within(tolerance), expanded, distances)
+    return Tolerance(tolerance, decision, why, space.within(tolerance), space.expanded, space.k, distances)
 
 
 def check_tolerance(tolerance: float) -> None:
@@ -106,7 +113,7 @@ def decide(error: float, expanded: float, tolerance: float) -> str:
     return FAIL if abs(error) - expanded > tolerance else OPEN
 
 
-def _decided(d: DistanceCheck, tolerance: float) -> Conformance:
-    u = float(np.std(d.predicted))
-    p = float(ndtr((tolerance - d.error) / u) - ndtr((-tolerance - d.error) / u))
-    return Conformance(d.between, d.error, COVERAGE * u, p, decide(d.error, COVERAGE * u, tolerance))
+def _decided(d: DistanceCheck, tolerance: float, b: Budget) -> Conformance:
+    low, high = ((end - d.error) / b.u for end in (-tolerance, tolerance))
+    p = float(np.diff(stdtr(min(b.dof, MOST_DOF), (low, high)))[0])
+    return Conformance(d.between, d.error, b.expanded, b.k, p, decide(d.error, b.expanded, tolerance))

@@ -1,4 +1,4 @@
-"""Directions in space that the fitted rows probe: a residual measures the ball along one direction only."""
+"""Directions in space that the fitted data probe: a residual measures the ball along one direction only."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def in_words(seen: Directions) -> str:
         return ""
     if len(seen.missing) == 1:
         return f"hardly a row looks along {_name(seen.missing[0])} of the base"
-    return f"all rows look along {_name(seen.axes[0])} of the base"
+    return f"all measurements look along {_name(seen.axes[0])} of the base"
 
 
 def _name(axis: np.ndarray) -> str:

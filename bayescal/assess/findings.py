@@ -8,13 +8,14 @@ from typing import Literal
 
 import numpy as np
 
-from bayescal.assess.acceptance import SHARED, Acceptance
+from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
 from bayescal.assess.directions import Directions, in_words
 from bayescal.assess.reliability import reliability
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.checks.certified import contradictions
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate
+from bayescal.estimate.bounds import UNCHANGED, Rigid, not_physical
 from bayescal.estimate.flatness import FORM, FaceCheck
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.model import ORIENTATION
@@ -30,16 +31,11 @@ WILD_SCALE = 100.0
 WILD_SIZE = 1e-4
 """m: smaller residuals are no sign of a wrong file, however small the stated noise is (assumed)."""
 MANY_REJECTED = 0.05
-"""Share of rejected rows from which on it is told."""
+"""Share of rejected measurements from which on it is told."""
 FAR = 4.0
 """Prior standard deviations from nominal from which on a parameter is told."""
 PRIOR_DECIDES = 0.5
 """Share of the predicted distance variance from which on it rests on the tolerances."""
-COVERED = 2.0
-"""Standard uncertainties within which an estimate is not distinguishable from 0."""
-WRONG_MODEL = "the model lacks an effect, or masses are wrong"
-EXPANDED = 2.0
-"""Coverage factor of U."""
 FAR_BEYOND = 3.0
 """Times the error of validation contacts from which on a distance error is one that they do not show."""
 
@@ -67,6 +63,7 @@ class Assessed:
     tests: Acceptance
     prior_width: float = 1.0
     sd: np.ndarray | None = None  # (D,) stated standard uncertainties of z; None for those of `found`
+    rigid: Rigid = UNCHANGED
 
 
 def findings(of: Assessed) -> tuple[Finding, ...]:
@@ -77,12 +74,14 @@ def findings(of: Assessed) -> tuple[Finding, ...]:
 
 def _tests(of: Assessed) -> Iterator[Finding]:
     for check in of.tests.failed:
-        ratio = "" if check.test == SHARED else f" (ratio {check.value:.2g}, limit {check.limit:.2g})"
+        ratio = (
+            "" if check.test in (SHARED, PLANNED) else f" (ratio {check.value:.2g}, limit {check.limit:.2g})"
+        )
         yield Finding(check.test, "error", check.words + ratio)
     if of.tests.causes:
         yield Finding(
             "rejected_rows_kept", "warning",
-            "rejected rows that share a cause are not outliers: the fit keeps them, the prediction is wider",
+            "rejected measurements that share a cause are no outliers: the fit keeps them, which widens it",
         )  # fmt: skip
 
 
@@ -108,7 +107,7 @@ def _residuals(of: Assessed) -> Iterator[Finding]:
     if len(found.rejected) > MANY_REJECTED * count:
         yield Finding(
             "many_rejected", "warning",
-            f"{len(found.rejected)} of {count} rows rejected as outliers, more than a session should have",
+            f"{len(found.rejected)} of {count} measurements rejected as outliers: more than expected",
         )  # fmt: skip
     uneven = [f"{f.target} by {1e6 * f.form:.0f} µm RMS" for f in of.faces if f.uneven]
     if uneven:
@@ -137,36 +136,16 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
             f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations from nominal; "
             "check the robot file",
         )  # fmt: skip
-    for words in negative(of.found, of.sd):
-        advice = "; run bayescal gap" if words.endswith(WRONG_MODEL) else ""
-        yield Finding("negative", "warning", words + advice)
+    covariance = of.found.covariance if of.sd is None else np.diag(of.sd**2)
+    for words in not_physical(of.found, covariance):
+        yield Finding("negative", "error", words)
+    if of.rigid.words:
+        yield Finding("rigid", "note", of.rigid.words)
     absent = [name for name in model.effects if plain(name) not in IN_ROBOT_FILE]
     if absent:
         yield Finding(
             "not_in_robot_file", "note", f"robot.yaml cannot hold {', '.join(absent)}: see fit.json"
         )  # fmt: skip
-
-
-def negative(found: Estimate, sd: np.ndarray | None = None) -> Iterator[str]:
-    """Estimates below zero of parameters that are physically positive.
-
-    Parameters
-    ----------
-    found : Estimate
-    sd : np.ndarray, shape (D,), optional
-        Standard uncertainties of z as the report states them, if wider than those of the estimate.
-    """
-    model, z = found.model, found.z
-    values, u = model.physical(z), found.sd if sd is None else sd
-    below = [(p, v / (u[k] * p.sd)) for k, (p, v) in enumerate(zip(model.parameters, values, strict=False))
-             if p.positive and v < 0]  # fmt: skip
-    within = [p.name for p, t in below if t > -COVERED]
-    if within:
-        yield f"{', '.join(within)}: not distinguishable from 0 (negative by less than {COVERED:.0f} u)"
-    beyond = [p.name for p, t in below if t <= -COVERED]
-    if beyond:
-        names = ", ".join(beyond)
-        yield f"{names}: negative by more than {COVERED:.0f} u, which is not physical: {WRONG_MODEL}"
 
 
 def rests_on_priors(expected: Forecast, left: Unexplained) -> bool:
@@ -191,7 +170,7 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
         )  # fmt: skip
     residuals = [p.residuals for p in of.checked.planes]
     contact = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))) if residuals else left.fitted
-    distance = max(lead.rms, expected.workspace.rms)
+    distance = max(lead.u, expected.workspace.u)
     if distance > FAR_BEYOND * contact:
         yield Finding(
             "contrast", "warning",
@@ -208,15 +187,15 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
 
 def _gross_errors(of: Assessed) -> Iterator[Finding]:
     """A gross error that the rule for outliers does not see, and that changes distances by more than U."""
-    found, u = reliability(of.found), EXPANDED * of.expected.workspace.rms
+    found, u = reliability(of.found), of.expected.workspace.expanded
     k = int(np.argmax(found.shift)) if len(found.rows) else -1
     if k >= 0 and found.shift[k] > u:
         name = of.found.model.scene.dataset.measurements.ids[found.rows[k]]
         yield Finding(
             "gross_error_unseen", "warning",
-            f"a gross error up to {_um(found.error[k])} in one of {len(found.rows)} rows (`{name}`) would "
-            f"not be detected and would change distances by {_um(found.shift[k])} RMS (U = {_um(u)}): "
-            "repeat it, or measure more rows",
+            f"a gross error up to {_um(found.error[k])} in one of {len(found.rows)} measurements (`{name}`) "
+            f"would not be detected and would change distances by {_um(found.shift[k])} RMS (U = {_um(u)}): "
+            "repeat it, or add measurements",
         )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.effects import UNITS, Parameter
+from bayescal.effects.vocabulary import unit_label
 from bayescal.estimate import Estimate
 
 DETERMINED = 0.9  # contraction from which on the data count as having decided
@@ -116,14 +117,15 @@ def _words(parameters: Sequence[Parameter], v: np.ndarray, size: float, weak: np
             sd = [parameters[k].sd * units[k][1] for k in (i, j)]
             kept = _combination(parameters[i].name, parameters[j].name, -v[i] * sd[0] / (v[j] * sd[1]))
             if units[i][0] != units[j][0]:
-                kept = kept.replace("*", f" {units[i][0]}/{units[j][0]} ")
+                kept = kept.replace("*", f" {unit_label(units[i][0])}/{unit_label(units[j][0])} ")
             kept = kept.replace("*", " ")
             if state == "not":
                 return f"only the combination {kept} is identifiable"
             both = f"{parameters[i].name} and {parameters[j].name}"
             return f"the combination {kept} is identifiable, {both} singly weakly"
     changes = [
-        f"{parameters[k].name} by {v[k] * parameters[k].sd * units[k][1]:+.2g} {units[k][0]}" for k in shown
+        f"{parameters[k].name} by {v[k] * parameters[k].sd * units[k][1]:+.2g} {unit_label(units[k][0])}"
+        for k in shown
     ]
     return f"a common change of {', '.join(changes[:-1])} and {changes[-1]} is {state} identifiable"
 

@@ -1,11 +1,11 @@
-"""Performance of the calibrated arm in the terms of ISO 9283:1998, from validation rows.
+"""Performance of the calibrated arm in the terms of ISO 9283:1998, from validation measurements.
 
 Pose accuracy AP is the distance from the stated pose to the barycentre of the attained poses (7.2.1), pose
 repeatability RP = l + 3 S_l of the distances l from that barycentre (7.2.2), distance accuracy AD the mean
 attained distance minus the stated one (7.3.2). The stated pose is here that of the calibrated model at the
 joint readings. A contact shows the component along the normal of its surface alone.
 
-u is of the measurement: noise of the validation rows, location of the target, certificates. The uncertainty
+u is of the measurement: noise of the validation data, location of the target, certificates. The uncertainty
 of the arm's parameters is not in it, because the figures describe this arm as it is calibrated.
 """
 
@@ -64,7 +64,7 @@ class _Poses:
 
 
 def iso9283(basis: Basis) -> Iso9283:
-    """Figures from all validation rows; none without such rows."""
+    """Figures from all validation measurements; none without such rows."""
     points = [r for r in basis.prepared.rows if r.block.kind.rows == 3]
     planes = [r for r in basis.prepared.rows if r.block.kind.rows == 1]
     figures = [
@@ -160,7 +160,8 @@ def _differs(basis: Basis, parts: list[RowPrediction]) -> Iterator[str]:
         yield "contacts with a surface show the component of the error along its normal alone"
     mass = max((t.mass for t in d.tools), default=0.0)
     extra = 0.0 if m.payload is None else float(np.max(m.payload[rows], initial=0.0))
-    load = f"tool of {mass:.3g} kg and up to {extra:.3g} kg beyond"
+    added = f"up to {extra:.3g} kg additional payload" if extra else "no additional payload"
+    load = f"{mass:.3g} kg tool, {added}"
     yield f"load: {load}; the standard: 100 % of the rated load"
     yield "the arm stands still or probes slowly; the standard: 100 % of the rated speed before each pose"
     yield "orientations (AP a, b, c) are not part of these figures"

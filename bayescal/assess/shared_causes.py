@@ -1,4 +1,4 @@
-"""Rejected rows that share something are no outliers: a permutation test of what they share.
+"""Rejected measurements that share something are no outliers: a permutation test of what they share.
 
 Outliers fall on rows at random. So among all groups of rows (`groups`) the one in which rejected rows are
 most over-represented is compared with the same of rejections dealt to the rows at random. The probability
@@ -28,40 +28,40 @@ PERMUTATIONS = 2000
 FIRST = 200
 """Permutations at a time, after each of which a session that is far from `LEVEL` is let go."""
 FEWEST = 3
-"""Rejected rows from which on they can be said to share anything."""
+"""Rejected measurements from which on they can be said to share anything."""
 MOST_VALUES = 4_000_000
 """Counts, of groups by permutations, that are held at a time."""
 MOST = 3
 """Causes that are told, one of a kind: face and direction of motion may be the same rows."""
 FALSE_REJECTIONS = 0.01
-"""Validation rows of normal noise that a session loses as outliers on average."""
+"""Validation measurements of normal noise that a session loses as outliers on average."""
 
 
 @dataclass(frozen=True)
 class SharedCause:
-    """A group of rows with more rejected rows than expected by chance."""
+    """A group of rows with more rejected measurements than expected by chance."""
 
     kind: str
     label: str
-    rows: np.ndarray  # rejected rows of the session that are in the group
+    rows: np.ndarray  # rejected measurements of the session that are in the group
     size: int  # rows of the group
-    rejected: int  # rejected rows in all
+    rejected: int  # rejected measurements in all
     count: int  # rows in all
     p_value: float  # corrected for the number of groups
 
     @property
     def words(self) -> str:
-        """What they share: ``10 of 11 rejected rows share the direction of motion: negative ...``."""
+        """What they share: ``10 of 11 rejected measurements share the direction of motion: negative ...``."""
         return (
-            f"{len(self.rows)} of {self.rejected} rejected rows share a {self.kind}: {self.label} "
-            f"({self.size} of all {self.count} rows do)"
+            f"{len(self.rows)} of {self.rejected} rejected measurements share a {self.kind}: {self.label} "
+            f"({self.size} of all {self.count} do)"
         )
 
 
 def shared_causes(found: Estimate, seed: int = 0) -> tuple[SharedCause, ...]:
-    """What the rejected rows of an estimate share, the most significant first; () of true outliers.
+    """What the rejected measurements of an estimate share, the most significant first; () of true outliers.
 
-    Validation rows of fitted targets count too: as rejected where their prediction excludes them.
+    Validation measurements of fitted targets count too: as rejected where their prediction excludes them.
     """
     fitted = np.unique(np.concatenate([b.rows for b in found.model.states]))
     checked, off = _validation_rows(found)
@@ -76,7 +76,7 @@ def shared_causes(found: Estimate, seed: int = 0) -> tuple[SharedCause, ...]:
 def shared(
     groups: Sequence[Group], rows: np.ndarray, rejected: np.ndarray, seed: int = 0
 ) -> tuple[SharedCause, ...]:
-    """Test of rejected rows against groups of rows.
+    """Test of rejected measurements against groups of rows.
 
     Parameters
     ----------
@@ -145,12 +145,12 @@ def judged_complete(found: Estimate, seed: int = 0) -> tuple[Estimate, tuple[Sha
 
 
 def rejected_share(found: Estimate) -> float:
-    """Share of the fitted rows that an estimate rejects."""
+    """Share of the fitted measurements that an estimate rejects."""
     return len(found.rejected) / sum(len(b.rows) for b in found.model.states)
 
 
 def _validation_rows(found: Estimate) -> tuple[np.ndarray, np.ndarray]:
-    """Validation rows (V,) of fitted targets, and which of them their predictions exclude."""
+    """Validation measurements (V,) of fitted targets, and which of them their predictions exclude."""
     scene, rows, p = found.model.scene, [np.empty(0, int)], [np.empty(0)]
     for k, target in enumerate(scene.dataset.targets):
         own = scene.rows_of(k, scene.rows("validate"))

@@ -22,7 +22,7 @@ from bayescal.estimate import Estimate
 STILL = np.radians(15.0)
 """rad: range of a joint below which it counts as not moved (assumed)."""
 ON_AXIS = 2e-3
-"""m: distance of the tool point from the last axis below which it counts as on it (assumed)."""
+"""m: distance of the TCP from the last axis below which it counts as on it (assumed)."""
 REDUNDANT = 0.01
 """Displacement of any measurement by a prior standard deviation, in units of its noise, that is none."""
 HIDDEN = 0.3
@@ -46,7 +46,7 @@ def _poses(session: Conditions) -> str:
     if _too_few(session):
         count = len(np.unique(session.readings[session.rows], axis=0))
         several = f"{count} different poses cannot determine {session.model.size} unknowns"
-        return several if count > 1 else "all rows have one pose"
+        return several if count > 1 else "all measurements have one pose"
     return "the poses are too much alike"
 
 
@@ -62,8 +62,8 @@ def _look(session: Conditions) -> str:
 
 def _tool(session: Conditions) -> str:
     if session.lever < ON_AXIS:
-        return f"the tool point is on the axis of {session.model.scene.dataset.robot.joint_names[-1]}"
-    return "one tool point does not show all rotations of the flange"
+        return f"the TCP is on the axis of {session.model.scene.dataset.robot.joint_names[-1]}"
+    return "one TCP does not show all rotations of the flange"
 
 
 CHANGES: dict[str, tuple[Callable[[Conditions], str], Callable[[Conditions], str]]] = {
@@ -114,7 +114,7 @@ class Undetermined:
         ``measure``: the changes determine them; ``rows``: more rows do; ``noise``: their effect is below the
         noise; ``redundant``: they have none.
     left : float
-        RMS displacement, m, of tool points over the range of all joints by what is not determined.
+        RMS displacement, m, of TCP positions over the range of all joints by what is not determined.
     noise : float
         Of one measurement, m.
     reason, remedy : str

@@ -21,7 +21,7 @@ KINDS = {
     "null": "noise only",
     "single": "one effect",
     "pair": "two effects",
-    "outside": "outside the vocabulary",
+    "outside": "not in the list of known effects",
 }
 MET = {True: Text("yes", style="green"), False: Text("no", style="yellow"), None: Text("")}
 ALTERNATIVE = {

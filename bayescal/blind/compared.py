@@ -1,4 +1,4 @@
-"""What a second round buys: correct answers before it, after chosen contacts, and after random ones."""
+"""Benefit of a second round: correct answers before it, after chosen contacts, and after random ones."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ def make(
     generator : int, optional
         Version of the simulator, 1 to 4; by default that of an interrupted simulation, else the latest.
     reserved : bool
-        Also draw the reserved causes outside the vocabulary, on which no constant may be chosen.
+        Also draw the reserved causes not in the list of known effects, on which no constant may be chosen.
 
     Returns
     -------

@@ -27,14 +27,14 @@ BESIDE = "only the other effect"
 
 
 def draw_lambda(records: Sequence[Record], found: Found) -> Figure:
-    """Correct answers by lambda with intervals: one effect, each of two, outside the vocabulary."""
+    """Correct answers by lambda with intervals: one effect, each of two, not in the list of known effects."""
     del records
     out = figure(12, 4.6, ["Share of correct answers by detectability"])
     single = found["single"]
     panels: tuple[tuple[str, Any, Any, Sequence[float]], ...] = (
         ("one effect: named, no false name", single["right"], single["wrong_name"], (0.9, 0.9, 0.98)),
         ("two effects: each named", found["each_of_two"], None, (0.93, 0.93, 0.93)),
-        ("outside the vocabulary: flagged", found["outside_flagged"], None, (0.9,)),
+        ("not in the list of known effects: flagged", found["outside_flagged"], None, (0.9,)),
     )
     for axes, (title, right, wrong, wanted) in zip(out.subplots(1, 3, sharey=True), panels, strict=True):
         at = np.arange(len(right))[-len(wanted) :]
@@ -110,7 +110,7 @@ def draw_reliability(records: Sequence[Record], found: Found) -> Figure:
 
 
 def draw_shrinkage(records: Sequence[Record], found: Found) -> Figure:
-    """Ratios of validation errors after / before the refit: predicted from fitted rows, and achieved."""
+    """Ratios of validation errors after / before the refit: predicted from fitted data, and achieved."""
     out = figure(12, 6.0, ["Validation RMS, after / before the refit: predicted and achieved"])
     shown = [what for what in MEASURES if what != "points" or factors(records, what)]
     for axes, what in zip(out.subplots(1, len(shown)), shown, strict=True):
@@ -147,7 +147,7 @@ def draw_shrinkage(records: Sequence[Record], found: Found) -> Figure:
             else ""
         )
         axes.set_title(words + text, loc="left")
-        axes.set_xlabel("predicted from fitted rows")
+        axes.set_xlabel("predicted from fitted measurements")
         axes.set_ylabel("achieved")
         axes.legend(frameon=False, loc="upper left")
         tidy(axes)
@@ -155,7 +155,7 @@ def draw_shrinkage(records: Sequence[Record], found: Found) -> Figure:
 
 
 def draw_confusion(records: Sequence[Record], found: Found) -> Figure:
-    """Answers to every effect, to noise only and to effects outside the vocabulary."""
+    """Answers to every effect, to noise only and to effects not in the list of known effects."""
     del found
     counts = Counter(pair for r in records for pair in said_of(r))
     there = Counter(true for r in records for true in dict(said_of(r)))

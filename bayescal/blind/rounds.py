@@ -1,7 +1,7 @@
 """A second round: a diagnosis plans further contacts, the simulator probes them, it answers again.
 
 A plan is made of the files of a session and of its own answer. The simulator, which opens the ground truth,
-appends measured rows to the files, and nothing else. Beside the chosen contacts as many random ones are
+appends measurements to the files, and nothing else. Beside the chosen contacts as many random ones are
 probed. Both arms of the comparison are folders of test sessions that `run` answers and seals like the first.
 """
 

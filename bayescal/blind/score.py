@@ -25,7 +25,7 @@ BINS = (0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98, 1.0)
 """Edges of the bins of stated probabilities; smaller ones are not assessed."""
 SURE, CERTAIN = 0.9, 0.98
 SEEN, CLEAR, STRONG = 10.0, 30.0, 100.0
-"""Lambda from which on an effect can be seen, must be named, and one outside the vocabulary is flagged."""
+"""Lambda from which on an effect can be seen, must be named, and an effect not in the list is flagged."""
 
 
 def records(truths: Mapping[str, dict], answers: Mapping[str, dict]) -> list[Record]:
@@ -207,7 +207,7 @@ def reliability(records: Sequence[Record]) -> list[dict[str, Any]]:
 
 
 def _holds_true(r: Record, name: str) -> bool:
-    """Whether a named alternative is true; all effects outside the vocabulary are 'unknown'."""
+    """Whether a named alternative is true; all effects not in the list of known effects are 'unknown'."""
     return r["kind"] == "null" if name == OTHERS[0] else name in r["effects"]
 
 

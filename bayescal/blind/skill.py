@@ -4,7 +4,7 @@ An answer states a probability of every set of effects. The score is the log of 
 event:
 
 - no hidden effect: the probability of noise only;
-- an effect outside the vocabulary: the probability of 'unknown', with or without named effects;
+- an effect not in the list of known effects: the probability of 'unknown', with or without named effects;
 - effects: the probability of exactly this set. gap.json lists the most probable sets; the remaining
   probability is distributed over all other sets in proportion to the product of the stated marginals.
 
@@ -26,7 +26,7 @@ from bayescal.blind.rates import mean
 
 CLIP = 1e-4
 TOGETHER = {"null": 0, "single": 1, "pair": 2, "outside": 0}
-"""Number of effects of the vocabulary in a session of each kind."""
+"""Number of known effects in a session of each kind."""
 
 
 def stated(r: Record) -> float:

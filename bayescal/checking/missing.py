@@ -67,7 +67,7 @@ def _roles(dataset: Dataset) -> Iterator[Finding]:
     m = dataset.measurements
     validate = m.role == "validate"
     if not validate.any():
-        what = "no row has the role `validate`: the error to expect is estimated from the fitted rows"
+        what = "no row has the role `validate`: the error to expect is estimated from the fitted measurements"
         remedy = "give a part of the rows, measured for it, `validate` in the column `role`"
         yield Finding("no_validation", "missing", what, TABLE, remedy)
     few = []
@@ -148,7 +148,7 @@ def _faces(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _undetermined(model: Model) -> Iterator[Finding]:
-    """What the fitted rows do not determine at the stated noise, with the arm at its nominal pose."""
+    """What the fitted measurements do not determine at the stated noise, with the arm at its nominal pose."""
     z = np.zeros(model.size)
     z[model.slices[ARM]] = -model.shift / model.sd
     weights = unit_weights(model, z)

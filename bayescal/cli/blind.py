@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli.root import app
+from bayescal.cli.output import said
+from bayescal.cli.root import app, ending
 from bayescal.stopping import keeping
 
 KEPT = "completed sessions are kept; the same command continues"
@@ -16,6 +17,7 @@ commands = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
     help="Blind check of the diagnosis: simulate test sessions, diagnose them without ground truth, score.",
+    **ending("bayescal blind make --out blind --worlds 20", "bayescal blind run blind"),
 )
 app.add_typer(commands, name="blind")
 
@@ -33,7 +35,12 @@ Rounds = Annotated[
 ]
 
 
-@commands.command()
+@commands.command(
+    **ending(
+        "bayescal blind make --out blind --worlds 20",
+        "bayescal blind make --out blind --worlds 200 --seed 7 --workers 8",
+    )
+)
 def make(
     out: Annotated[Path, typer.Option("--out", help="Folder to write; an interrupted run continues.")],
     worlds: Annotated[int, typer.Option(min=1, help="Number of test sessions.")] = 200,
@@ -66,7 +73,7 @@ def make(
     typer.echo(f"SHA-256 of the ground truth  {sealed}")
 
 
-@commands.command()
+@commands.command(**ending("bayescal blind run blind", "bayescal blind run blind --workers 8 --rounds 2"))
 def run(folder: Folder, workers: Workers = 1, dask: Dask = None, rounds: Rounds = 1) -> None:
     """Diagnose every test session with `bayescal gap` without its ground truth, and seal the answers.
 
@@ -94,7 +101,9 @@ def run(folder: Folder, workers: Workers = 1, dask: Dask = None, rounds: Rounds 
         typer.echo(f"SHA-256 after 60 {arm:<6} contacts, {own.worlds} sessions  {own.sha256}")
 
 
-@commands.command()
+@commands.command(
+    **ending("bayescal blind score blind", "bayescal blind score blind --rounds 2 --no-pictures")
+)
 def score(
     folder: Folder,
     out: Annotated[Path | None, typer.Option(help="Score folder to write [default: FOLDER/score].")] = None,
@@ -124,21 +133,21 @@ def score(
     if page is not None:
         renew(page, found, about, target)
 
-    from rich.console import Console
+    from bayescal.public.results import console
 
-    console = Console(highlight=False)
-    console.print(terminal(found))
-    console.print()
+    shown = console()
+    shown.print(terminal(found))
+    shown.print()
     if rounds > 1:
         from bayescal.blind import compared
 
         second = compared.compared(folder, truths, answers)
-        console.print(compared.terminal(second))
-        console.print()
+        shown.print(compared.terminal(second))
+        shown.print()
         if page is not None:
             between(page, (compared.BEGIN, compared.END), compared.page(second))
     for what in ("truth", "answers", "code"):
         changed = " (sources have changed since)" if what == "code" and not about["same_code"] else ""
-        console.print(f"[dim]{what:<9}[/dim]{about[f'{what}_sha256']}{changed}", soft_wrap=True)
+        said(shown, what, f"{about[f'{what}_sha256']}{changed}", 9)
     names = ", ".join(written) + (f"; {page}" if page else "")
-    console.print(f"[dim]written  [/dim]{target}/{names}", soft_wrap=True)
+    said(shown, "written", f"{target}/{names}", 9)

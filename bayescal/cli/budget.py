@@ -7,14 +7,20 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli.options import Run
-from bayescal.cli.root import app
+from bayescal.cli.options import Run, known
+from bayescal.cli.root import app, ending
 from bayescal.errors import BayescalError
 
 FORMATS = ("table", "csv", "json")
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal budget runs/cell-fit --distance ball1 ball2",
+        'bayescal budget runs/cell-fit --point-deg "10,20,-30,40,50,60" --to json',
+        point="point-deg",
+    )
+)
 def budget(
     run: Run,
     distance: Annotated[
@@ -23,17 +29,16 @@ def budget(
     ] = None,
     parameter: Annotated[str, typer.Option(help="A parameter of the model, such as a2.")] = "",
     point: Annotated[
-        str, typer.Option(metavar='"J1,J2,..."', help="Joint readings, deg: the tool point there.")
+        str, typer.Option("--point-deg", metavar='"J1,J2,..."', help="Joint readings: the TCP there.")
     ] = "",
     tool: Annotated[str, typer.Option(help="Tool of the point [default: that of the last fitted row].")] = "",
-    payload_kg: Annotated[float, typer.Option(help="kg at the point, beyond the tool.")] = 0.0,
+    payload_kg: Annotated[float, typer.Option(help="Additional payload at the point.")] = 0.0,
     to: Annotated[str, typer.Option(help="table, csv or json.")] = "table",
 ) -> None:
     """State the uncertainty budget (JCGM 100) of a distance, a parameter or a point of a run folder."""
     from bayescal.public.budgets import budget as work
 
-    if to not in FORMATS:
-        raise BayescalError(f"there is no format `{to}`", "--to", f"formats: {', '.join(FORMATS)}")
+    known(to, FORMATS)
     found = work(
         run,
         distance=distance,
@@ -49,9 +54,9 @@ def budget(
 
         sys.stdout.write(json_text(found.record))
     else:
-        from rich.console import Console
+        from bayescal.public.results import console
 
-        Console(highlight=False).print(found.report())
+        console().print(found.report())
 
 
 def _numbers(text: str) -> list[float]:
@@ -59,4 +64,6 @@ def _numbers(text: str) -> list[float]:
         return [float(part) for part in text.split(",")]
     except ValueError:
         what = f"'{text}' is no list of numbers"
-        raise BayescalError(what, "--point", "give one reading in deg for each joint, with commas") from None
+        raise BayescalError(
+            what, "--point-deg", "give one reading in deg for each joint, with commas"
+        ) from None

@@ -15,6 +15,7 @@ from bayescal.cli import (  # noqa: F401  (they register their commands)
     init,
     plan,
     report,
+    robots,
     simulate,
     verify,
 )

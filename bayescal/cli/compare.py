@@ -10,10 +10,15 @@ import typer
 from bayescal.cli.options import AllowXacro, Model, Out, Seed
 from bayescal.cli.output import run_folder, show
 from bayescal.cli.progress import progress
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal compare data/lrmate200ic-cube",
+        "bayescal compare cell --model geometry --out runs/cell-geometry",
+    )
+)
 def compare(
     dataset: Annotated[
         Path, typer.Argument(help="Dataset folder: dataset.yaml, measurements.csv and the robot.")
@@ -23,7 +28,7 @@ def compare(
     out: Out = None,
     allow_xacro: AllowXacro = False,
 ) -> None:
-    """Calibrate by several published methods, and compare their errors on the same validation rows."""
+    """Calibrate by several published methods, and compare their errors on the same validation data."""
     from bayescal.public.functions import compare as run
 
     with run_folder(out, [dataset], "compare") as folder, progress("compare") as notify:

@@ -8,11 +8,18 @@ from typing import Annotated
 import typer
 
 from bayescal.cli.options import Run, WithEffects, WithoutEffects
-from bayescal.cli.root import app
+from bayescal.cli.output import said
+from bayescal.cli.root import app, ending
 from bayescal.errors import BayescalError
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal export runs/cell-fit --to urdf --into arm.urdf#tool0",
+        "bayescal export runs/cell-gap --to mjcf --with backlash --out arm.xml",
+        at_time="at-time-s",
+    )
+)
 def export(
     run: Run,
     to: Annotated[
@@ -35,7 +42,10 @@ def export(
         typer.Option(help="mjcf: errors of the readings in the file (plain) or in a replay script (script)."),
     ] = "plain",
     at_time: Annotated[
-        float | None, typer.Option(help="s since the session began, at which the file holds (drift, steps).")
+        float | None,
+        typer.Option(
+            "--at-time-s", help="Time since the session began at which the file holds (drift, step)."
+        ),
     ] = None,
     at_row: Annotated[
         str, typer.Option(help="id of the row at which it holds [default: the last fitted row].")
@@ -53,6 +63,7 @@ def export(
     from bayescal.public.certificates import certificate as certify
     from bayescal.public.exports import ExportResult
     from bayescal.public.exports import export as work
+    from bayescal.public.results import console
 
     result: CertificateResult | ExportResult
     if to == "dcc":
@@ -69,8 +80,6 @@ def export(
             at_row=at_row or None, force=force,
         )  # fmt: skip
     written = result.save(out)
-    from rich.console import Console
-
-    console = Console(highlight=False)
-    console.print(result.report())
-    console.print(f"[dim]written          [/dim]{', '.join(map(str, written))}", soft_wrap=True)
+    terminal = console()
+    terminal.print(result.report())
+    said(terminal, "written", ", ".join(map(str, written)))

@@ -19,11 +19,16 @@ from bayescal.cli.options import (
 )
 from bayescal.cli.output import run_folder, show
 from bayescal.cli.progress import progress
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 from bayescal.errors import BayescalError
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal fit cell",
+        "bayescal fit monday tuesday --model geometry,compliance,backlash --tolerance-mm 0.1",
+    )
+)
 def fit(
     datasets: Datasets,
     model: Model = "geometry,compliance",
@@ -43,7 +48,7 @@ def fit(
     tolerance_mm: Annotated[
         float | None,
         typer.Option(
-            help="Decide whether distance errors are within this tolerance (ISO 14253-1, U, k = 2)."
+            help="Decide whether distance errors are within this tolerance (ISO 14253-1 with U = k u)."
         ),
     ] = None,
     pictures: Annotated[

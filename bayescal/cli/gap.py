@@ -20,10 +20,14 @@ from bayescal.cli.options import (
 )
 from bayescal.cli.output import run_folder, show
 from bayescal.cli.progress import progress
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal gap cell", "bayescal gap cell --without 'compliance at joint 3' --out runs/cell-stiff-wrist"
+    )
+)
 def gap(
     datasets: Datasets,
     model: Model = "geometry,compliance",
@@ -73,4 +77,4 @@ def gap(
             "--contacts",
             "60",
         ]
-        typer.echo(f"to decide        {shlex.join(words)}")
+        typer.echo(f"to discriminate  {shlex.join(words)}")

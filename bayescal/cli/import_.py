@@ -7,10 +7,17 @@ from pathlib import Path
 import typer
 
 from bayescal.cli.options import AllowXacro
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 
 
-@app.command("import")
+@app.command(
+    "import",
+    **ending(
+        'bayescal import log.csv --map "j*=A* deg, x=X mm, y=Y mm, z=Z mm" --robot ur5e --out cell',
+        "bayescal import log.csv --plan runs/cell-plan --template cell --out cell-measured",
+        tool="tcp",
+    ),
+)
 def import_(
     log: Path = typer.Argument(
         ...,
@@ -26,7 +33,8 @@ def import_(
     format_: str = typer.Option(
         "csv",
         "--format",
-        help="csv (with --map); without a map robodk, ur-rtde, fanuc-ls, fanuc-va, kuka-dat, abb-mod.",
+        help="csv (with --map); without a map robodk, ur-rtde, probing (log of a probing program, recognised "
+        "with --plan), fanuc-ls, fanuc-va, kuka-dat, abb-mod.",
     ),
     points: list[Path] = typer.Option(
         [],
@@ -50,6 +58,7 @@ def import_(
     ),
     tool: str = typer.Option(
         "",
+        "--tcp",
         help='Position of the reflector on the flange, "0 0 31 mm", and orientation of its frame if stated: '
         '"0 0 31 mm; 0 0 90 wpr deg" [default: estimated].',
     ),
@@ -60,7 +69,7 @@ def import_(
     readings: str = typer.Option("encoder", help="Contents of the joint columns: encoder or command."),
     validate: str = typer.Option(
         "",
-        help="Validation rows, whole stops: every:5, last:20%, targets 'ball.*', stops 'b*' [default: column "
+        help="Validation data, whole stops: every:5, last:20%, targets 'ball.*', stops 'b*' [default: column "
         "role, or none].",
     ),
     decimal: str = typer.Option(

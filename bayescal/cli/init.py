@@ -8,10 +8,16 @@ from typing import Annotated
 import typer
 
 from bayescal.cli.options import AllowXacro
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 
 
-@app.command()
+@app.command(
+    **ending(
+        'bayescal init cell --robot ur5e --artefact cube,spheres --tcp "0 0 150 mm"',
+        "bayescal init cell --robot arm.urdf --artefact tracker",
+        tool="tcp",
+    )
+)
 def init(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write; new or empty.")],
     robot: Annotated[
@@ -26,7 +32,7 @@ def init(
     tool: Annotated[
         str,
         typer.Option(
-            help='Centre of the ball or reflector on the flange, "0 0 120 mm" [default: to fill in].'
+            "--tcp", help='Centre of the ball or reflector on the flange, "0 0 120 mm" [default: to fill in].'
         ),
     ] = "",
     name: Annotated[str, typer.Option(help="Name of the session [default: name of the folder].")] = "",
@@ -40,11 +46,11 @@ def init(
     typer.echo(f"next: read {folder}/README.md; fill in dataset.yaml (values marked !FILL_IN)")
 
 
-@app.command()
+@app.command(**ending("bayescal schema dataset", "bayescal schema robot"))
 def schema(
-    name: Annotated[str, typer.Argument(metavar="dataset|robot", help="dataset.yaml or robot.yaml.")],
+    name: Annotated[str, typer.Argument(metavar="dataset|robot|artefact", help="Which file.")],
 ) -> None:
-    """Print the JSON schema of dataset.yaml or robot.yaml, for editors."""
+    """Print the JSON schema of dataset.yaml, robot.yaml or artefact.yaml, for editors."""
     from bayescal.starting.schemas import schema_text
 
     typer.echo(schema_text(name), nl=False)

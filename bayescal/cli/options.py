@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from bayescal.errors import BayescalError
+
 Datasets = Annotated[
     list[Path],
     typer.Argument(
@@ -33,8 +35,8 @@ Without = Annotated[
     str,
     typer.Option(
         help="Parts of these effects that stay nominal, separated by commas: 'geometry at joint 4' (theta4, "
-        "d4, and a4, alpha4, beta4 of the next link), 'geometry at link 4', 'compliance at joint 3'. A "
-        "diagnosis takes them for candidates."
+        "d4, and a4, alpha4, beta4 of the next link), 'geometry at link 4', or names of parameters: "
+        "'compliance J3'. A diagnosis takes them for candidates."
     ),
 ]
 Seed = Annotated[int, typer.Option(help="Random seed.")]
@@ -60,8 +62,14 @@ WithEffects = Annotated[
 WithoutEffects = Annotated[
     str,
     typer.Option(
-        help="Effects of the model of the run to leave out, or parts of them ('geometry at joint 4'), "
-        "separated by commas: the session is fitted again."
+        help="Effects of the model of the run to leave out, or parts of them ('geometry at joint 4', "
+        "'compliance J3'), separated by commas: the session is fitted again."
     ),
 ]
 """Options of the commands that take the arm of a run."""
+
+
+def known(to: str, formats: tuple[str, ...]) -> None:
+    """Refuse a format that a command does not print."""
+    if to not in formats:
+        raise BayescalError(f"there is no format `{to}`", "--to", f"formats: {', '.join(formats)}")

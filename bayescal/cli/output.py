@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, RenderableType
 
 
 @contextmanager
@@ -32,8 +32,15 @@ def run_folder(out: Path | None, datasets: Sequence[Path], command: str) -> Iter
 
 def show(report: RenderableType, folder: Path, written: Sequence[str]) -> None:
     """Print a result, and the names of the files that were written to its run folder."""
-    from rich.console import Console
+    from bayescal.public.results import console
 
-    console = Console(highlight=False)
-    console.print(report)
-    console.print(f"[dim]written          [/dim]{folder}/{', '.join(written)}", soft_wrap=True)
+    terminal = console()
+    terminal.print(report)
+    said(terminal, "written", f"{folder}/{', '.join(written)}")
+
+
+def said(terminal: Console, heading: str, text: str, width: int = 17) -> None:
+    """Print a line with its heading, however long it is."""
+    from rich.text import Text
+
+    terminal.print(Text.assemble((f"{heading:<{width}}", "dim"), text), soft_wrap=True)

@@ -53,16 +53,17 @@ class _Bar:
 @contextmanager
 def bar(first: str) -> Iterator[Progress]:
     """A progress bar, removed at the end."""
-    from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Rich
 
-    console = Console(stderr=True, highlight=False)
+    from bayescal.public.results import console
+
+    terminal = console(stderr=True)
     with Rich(
-        TextColumn("{task.description:>9}"),
+        TextColumn("{task.description:>9}", markup=False),
         BarColumn(),
         TimeRemainingColumn(),
-        console=console,
+        console=terminal,
         transient=True,
     ) as shown:
         task = shown.add_task(first, total=1.0)
@@ -70,7 +71,7 @@ def bar(first: str) -> Iterator[Progress]:
         def update(stage: str, fraction: float) -> None:
             shown.update(task, description=stage, completed=fraction)
 
-        yield _Bar(update, lambda text: console.print(text, soft_wrap=True, markup=False))
+        yield _Bar(update, lambda text: terminal.print(text, soft_wrap=True))
 
 
 @dataclass

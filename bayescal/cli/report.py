@@ -7,10 +7,15 @@ from typing import Annotated
 
 import typer
 
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal report runs/cell-fit --pdf",
+        "bayescal report runs/monday-fit runs/tuesday-fit --out both.html",
+    )
+)
 def report(
     runs: Annotated[
         list[Path],

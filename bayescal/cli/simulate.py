@@ -8,10 +8,16 @@ from typing import Annotated, Any
 import typer
 
 from bayescal.cli.options import AllowXacro
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal simulate --out practice --effects geometry,compliance,backlash --seed 7",
+        "bayescal simulate --setup cell --out cell-practice",
+        payload="payload-kg",
+    )
+)
 def simulate(
     context: typer.Context,
     out: Annotated[
@@ -28,11 +34,11 @@ def simulate(
     spheres: int = typer.Option(3, help="Spheres of the artefact."),
     placements: int = typer.Option(4, help="Placements of the artefact."),
     sphere_contacts: int = typer.Option(11, help="Contacts on each sphere."),
-    noise_um: float = typer.Option(5.0, help="Noise of a contact along the normal, µm (standard deviation)."),
-    joint_noise_deg: float = typer.Option(0.0, help="Noise of a joint reading, deg (standard deviation)."),
+    noise_um: float = typer.Option(5.0, help="Noise of a contact along the normal (standard deviation)."),
+    joint_noise_deg: float = typer.Option(0.0, help="Noise of a joint reading (standard deviation)."),
     outliers: float = typer.Option(0.0, help="Fraction of gross outliers."),
     payload: float = typer.Option(
-        0.0, metavar="KG", help="Additional payload for half of the plane contacts."
+        0.0, "--payload-kg", help="Additional payload for half of the plane contacts."
     ),
     seed: int = typer.Option(0, help="Random seed."),
     arm_seed: int | None = typer.Option(

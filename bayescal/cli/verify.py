@@ -9,10 +9,15 @@ import typer
 
 from bayescal.cli.output import show
 from bayescal.cli.progress import progress
-from bayescal.cli.root import app
+from bayescal.cli.root import app, ending
 
 
-@app.command()
+@app.command(
+    **ending(
+        "bayescal verify runs/cell-fit arm.xml",
+        "bayescal verify runs/cell-fit arm.urdf --out runs/arm-verify",
+    )
+)
 def verify(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of bayescal fit or gap.")],
     file: Annotated[Path, typer.Argument(metavar="FILE", help="File written by bayescal export.")],
@@ -20,7 +25,7 @@ def verify(
         Path | None, typer.Option(help="Run folder to write [default: runs/<file>-verify].")
     ] = None,
 ) -> None:
-    """Load an exported arm in its simulator: against the fitted arm, and against the measured rows."""
+    """Load an exported arm in its simulator: against the fitted arm, and against the measurements."""
     from bayescal.folders import claimed
     from bayescal.public.verifying import verify as verified
 

@@ -13,6 +13,8 @@ from bayescal.dataset.types import (
     Noise,
     Patch,
     PlanSettings,
+    Points,
+    Record,
     Target,
     Tool,
 )
@@ -30,6 +32,8 @@ __all__ = [
     "Noise",
     "Patch",
     "PlanSettings",
+    "Points",
+    "Record",
     "Target",
     "Tool",
     "read_dataset",

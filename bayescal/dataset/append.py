@@ -35,7 +35,7 @@ def appended(
     ids : sequence of str
         Names of the new rows.
 
-    The new rows have the role validate: a model of the fitted rows does not change by them.
+    The new rows have the role validate: a model of the fitted measurements does not change by them.
     """
     table = {f.name: getattr(m, f.name) for f in fields(Measurements)}
     if m.payload is None and "payload" in changed:

@@ -18,7 +18,7 @@ import numpy as np
 from bayescal.dataset.checks.same_robot import check_alike
 from bayescal.dataset.join_rows import called, column, measurements, temperature_of
 from bayescal.dataset.target_kinds import kinds_of
-from bayescal.dataset.types import Certificate, Dataset, Noise, Target, Tool
+from bayescal.dataset.types import Certificate, Dataset, Noise, Record, Target, Tool
 from bayescal.errors import BayescalError
 
 
@@ -65,6 +65,7 @@ def joined(sessions: Sequence[Dataset], remounted: bool = False, own_noise: bool
         temperature_of=temperature_of(sessions),
         source=None,
         plan=None,
+        record=Record(),
         sha256=sha256(" ".join(s.sha256 for s in sessions).encode()).hexdigest(),
         sessions=tuple(sessions),
     )
@@ -138,16 +139,26 @@ def _certificates(sessions: Sequence[Dataset]) -> tuple[Certificate, ...]:
     """
     fitted = [_fitted(s) for s in sessions]
     copies = Counter(
-        c for s, names in zip(sessions, fitted, strict=True) for c in s.certificates if names >= {*c.targets}
+        c for s, names in zip(sessions, fitted, strict=True) for c in s.certificates if _used(c, names)
     )
     out = []
     for s, touched in zip(sessions, fitted, strict=True):
         for c in s.certificates:
-            wide = float(np.sqrt(copies[c])) if touched >= {*c.targets} else 1.0
+            wide = float(np.sqrt(copies[c])) if _used(c, touched) else 1.0
             names = tuple(called(s, name) for name in c.targets)
             u_distance, u_angle = (None if u is None else u * wide for u in (c.u_distance, c.u_angle))
-            out.append(replace(c, targets=names, u_distance=u_distance, u_angle=u_angle))
+            points = c.points
+            if points is not None:
+                covariance = wide**2 * np.array(points.covariance)
+                points = replace(points, covariance=tuple(map(tuple, covariance.tolist())))
+            out.append(replace(c, targets=names, u_distance=u_distance, u_angle=u_angle, points=points))
     return tuple(out)
+
+
+def _used(certificate: Certificate, fitted: set[str]) -> bool:
+    """Whether a fit of these targets uses a certificate."""
+    least = len(certificate.targets) if certificate.points is None else 2
+    return not certificate.derived and len(fitted & {*certificate.targets}) >= least
 
 
 def _stated(sessions: Sequence[Dataset]) -> tuple[Noise, list[np.ndarray]]:

@@ -35,7 +35,7 @@ def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -
     Raises
     ------
     BayescalError
-        Where the pair has no meaning, is nominally not as parallel or square as said, or at one place.
+        Where the pair has no meaning, is not nominally parallel or perpendicular as stated, or coincides.
     """
     a, b = sorted(pair, key=lambda t: FORMS.index(KINDS[t.kind].form))
     names, forms = f"`{a.name}` and `{b.name}`", ordered(forms_of(pair))

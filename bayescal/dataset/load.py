@@ -1,4 +1,4 @@
-"""What hangs on the flange in each row: tool and payload."""
+"""What is attached to the flange in each row: tool and payload."""
 
 from __future__ import annotations
 

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bayescal.dataset import session
+from bayescal.dataset import artefact, session
 from bayescal.dataset.checks import orientation_check, plausibility, torque_check
 from bayescal.dataset.rows import measurements_of
 from bayescal.dataset.schema import SCHEMA, file_model
 from bayescal.dataset.solids import solids_of
 from bayescal.dataset.table import Table, read_table
-from bayescal.dataset.types import Dataset, Measurements
-from bayescal.errors import BayescalError
+from bayescal.dataset.types import Certificate, Dataset, Measurements
+from bayescal.errors import BayescalError, listed
 from bayescal.files import Document, check_schema, read_document
 from bayescal.reading import check_inside
 from bayescal.robots import load_robot
@@ -67,14 +67,19 @@ def read_parts(folder: Path | str, allow_xacro: bool = False) -> tuple[Dataset, 
     if not folder.is_dir():
         remedy = "give the folder, not a file in it" if folder.exists() else "check the path"
         raise BayescalError("no such folder", str(folder), remedy)
-    bare, document, robot_content = read_settings(folder / SETTINGS, allow_xacro)
+    if not (folder / SETTINGS).exists():
+        inside = sorted(str(p.parent) for level in ("*", "*/*") for p in folder.glob(f"{level}/{SETTINGS}"))
+        if inside:
+            what = f"no {SETTINGS} in it"
+            raise BayescalError(what, str(folder), f"datasets in this folder: {listed(inside)}")
+    bare, document, contents = read_settings(folder / SETTINGS, allow_xacro)
     n = bare.robot.n
     check_inside(folder / TABLE, folder, "the table")
     table = read_table(folder / TABLE, n)
     dataset = replace(
         bare,
         measurements=measurements_of(table, n, bare.tools, bare.targets, bare.noise),
-        sha256=_digest(document.content, table.content, robot_content),
+        sha256=_digest(document.content, table.content, *contents),
     )
     torque_check.check_present(dataset, document)
     return dataset, table, document
@@ -82,10 +87,10 @@ def read_parts(folder: Path | str, allow_xacro: bool = False) -> tuple[Dataset, 
 
 def read_settings(
     path: Path, allow_xacro: bool = False, assume: bool = False
-) -> tuple[Dataset, Document, bytes]:
-    """Read a dataset.yaml and its robot: a `Dataset` of no rows, the document, the robot file's content.
+) -> tuple[Dataset, Document, tuple[bytes, ...]]:
+    """Read a dataset.yaml, its robot and artefact: a `Dataset` of no rows, the document, the files' contents.
 
-    Its `sha256` is that of both files. `allow_xacro` as of `read_dataset`. `assume`: values that are marked
+    Its `sha256` is that of all files. `allow_xacro` as of `read_dataset`. `assume`: values that are marked
     as not filled in are taken as assumed, and named in `unfilled`; they are refused otherwise.
     """
     check_inside(path, path.parent, "the file")
@@ -99,6 +104,12 @@ def read_settings(
     gravity = session.gravity_of(document, file)
     tools, noise = session.tools_of(file), session.noise_of(file)
     targets = session.targets_of(document, file)
+    certificates = session.certificates_of(document, file, targets)
+    derived: tuple[Certificate, ...] = ()
+    contents: tuple[bytes, ...] = (robot_content,)
+    if file.artefact is not None:
+        derived, content = artefact.certificates_of(path.parent, file.artefact, targets, certificates)
+        contents = (robot_content, content)
     dataset = Dataset(
         name=file.name,
         folder=path.parent,
@@ -109,17 +120,18 @@ def read_settings(
         tools=tools,
         noise=noise,
         targets=targets,
-        certificates=session.certificates_of(document, file, targets),
+        certificates=(*certificates, *derived),
         measurements=no_rows(robot.n),
         temperature_of=file.temperature_of,
         torques=file.torques,
         plan=session.plan_of(document, file, targets, robot.n),
+        record=session.record_of(file),
         solids=solids_of(document, file.solids, path.parent, [t.name for t in targets]),
         source=file.source,
         unfilled=tuple(document.unfilled),
-        sha256=_digest(document.content, robot_content),
+        sha256=_digest(document.content, *contents),
     )
-    return dataset, document, robot_content
+    return dataset, document, contents
 
 
 def no_rows(n: int) -> Measurements:

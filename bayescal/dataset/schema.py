@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import datetime
+from contextlib import suppress
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Union
 
-from pydantic import Field, create_model
+from pydantic import AfterValidator, Field, create_model
+from pydantic_core import PydanticCustomError
 
 from bayescal.dataset.solids import SolidEntry
 from bayescal.dataset.target_kinds import KINDS, MEANING, TargetKind
@@ -24,7 +27,7 @@ class ToolEntry(Keys):
     )
     mass_kg: NotNegative = Field(
         default=0.0,
-        description="Mass of all that hangs on the flange while the tool is used; needed for compliance.",
+        description="Total mass attached to the flange while the tool is used; required for compliance.",
     )
     centre_of_mass_mm: Vector | None = Field(
         default=None, description="Centre of that mass in the flange frame; default: the centre of the ball."
@@ -46,11 +49,12 @@ class NoiseEntry(Keys):
     """Stated standard uncertainties (k = 1)."""
 
     contact_mm: Uncertain | None = Field(
-        default=None, description="Repeatability of a contact along the surface normal; needed of contacts."
+        default=None,
+        description="Repeatability of a contact along the surface normal; required for contacts.",
     )
     point_mm: Uncertain | None = Field(
         default=None,
-        description="Standard uncertainty of a coordinate that an instrument reads; needed of instruments.",
+        description="Standard uncertainty of a coordinate read by an instrument; required for instruments.",
     )
     joint_deg: UncertainOrKnown = Field(default=0.0, description="Noise of a joint reading.")
     orientation_deg: Uncertain | None = Field(
@@ -143,7 +147,7 @@ class PlanEntry(Keys):
     """What `bayescal plan` needs beyond the targets; no other command reads it."""
 
     volume_of_interest: VolumeEntry | None = Field(
-        default=None, description="Volume in which distances shall be accurate."
+        default=None, description="Volume in which distances must be accurate."
     )
     regions: dict[str, RegionEntry] = Field(
         default={}, description="Where contacts may be, by the name of the target."
@@ -160,8 +164,47 @@ class PlanEntry(Keys):
         default=None, description="Smallest clearance of motions between contacts; default 5."
     )
     poses_deg: tuple[tuple[Number, ...], ...] = Field(
-        default=(), description="Joint readings of poses between which distances shall be accurate."
+        default=(), description="Joint readings of poses between which distances must be accurate."
     )
+
+
+Label = Annotated[Name, Field(json_schema_extra={"type": ["string", "number"]})]
+"""A text of the file that an editor may take for a number, as a serial number."""
+
+
+class SerialsEntry(Keys):
+    """Serial numbers."""
+
+    arm: Label | None = Field(default=None, description="Serial number of the robot arm.")
+    probe: Label | None = Field(default=None, description="Serial number of the probe.")
+    artefact: Label | None = Field(default=None, description="Serial number of the artefact.")
+    instrument: Label | None = Field(default=None, description="Serial number of the tracker or camera.")
+
+
+Date = Annotated[
+    str,
+    AfterValidator(lambda text: _date(text)),
+    Field(json_schema_extra={"pattern": r"^\d{4}-\d\d-\d\d$"}),
+]
+
+
+class RecordEntry(Keys):
+    """What a report that is filed states of the session; no computation depends on it."""
+
+    date: Date | None = Field(default=None, description="Date of the measurement, as YYYY-MM-DD.")
+    operator: Name | None = Field(default=None, description="Who measured.")
+    serials: SerialsEntry = Field(default=SerialsEntry(), description="Serial numbers of what was used.")
+    certificates: tuple[Label, ...] = Field(
+        default=(), description="Numbers of the calibration certificates of artefacts and instruments."
+    )
+    temperature_degC: Number | None = Field(default=None, description="Temperature of the room.")
+
+
+def _date(text: str) -> str:
+    with suppress(ValueError):
+        if text == datetime.date.fromisoformat(text).isoformat():  # which also reads 20260131
+            return text
+    raise PydanticCustomError("not_a_date", "not a date")
 
 
 AnyCertificate = Annotated[Parallel | Perpendicular | Between | Diameter | Flat, Field(discriminator="kind")]
@@ -190,6 +233,9 @@ class DatasetFile(Keys):
     certificates: tuple[AnyCertificate, ...] = Field(
         default=(), description="Certified values of the artefacts; u_ is a standard uncertainty (k = 1)."
     )
+    artefact: Name | None = Field(
+        default=None, description="File in this folder with certified coordinates of an artefact's points."
+    )
     temperature_of: Literal["arm", "air", "artefact"] | None = Field(
         default=None, description="What the column `temperature_c` is the temperature of."
     )
@@ -201,6 +247,9 @@ class DatasetFile(Keys):
     )
     plan: PlanEntry | None = Field(
         default=None, description="What `bayescal plan` needs; no other command reads it."
+    )
+    record: RecordEntry = Field(
+        default=RecordEntry(), description="What a filed report states: date, operator, serial numbers."
     )
     source: str | None = Field(default=None, description="Free text: origin, licence, notes.")
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayescal.dataset import joins, patches
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.dataset.types import Box, Certificate, Noise, Patch, PlanSettings, Target, Tool
+from bayescal.dataset.types import Box, Certificate, Noise, Patch, PlanSettings, Record, Target, Tool
 from bayescal.errors import BayescalError
 from bayescal.files import Document, si, stem_of, unknown
 
@@ -158,6 +158,18 @@ def plan_of(
         cone=_scaled(stated.cone_deg, si("cone_deg")),
         clearance=_scaled(stated.clearance_mm, 1e-3),
         poses=tuple(tuple(x * si("poses_deg") for x in pose) for pose in stated.poses_deg),
+    )
+
+
+def record_of(file: schema.DatasetFile) -> Record:
+    """What is stated under `record`."""
+    stated = file.record
+    return Record(
+        date=stated.date or "",
+        operator=stated.operator or "",
+        serials={key: value for key, value in stated.serials if value is not None},
+        certificates=stated.certificates,
+        temperature=stated.temperature_degC,
     )
 
 

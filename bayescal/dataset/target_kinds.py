@@ -31,7 +31,7 @@ DIAMETER_SD = 1e-3
 MEANING = {
     "normal": "Outward unit normal of the surface.",
     "offset_mm": "Distance of the surface from the origin of F0 along its normal: n.x = offset.",
-    "centre_mm": "Centre in F0: of the sphere, of the ball in its seat, of the pivot of the bar.",
+    "centre_mm": "Centre in F0: of the sphere, of the ball in its nest, of the pivot of the bar.",
     "diameter_mm": "Diameter, as certified where a `diameter` certificate names the target.",
     "point_mm": "A point of the axis in F0.",
     "axis": "Unit vector along the axis.",
@@ -49,7 +49,7 @@ class Seen:
     Parameters
     ----------
     middle : (3,) m, in F0
-        The mean of the nominal tool points of its fitted rows.
+        The mean of the nominal TCP positions of its fitted measurements.
     radius : (M,) m
         Of the ball of each row's tool, 0 without one.
     read : (M,) or (M, 3), or None
@@ -103,7 +103,7 @@ class TargetKind:
         Its description has a ``centre``, which the first three components of its state displace: certified
         distances between such targets are validated.
     found : bool
-        Its validation rows locate it; its distances and its diameter are validated, not these rows.
+        Its validation measurements locate it; its distances and its diameter are validated, not these rows.
     """
 
     name: str
@@ -238,7 +238,7 @@ KINDS: dict[str, TargetKind] = {
         ),
         TargetKind(
             "fixed-point",
-            "a seat to which the ball's centre comes back",
+            "a nest that locates the ball centre repeatably",
             {"centre_mm": Vector},
             _fixed_point,
             form="point",

@@ -21,7 +21,7 @@ class Tool:
     name: str
     centre: np.ndarray  # (3,) m, in the flange frame
     ball_radius: float | None = None  # m
-    mass: float = 0.0  # kg, of all that hangs on the flange
+    mass: float = 0.0  # kg, total attached to the flange
     centre_of_mass: np.ndarray | None = None  # (3,) m, in the flange frame
     u: float | None = None  # m, 0 = known
     u_angle: float | None = None  # rad, of its orientation
@@ -49,12 +49,41 @@ class Target:
 
 
 @dataclass(frozen=True)
+class Points:
+    """Certified coordinates of the K points of an artefact, and which of them the targets of a session are.
+
+    Attributes
+    ----------
+    artefact : str
+        Its name.
+    names : tuple of str
+        Of the points, (K,).
+    coordinates : tuple
+        (K, 3) m, in the frame of the artefact.
+    covariance : tuple
+        (3 K, 3 K) m2.
+    of : tuple of int
+        The point of each target of the certificate.
+    placements : tuple of str
+        The placement of each target; targets of one placement stand to each other as the points.
+    """
+
+    artefact: str
+    names: tuple[str, ...]
+    coordinates: tuple[tuple[float, ...], ...]
+    covariance: tuple[tuple[float, ...], ...]
+    of: tuple[int, ...]
+    placements: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Certificate:
     """What an artefact's certificate says of one or two targets; uncertainties are standard (k = 1).
 
     kind ``parallel`` (distance m, u_distance m, u_angle rad), ``perpendicular`` (u_angle),
     ``distance`` (distance, u_distance), ``diameter`` (u_distance is that of the diameter),
-    ``flat`` (u_form m).
+    ``flat`` (u_form m), ``points`` (coordinates of two or more targets). `derived`: it follows from one of
+    kind ``points``, and a fit uses that.
     """
 
     kind: str
@@ -63,6 +92,8 @@ class Certificate:
     u_distance: float | None = None
     u_angle: float | None = None
     u_form: float | None = None
+    points: Points | None = None
+    derived: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,7 +138,7 @@ class PlanSettings:
     Attributes
     ----------
     volume : Box or None
-        Volume of interest, in which distances shall be accurate.
+        Volume of interest, in which distances must be accurate.
     regions : mapping of str to Patch
         By the name of their target.
     table : float or None
@@ -119,7 +150,7 @@ class PlanSettings:
     clearance : float or None
         Smallest clearance, m, of motions between contacts.
     poses : tuple of tuple of float
-        Readings (n), rad, of poses between which distances shall be accurate.
+        Readings (n), rad, of poses between which distances must be accurate.
     """
 
     volume: Box | None = None
@@ -129,6 +160,30 @@ class PlanSettings:
     cone: float | None = None
     clearance: float | None = None
     poses: tuple[tuple[float, ...], ...] = ()
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a report that is filed states of a session beyond its data; no computation depends on it.
+
+    Attributes
+    ----------
+    date : str
+        YYYY-MM-DD, or "".
+    operator : str
+    serials : mapping of str to str
+        Serial numbers of ``arm``, ``probe``, ``artefact`` and ``instrument``, those that are stated.
+    certificates : tuple of str
+        Numbers of the calibration certificates of the artefacts and instruments.
+    temperature : float or None
+        Of the room, deg C.
+    """
+
+    date: str = ""
+    operator: str = ""
+    serials: Mapping[str, str] = field(default_factory=dict)
+    certificates: tuple[str, ...] = ()
+    temperature: float | None = None
 
 
 @dataclass(frozen=True)
@@ -151,7 +206,7 @@ class Measurements:
     torque: np.ndarray | None = None  # (N, n) N m
     time: np.ndarray | None = None  # (N,) s
     temperature: np.ndarray | None = None  # (N,) deg C
-    payload: np.ndarray | None = None  # (N,) kg beyond the tool
+    payload: np.ndarray | None = None  # (N,) additional payload, kg
     repeat: np.ndarray | None = None  # (N,) str, "" where none
 
 
@@ -174,6 +229,7 @@ class Dataset:
     torques: str = "computed"  # of the joints: "computed" from the masses, or "measured"
     source: str | None = None
     plan: PlanSettings | None = None  # for `bayescal plan`; no other computation depends on it
+    record: Record = Record()  # for the header of reports; empty where several sessions are joined
     solids: tuple[OwnSolid, ...] = ()  # around the arm, for motions
     unfilled: tuple[tuple[str | int, ...], ...] = ()  # keys in dataset.yaml of values that are only assumed
     sha256: str = ""  # of dataset.yaml, measurements.csv and the robot file

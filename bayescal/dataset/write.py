@@ -10,22 +10,23 @@ from pathlib import Path
 
 import numpy as np
 
+from bayescal.dataset.artefact import artefact_text
 from bayescal.dataset.read import SETTINGS, TABLE
-from bayescal.dataset.schema import CERTIFICATES, SCHEMA, ToolEntry
+from bayescal.dataset.schema import CERTIFICATES, SCHEMA, RecordEntry, ToolEntry
 from bayescal.dataset.session import FIELDS, NAMES
 from bayescal.dataset.solids import OwnSolid, hull_stl, solid_keys
 from bayescal.dataset.table import JOINT, RPY, XYZ, joint_columns
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.dataset.types import Certificate, Dataset, PlanSettings, Target, Tool
+from bayescal.dataset.types import Certificate, Dataset, PlanSettings, Record, Target, Tool
 from bayescal.errors import BayescalError
 from bayescal.files import FILL_IN, si, stem_of
 from bayescal.folders import whole
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 from bayescal.robots.writing import number, scalar
 
-ROBOT = "robot.yaml"
+ROBOT, ARTEFACT = "robot.yaml", "artefact.yaml"
 
-DECIMALS = {"mm": 6, "deg": 7, "degps": 6, "kg": 6, "nm": 6, "s": 4, "c": 4, "mps2": 9}
+DECIMALS = {"mm": 6, "deg": 7, "degps": 6, "kg": 6, "nm": 6, "s": 4, "c": 4, "degc": 4, "mps2": 9}
 """Decimals of a value in a file's unit: a nanometre, two nanoradians; finer than anything measured."""
 
 DIRECTION = 12
@@ -69,12 +70,14 @@ def write_setup(dataset: Dataset, folder: Path) -> tuple[str, ...]:
     files = {SETTINGS: _settings(dataset, dataset.robot_reference if builtin else ROBOT)}
     if not builtin:
         files[ROBOT] = robot_to_yaml(dataset.robot)
+    for points in (c.points for c in dataset.certificates if c.points is not None):
+        files[ARTEFACT] = artefact_text(points)
     for name, text in files.items():
         _write(folder / name, text)
     meshes = {s.file: s.points for s in dataset.solids if s.file}
-    for name, points in meshes.items():
+    for name, corners in meshes.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(hull_stl(points))
+        (folder / name).write_bytes(hull_stl(corners))
     return (*files, *meshes)
 
 
@@ -175,6 +178,22 @@ def plan_lines(plan: PlanSettings) -> Iterator[str]:
         yield f"  poses_deg: [{', '.join(poses)}]"
 
 
+def record_lines(record: Record) -> Iterator[str]:
+    """The lines of `record`, in the order of its model; none of an empty record."""
+    warm = record.temperature
+    values = {
+        "date": record.date and scalar(record.date),
+        "operator": record.operator and scalar(record.operator),
+        "serials": record.serials and flow((key, scalar(text)) for key, text in record.serials.items()),
+        "certificates": record.certificates and f"[{', '.join(map(scalar, record.certificates))}]",
+        "temperature_degC": None if warm is None else _text("temperature_degC", warm),
+    }
+    assert values.keys() == RecordEntry.model_fields.keys()
+    if any(values.values()):
+        yield "record:"
+        yield from (f"  {key}: {text}" for key, text in values.items() if text)
+
+
 def _solid_keys(solid: OwnSolid) -> Keys:
     for key, value in solid_keys(solid):
         yield key, scalar(value) if isinstance(value, str) else _text(key, value)
@@ -211,9 +230,12 @@ def _settings(dataset: Dataset, robot: str) -> str:
         "targets:",
         *(f"  {scalar(t.name)}: {flow(marked(target_keys(t), 'targets', t.name))}" for t in dataset.targets),
     ]
-    if dataset.certificates:
-        each = (marked(certificate_keys(c), "certificates", i) for i, c in enumerate(dataset.certificates))
+    stated_there = [c for c in dataset.certificates if c.points is None and not c.derived]
+    if stated_there:
+        each = (marked(certificate_keys(c), "certificates", i) for i, c in enumerate(stated_there))
         lines += ["certificates:", *(f"  - {flow(items)}" for items in each)]
+    if any(c.points is not None for c in dataset.certificates):
+        lines.append(f"artefact: {ARTEFACT}")
     if dataset.temperature_of is not None:
         lines.append(f"temperature_of: {dataset.temperature_of}")
     if dataset.torques != "computed":
@@ -222,6 +244,7 @@ def _settings(dataset: Dataset, robot: str) -> str:
         lines += ["solids:", *(f"  {scalar(s.name)}: {flow(_solid_keys(s))}" for s in dataset.solids)]
     if dataset.plan is not None:
         lines += plan_lines(dataset.plan)
+    lines += record_lines(dataset.record)
     if dataset.source is not None:
         lines.append(f"source: {scalar(dataset.source)}")
     return "\n".join(lines) + "\n"

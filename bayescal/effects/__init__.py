@@ -1,4 +1,4 @@
-"""The vocabulary of errors: one file per effect, each a table of terms (site x driver) with prior scales."""
+"""The known effects: one file per effect, each a table of terms (site x driver) with prior scales."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter
 
 SD = 1e-4  # rad per rad
-BENDS = 1.4  # standard deviations of the other reading over the fitted rows
+BENDS = 1.4  # standard deviations of the other reading over the fitted measurements
 BEFORE = 2  # joints: gear trains run through a wrist, from J4 to J5 and J6
 
 

@@ -1,4 +1,4 @@
-r"""Hardening: torque-dependent stiffness of a joint. A positive value is softening.
+r"""Nonlinear stiffness of a joint: it depends on the torque. A positive value is softening.
 
 Formula: $`\rho_{z,k} = h_k \, \tau_k |\tau_k|`$;
 with a knee: h tanh(τ / (s T)), T the usual torque and s the share.
@@ -66,7 +66,7 @@ def _at(c: Circumstances, knee: float) -> list[Parameter]:
 
 HARDENING = Effect(
     "hardening",
-    "torque-dependent stiffness of joint k",
+    "nonlinear (torque-dependent) stiffness of joint k",
     _parameters,
     without_torques,
     Scan(
@@ -79,7 +79,7 @@ HARDENING = Effect(
         "rad/(N m)^2": Size("change of the compliance per torque"),
         "rad": Size("deflection of the soft part"),
     },
-    phrase=("every joint", "has torque-dependent stiffness"),
+    phrase=("every joint", "has nonlinear stiffness"),
     remedy=(
         "Check the preload of the reduction and of its bearings, and look for wear of the strain-wave "
         "gear. If the gear is in order, keep the effect in the model and calibrate at the loads of "

@@ -5,7 +5,7 @@ P are Legendre polynomials, s and t positions on the face from -1 to 1.
 
 Degrees 2 to 4. The RMS of each degree is half that of the degree before, because form errors are mainly of
 long wavelength. Prior scale: the certificate's u_form, else 3 µm (assumed: 2 to 3 µm are typical of granite
-surface plates in a workshop). `fit` estimates the scale if the contacts show a larger form error.
+shop-floor surface plates). `fit` estimates the scale if the contacts show a larger form error.
 
 A local elevation, such as damage or dirt, also changes the mean height and the slopes of the face, which the
 certificates state. The form ``plane-form@raised`` therefore has the degrees 0 and 1 too, with the RMS of

@@ -5,7 +5,7 @@ for each of the six axes a of the base, or of another site.
 
 Driver: 0 before a row and 1 from this row on, for each of the six displacements of the base. The model is not
 linear in the row. It is given, as ``step@212`` for the 212th row of the session; the default is the middle of
-the fitted rows, which are in the order of time. A diagnosis scans the rows. A step ends with its session: of
+the fitted data, which are in the order of time. A diagnosis scans the rows. A step ends with its session: of
 several sessions, each has a step in its middle, or only the session with the given row has one. Prior:
 0.05 mm and 0.1 mrad (assumed: 0.05 mm at half a metre; an operator would notice a larger shift).
 
@@ -31,7 +31,7 @@ from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan, 
 SHIFTS, TURNS = ("tx", "ty", "tz"), ("rx", "ry", "rz")
 SD = {"t": ("m", 5e-5), "r": ("rad", 1e-4)}
 ROWS = 48  # candidates
-EDGE = 0.03  # share of the fitted rows that must be before, and after, a step
+EDGE = 0.03  # share of the fitted measurements that must be before, and after, a step
 
 
 def after(c: Circumstances, row: float) -> np.ndarray:
@@ -75,7 +75,7 @@ def _shift(c: Circumstances, row: float) -> list[Parameter]:
 
 
 def reflectors(c: Circumstances) -> tuple[int, ...]:
-    """Tools (numbers) that touch no surface in the fitted rows: reflectors, balls in a socket."""
+    """Tools (numbers) that touch no surface in the fitted measurements: reflectors, balls in a socket."""
     used, touching = c.tool[c.fitted], c.touching[c.fitted]
     return tuple(int(k) for k in np.unique(used) if not np.any(touching[used == k]))
 

@@ -40,7 +40,7 @@ FASTEST = 400.0  # s: an arm does not warm up with a shorter time constant (assu
 
 
 def _clock(c: Circumstances) -> np.ndarray | None:
-    """Times (N,), s, limited to those of the fitted rows: the drift after them is not known."""
+    """Times (N,), s, limited to those of the fitted measurements: the drift after them is not known."""
     if c.time is None or not len(c.fitted):
         return c.time
     return np.clip(c.time, np.min(c.time[c.fitted]), np.max(c.time[c.fitted]))

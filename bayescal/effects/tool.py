@@ -1,4 +1,4 @@
-"""Tool: the TCP offset, the stylus tip in the flange frame, of every tool that the fitted rows use.
+"""Tool: the TCP offset, the stylus tip in the flange frame, of every tool that the fitted measurements use.
 
 Also the tool's orientation on the flange, if rows read it. Part of every model. A tool with a stated
 uncertainty of 0 is not fitted.

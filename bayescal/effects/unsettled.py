@@ -1,4 +1,4 @@
-r"""Unsettled: a joint is read before it stands still, and moves on in its direction of motion.
+r"""Settling error: a joint is read before it stands still, and moves on in its direction of motion.
 
 Formula: $`\rho_{z,k} = x_k \, (q_{\mathrm{command},k} - q_k)`$; or x times the speed.
 
@@ -54,11 +54,11 @@ def _missing(c: Circumstances) -> str:
 
 UNSETTLED = Effect(
     "unsettled",
-    "joint k is read before standstill",
+    "settling error of joint k: it is read before standstill",
     _parameters,
     _missing,
     sizes={"1": Size("share of the remaining motion"), "s": Size("time")},
-    phrase=("every joint", "is read before standstill"),
+    phrase=("every joint", "has a settling error: it is read before standstill"),
     remedy=(
         "Wait until the arm stands still before the reading (a dwell of a few time constants), "
         "approach more slowly, and check the brake release and the tuning of the joint controller."

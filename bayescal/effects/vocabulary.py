@@ -30,6 +30,13 @@ UNITS = {
 """SI unit in memory -> unit in files and factor to it."""
 
 
+def unit_label(unit: str) -> str:
+    """A unit of the files in print: µ for u, nothing for a pure number."""
+    if unit == "1":
+        return ""
+    return ("µ" + unit[1:] if unit.startswith(("um", "urad")) else unit).replace("^2", "²")
+
+
 @dataclass(frozen=True)
 class Face:
     """A fitted plane, and the position of each row on it: `place` (N, 2) from -1 to 1 over its contacts."""
@@ -81,8 +88,8 @@ class Circumstances:
     tool_names: tuple[str, ...]
     tool_centres: np.ndarray  # (tools, 3) m, nominal
     tool_u: tuple[float | None, ...]  # m, stated uncertainty of each tool's centre
-    fitted_tools: tuple[int, ...]  # tools of the fitted rows
-    fitted: np.ndarray  # indices of the fitted rows, in the order of time
+    fitted_tools: tuple[int, ...]  # tools of the fitted measurements
+    fitted: np.ndarray  # indices of the fitted measurements, in the order of time
     tied_base: bool
     tied_tool: bool
     readings: np.ndarray  # (N, n) rad
@@ -100,7 +107,7 @@ class Circumstances:
     certified_values: tuple[CertifiedValue, ...] = ()
     sessions: tuple[Session, ...] = ()  # if several are fitted together
     instruments: tuple[tuple[str, np.ndarray], ...] = ()  # fitted: name, 1 for its rows (N,)
-    turned_tools: tuple[int, ...] = ()  # tools whose orientation fitted rows read
+    turned_tools: tuple[int, ...] = ()  # tools whose orientation fitted measurements read
     tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation
     stance: Stance | None = None  # where the arm stands relative to nominal, if known
     compliances: Mapping[str, float] = field(default_factory=dict)

@@ -27,7 +27,7 @@ ROUNDS = 25
 FITS = 20
 """Maximum number of fits with gravity moments at the pose of the fit before; usual are three or four."""
 AT_REST, MOVES = 1e-3, 0.1
-"""Displacements of the tool point by such a fit, in units of the smallest noise: at which the fits end, and
+"""Displacements of the TCP by such a fit, in units of the smallest noise: at which the fits end, and
 from which on their result after the last is refused (conventions)."""
 
 
@@ -43,6 +43,7 @@ class Estimate:
     iterations: int
     rejected: np.ndarray  # rows of the session rejected as outliers
     dof: Mapping[str, float]  # residual degrees of freedom of each noise group
+    held: tuple[str, ...] = ()  # parameters at their bound: see `bounds`
 
     @property
     def arm(self) -> np.ndarray:
@@ -53,6 +54,13 @@ class Estimate:
     def sd(self) -> np.ndarray:
         """Posterior standard deviations of z, (D,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def from_free(self) -> np.ndarray:
+        """Difference (D,) of z from the most probable one without bounds: minus a Newton step."""
+        if not self.held:
+            return np.zeros(len(self.z))
+        return self.covariance @ (self.linear.jacobian.T @ self.linear.residual + self.z)
 
     def residuals(self, block: Block, z: np.ndarray | None = None) -> np.ndarray:
         """Residuals (..., rows, C), m, of a block, at the estimate or at other z (..., D)."""
@@ -72,7 +80,7 @@ def calibrated(
 
     With nominal moments the error of a compliance is several standard deviations, and larger with a payload;
     the residuals do not show it. The model is therefore fitted again until moments at the fitted pose move no
-    tool point by a thousandth of the noise; the first two fits search for outliers. A model that gravity does
+    TCP by a thousandth of the noise; the first two fits search for outliers. A model that gravity does
     not act on is fitted once.
 
     Raises
@@ -87,7 +95,7 @@ def calibrated(
     for fits in range(1, FITS):
         model, before, values = build(settled(found), effects, prior_width, without), found.model, found.arm
         now = by_name(model, values, before)
-        step, noise = moved(tool_points(before, values), tool_points(model, now)), _smallest_noise(found)
+        step, noise = moved(tool_points(before, values), tool_points(model, now)), smallest_noise(found)
         if same_motion(before, model) or step < max(STILL, AT_REST * noise):
             return replace(found, model=model, linear=linearise(model, found.z, found.weights))
         if acts(model.parameters):
@@ -126,7 +134,7 @@ def at_solution(model: Model, z: np.ndarray, rejected: np.ndarray) -> Estimate:
     return Estimate(model, z, covariance, weights, linear, 0, np.unique(rejected), dof)
 
 
-def _smallest_noise(found: Estimate) -> float:
+def smallest_noise(found: Estimate) -> float:
     """Smallest standard uncertainty of a fitted residual, m, of lengths."""
     w, lengths = found.weights, [b for b in found.model.blocks if b.group != ORIENTATION]
     return min(float(np.min(w.sigma[b.name])) * w.scale[b.group] for b in lengths)

@@ -20,11 +20,12 @@ from bayescal.dataset.write import write_files
 from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.fitted import FittedArm, Origin
-from bayescal.exporting.masses import MassErrors
-from bayescal.exporting.rows import SETTLED
+from bayescal.exporting.gate import Use
+from bayescal.exporting.unmodelled import Unmodelled
 from bayescal.files import json_text
 from bayescal.folders import check_unchanged
 from bayescal.model import Model, equilibrium, with_parameters
+from bayescal.model.equilibrium import SETTLED
 from bayescal.model.scene import Scene
 from bayescal.reading import read_record
 
@@ -74,11 +75,12 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
         "seed": arm.origin.seed,
         "parameters": parameters,
         "covariance_si": arm.covariance.tolist(),
-        "masses": None if arm.masses is None else arm.masses.record(),
+        **arm.beyond.record(),
         "targets_si": {name: state.tolist() for name, state in arm.states.items()},
         "rejected": list(arm.rejected),
-        "doubts": list(arm.doubts),
-        "notes": list(arm.notes),
+        "use": arm.use.record(),
+        "doubts": list(arm.use.against),
+        "notes": list(arm.use.notes),
     }
 
 
@@ -202,7 +204,6 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
             record["prior_width"],
             tuple(record["without"]),
         ),
-        tuple(record["doubts"]),
-        tuple(record["notes"]),
-        MassErrors.read(record.get("masses"), len(values)),
+        Use.read(record, model.parameters),
+        Unmodelled.read(record, len(values)),
     )

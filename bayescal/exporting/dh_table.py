@@ -29,7 +29,7 @@ COMPLIANCE = ("urad_per_nm", 1e6)
 STEP = 1e-3
 """Step of the numerical derivatives, in prior standard deviations of a parameter."""
 ROUNDING = 1e-9
-"""mm, deg and urad/(N m)."""
+"""mm, deg and µrad/(N m)."""
 
 
 def quantities(robot: Robot) -> Iterator[tuple[str, str, str, float]]:

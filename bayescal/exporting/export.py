@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ from bayescal.files import json_text, write_together
 from bayescal.reading import content_of
 
 UM = 1e6
+AT_FLANGE = 1e-6
+"""m and rad: a tip that is closer to the flange is the flange."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +48,28 @@ class Exported:
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know of this file."""
-        forced = (f"exported with --force: {reason}" for reason in self.arm.against)
-        return (*self.arm.notes, *self.written.notes, *forced)
+        forced = (f"exported with --force: {reason}" for reason in self.arm.use.against)
+        return (*self.arm.use.notes, *self.written.notes, *self._off_flange(), *forced)
+
+    def _off_flange(self) -> Iterator[str]:
+        """Where the tools are in a tip of the file that is not the flange of the model."""
+        details = self.written.details
+        if np.max(np.abs(np.array(details.get("flange_in_tip", np.eye(4))) - np.eye(4))) > AT_FLANGE:
+            for tool in _tools(self.arm, details):
+                at = ", ".join(f"{x:.3f}" for x in tool["centre_in_tip_mm"])
+                where = f"the centre of tool {tool['name']} is at {at} mm in it"
+                yield f"{details['tip']} is not the flange: {where}"
+
+    def at(self, folder: Path) -> Exported:
+        """The same with the content that the file has in a folder."""
+        if self.written.placed is None:
+            return self
+        return replace(self, written=replace(self.written, content=self.written.placed(folder), placed=None))
 
     def files(self, path: Path) -> dict[Path, str | bytes]:
         """All files with their content, the sidecar last, for a main file at `path`."""
+        if self.written.placed is not None:
+            return self.at(path.parent).files(path)
         beside = {path.with_name(path.stem + suffix): text for suffix, text in self.written.beside.items()}
         if path in beside:
             raise BayescalError("a further file would have this name", str(path), "give another --out")
@@ -74,8 +93,9 @@ class Exported:
             "written": [vars(item) for item in self.written.items],
             "not_expressed": [_missing(m) for m in self.missing],
             "remaining": {"rms_um": _or_none(self.rest.rms), "max_um": _or_none(self.rest.maximum)},
-            "tools": _tools(arm),
+            "tools": _tools(arm, self.written.details),
             **self.written.details,
+            "use": arm.use.record(),
             "notes": list(self.notes),
         }
 
@@ -90,6 +110,8 @@ class Exported:
         BayescalError
             If one of them is the user's own file, or another file that is no unchanged earlier export.
         """
+        if self.written.placed is not None:
+            return self.at(path.parent).save(path)
         files = self.files(path)
         _check_free(path, files, self.options.into)
         sidecar = sidecar_of(path)
@@ -141,7 +163,7 @@ def export(
     if readings not in format_.readings:
         what = f"{to} has no readings `{readings}`"
         raise BayescalError(what, "--readings", f"say {' or '.join(format_.readings)}")
-    gate.check(arm.against, force)
+    gate.check(arm.use, force)
     options = Options(state_row(arm.dataset, time, row), name, into, readings)
     written = format_.write(arm, options)
     missing, rest = not_expressed(arm, format_, options.state)
@@ -168,8 +190,8 @@ def _or_none(value: float) -> float | None:
     return UM * value if np.isfinite(value) else None
 
 
-def _tools(arm: FittedArm) -> list[dict[str, Any]]:
-    """Fitted centres of the tools in the flange, which no file holds."""
+def _tools(arm: FittedArm, details: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Fitted centres of the tools in the flange, which no file holds, and in the tip of the file."""
     deviation = {
         p.name: (float(v), float(c) ** 0.5)
         for p, v, c in zip(arm.model.parameters, arm.values, np.diag(arm.covariance), strict=True)
@@ -186,6 +208,9 @@ def _tools(arm: FittedArm) -> list[dict[str, Any]]:
                 "u_mm": [factor * o[1] for o in off],
             }
         )
+        if "flange_in_tip" in details:
+            pose, centre = np.array(details["flange_in_tip"]), np.array(out[-1]["centre_mm"])
+            out[-1]["centre_in_tip_mm"] = (pose[:3, :3] @ centre + factor * pose[:3, 3]).tolist()
     return out
 
 

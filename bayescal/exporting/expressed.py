@@ -33,7 +33,7 @@ PROBE, ARTEFACT = "belongs to the probe, not to the arm", "belongs to the artefa
 
 @dataclass(frozen=True)
 class Missing:
-    """A part of the model that a file does not hold; m, `nan` where it moves no tool point."""
+    """A part of the model that a file does not hold; m, `nan` where it moves no TCP."""
 
     effect: str
     why: str
@@ -55,7 +55,7 @@ def not_expressed(arm: FittedArm, format_: Format, state: int) -> tuple[tuple[Mi
     Returns
     -------
     tuple
-        By effect, and the total: lengths of the displacements of tool points in the rows of the session
+        By effect, and the total: lengths of the displacements of TCP positions in the rows of the session
         that are no outliers.
     """
     model, parameters = arm.model, arm.model.parameters
@@ -90,7 +90,7 @@ def not_expressed(arm: FittedArm, format_: Format, state: int) -> tuple[tuple[Mi
 def _points(
     model: Model, parameters: tuple[Parameter, ...], values: np.ndarray, rows: np.ndarray
 ) -> np.ndarray:
-    """Tool points (3, C) with the drivers of some parameters, at gravity moments of the complete model."""
+    """TCP positions (3, C) with the drivers of some parameters, at gravity moments of the complete model."""
     return replace(model, parameters=parameters, blocks=(), constraints=()).motion(rows).points(values)
 
 

@@ -7,7 +7,7 @@ motion, payload, time. What a pose does not state is that of a row of the sessio
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,15 +21,19 @@ from bayescal.effects.selection import plain
 from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
-from bayescal.estimate.discrepancy import Inputs
+from bayescal.estimate.linear import root
 from bayescal.exporting import gate
-from bayescal.exporting.masses import MassErrors
-from bayescal.exporting.rows import Circumstance, posed_rows, standing_model
+from bayescal.exporting.gate import NOTHING, Use
+from bayescal.exporting.rows import Circumstance, driven_by, posed_rows
+from bayescal.exporting.unmodelled import Unmodelled
 from bayescal.model import ARM, Model
+from bayescal.model.equilibrium import standing_model
 
 if TYPE_CHECKING:
+    from bayescal.assess.budget import Basis
     from bayescal.calibration import Fit
     from bayescal.dataset import Dataset
+    from bayescal.effects import Parameter
     from bayescal.gap.result import Gap
 
 NOMINAL = "nominal"
@@ -51,7 +55,7 @@ class Poses:
     """C poses of an arm, in F0, SI.
 
     `motion` is the motion of these rows, of `model`, by deviations of the arm's P parameters. `spread` is
-    their covariance without the part of the errors of masses, which move the points as well.
+    their covariance without the part of the K errors of `unmodelled`, which move the points as well.
     """
 
     readings: np.ndarray  # (C, n) rad
@@ -62,29 +66,69 @@ class Poses:
     spread: np.ndarray  # (P, P)
     model: Model
     rows: np.ndarray  # (C,) of the model's scene
-    masses: MassErrors | None
+    unmodelled: Unmodelled
+    own: Callable[[Parameter], Parameter]  # what the rows make of the drivers of a parameter
 
     @cached_property
     def by_parameters(self) -> np.ndarray:
         """Derivatives of the points by the arm's parameters, (C, 3, P), SI, at constant gravity moments."""
-        if not len(self.readings):
-            return np.zeros((0, 3, len(self.values)))
-        p = np.ascontiguousarray(self.points.T)
-        ways = np.repeat(np.eye(3)[:, :, None], len(self.readings), axis=2)
-        return np.stack([self.motion.columns(self.values, p, u) for u in ways], axis=1).T
+        return slopes_of(self.motion, self.values)
+
+    @cached_property
+    def wide(self) -> Model:
+        """The model with the K errors as its last parameters."""
+        return self.unmodelled.widened(self.model, self.values, self.own)
+
+    @cached_property
+    def by_all(self) -> np.ndarray:
+        """Derivatives (C, 3, P + K) by the parameters, and displacements by the K unit errors."""
+        if not len(self.readings) or not self.unmodelled.shifts.size:
+            return self.by_parameters
+        return slopes_of(self.wide.motion(self.rows), padded(self.values, self.wide)) * unit_errors(
+            self.wide, len(self.values)
+        )
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of each point by the stated uncertainty of the parameters, (C, 3, 3), m2."""
-        return self.spread_by(self.by_parameters)
+        """Stated covariance of each point, (C, 3, 3), m2."""
+        return self.spread_by(self.by_all)
 
     def spread_by(self, by: np.ndarray) -> np.ndarray:
-        """Covariance (C, 3, 3), m2, of points with derivatives (C, 3, P) by the parameters."""
-        out = by @ self.spread @ np.swapaxes(by, -1, -2)
-        if self.masses is not None and len(self.rows):
-            own = self.masses.at(self.model, self.values, self.rows) - by @ self.masses.shifts
-            out = out + own @ np.swapaxes(own, -1, -2)
-        return out
+        """Covariance (C, 3, 3), m2, of points with derivatives (C, 3, P + K); see `by_all`."""
+        errors = self.errors_by(by)
+        return errors @ np.swapaxes(errors, -1, -2) + self.unmodelled.excess**2 * np.eye(3)
+
+    def errors_by(self, by: np.ndarray) -> np.ndarray:
+        """Displacements (C, 3, P + K), m, by independent errors of unit variance that all points share."""
+        count = len(self.values)
+        own = by[..., count:] - by[..., :count] @ self.unmodelled.shifts[:, : by.shape[-1] - count]
+        return np.concatenate([by[..., :count] @ root(self.spread), own], axis=-1)
+
+    def dof_by(self, by: np.ndarray, total: np.ndarray) -> np.ndarray:
+        """Effective degrees of freedom (C,) of the variances `total` (C,) of these points."""
+        own = np.sum(self.errors_by(by)[..., len(self.values) :] ** 2, axis=1)
+        names = [p.name for p in self.wide.parameters[len(self.values) :]] if own.size else []
+        parts = {name: own[:, np.array(names) == name].sum(axis=1) for name in names}
+        return self.unmodelled.dof_of(total, parts)
+
+
+def padded(values: np.ndarray, wide: Model) -> np.ndarray:
+    """Values (P,) of a model's parameters, followed by zeros for the further ones of a wide model."""
+    return np.concatenate([values, np.zeros(len(wide.parameters) - len(values))])
+
+
+def unit_errors(wide: Model, count: int) -> np.ndarray:
+    """Factors (P + K,) from derivatives by parameters to changes: 1 of the first, their sd of the others."""
+    return np.array([1.0 if k < count else p.sd for k, p in enumerate(wide.parameters)])
+
+
+def slopes_of(motion: Motion, values: np.ndarray) -> np.ndarray:
+    """Derivatives (C, 3, P) of the points of a motion by its parameters, at their values (P,), SI."""
+    p = motion.points(values)
+    if not p.shape[1]:
+        return np.zeros((0, 3, len(values)))
+    ways = np.repeat(np.eye(3)[:, :, None], p.shape[1], axis=2)
+    return np.stack([motion.columns(values, p, np.ascontiguousarray(u)) for u in ways], axis=1).T
 
 
 @dataclass(frozen=True)
@@ -106,12 +150,10 @@ class FittedArm:
     rejected : tuple of str
         Rows of the session that the fit excluded, by their ids.
     origin : Origin
-    doubts : tuple of str
-        Reasons of the fit not to hand out the arm.
-    notes : tuple of str
-        What a user should know of the choice of effects.
-    masses : MassErrors, optional
-        Errors of the stated masses, of which the covariance has a part.
+    use : Use
+        What may be used of it: reasons against it, what a user should know, what was changed.
+    unmodelled : Unmodelled, optional
+        Errors beyond the parameters, of which the covariance has a part; default: none.
     """
 
     model: Model
@@ -121,14 +163,8 @@ class FittedArm:
     states: Mapping[str, np.ndarray]
     rejected: tuple[str, ...] = ()
     origin: Origin = Origin()
-    doubts: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    masses: MassErrors | None = None
-
-    @property
-    def against(self) -> tuple[str, ...]:
-        """All reasons not to hand out the arm; see `gate`."""
-        return (*self.doubts, *gate.negative(self.model.parameters, self.values, self.covariance))
+    use: Use = NOTHING
+    unmodelled: Unmodelled | None = None
 
     @property
     def dataset(self) -> Dataset:
@@ -146,7 +182,7 @@ class FittedArm:
         time: np.ndarray | float | None = None,
         row: str | int | None = None,
     ) -> Poses:
-        """Tool points and flange of an arm that stands at any poses.
+        """TCP positions and flange of an arm that stands at any poses.
 
         Parameters
         ----------
@@ -178,7 +214,7 @@ class FittedArm:
         return self._poses(here.changed(readings, direction), here.source, True)
 
     def at_rows(self, rows: np.ndarray) -> Poses:
-        """Tool points and flange in rows (C,) of the session, with all that was measured there."""
+        """TCP positions and flange in rows (C,) of the session, with all that was measured there."""
         return self._poses({}, np.asarray(rows, int), False)
 
     def _poses(self, changed: Mapping[str, Any], source: np.ndarray, still: bool) -> Poses:
@@ -192,11 +228,22 @@ class FittedArm:
             frames(model.scene.chain, model.scene.q[rows], delta)[:, -1],
             motion,
             self.values,
-            self.covariance if self.masses is None else self.masses.without(self.covariance),
+            self.spread,
             model,
             rows,
-            self.masses,
+            self.beyond,
+            driven_by(self.dataset.measurements, source, still),
         )
+
+    @property
+    def beyond(self) -> Unmodelled:
+        """Errors beyond the parameters; none where the arm has none."""
+        return self.unmodelled or Unmodelled(np.zeros((len(self.values), 0)))
+
+    @cached_property
+    def spread(self) -> np.ndarray:
+        """Covariance (P, P) of the parameters without the part of these errors."""
+        return self.covariance if self.unmodelled is None else self.unmodelled.without(self.covariance)
 
     @property
     def levels(self) -> tuple[str, ...]:
@@ -215,7 +262,7 @@ class FittedArm:
         return self.valued(np.where([p.effect in used for p in self.model.parameters], self.values, 0.0))
 
     def at_level(self, name: str, readings: np.ndarray, **state: Any) -> Poses:
-        """Tool points and flange at any poses, of one level; see `at`."""
+        """TCP positions and flange at any poses, of one level; see `at`."""
         return self.level(name).at(readings, **state)
 
     def valued(self, values: np.ndarray) -> FittedArm:
@@ -223,10 +270,8 @@ class FittedArm:
         return replace(self, model=standing_model(self.model, values), values=values)
 
 
-def of_estimate(
-    found: Estimate, covariance: np.ndarray, origin: Origin = Origin(), inputs: Inputs | None = None
-) -> FittedArm:
-    """The arm of an estimate; `covariance` (D, D) is the stated one of its z, with errors of `inputs`."""
+def of_estimate(found: Estimate, covariance: np.ndarray, origin: Origin = Origin()) -> FittedArm:
+    """The arm of an estimate; `covariance` (D, D) is the stated one of its z."""
     model = found.model
     arm = model.slices[ARM]
     values = model.deviations(found.z[arm])
@@ -238,16 +283,19 @@ def of_estimate(
         {b.target: b.state(found.z[model.slices[b.target]]) for b in model.states},
         tuple(model.scene.dataset.measurements.ids[row] for row in found.rejected),
         origin,
-        masses=MassErrors.of(found, inputs),
     )
+
+
+def of_basis(basis: Basis, origin: Origin = Origin()) -> FittedArm:
+    """The arm of a fit with its stated uncertainty."""
+    stated = basis.stated
+    return replace(of_estimate(stated.plain, stated.limited, origin), unmodelled=Unmodelled.of(basis))
 
 
 def of_fit(fit: Fit) -> FittedArm:
     """The arm of a calibration."""
     origin = Origin("fit", fit.seed, fit.robust, fit.prior_width, fit.without)
-    arm = of_estimate(fit.final.estimate, fit.stated.limited, origin, fit.stated.inputs)
-    told = () if fit.acceptance.explains else (f"verdict of the fit: {fit.acceptance.verdict}",)
-    return replace(arm, doubts=gate.of_fit(fit), notes=told)
+    return replace(of_basis(fit.basis, origin), use=gate.of_fit(fit))
 
 
 def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
@@ -255,16 +303,11 @@ def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> 
 
     With `with_` or `without`, that of a fit with other effects; see `refitted`.
     """
+    from bayescal.calibration import basis_of
+
     assert gap.arm is not None, "a diagnosis has its refit"
-    assert gap.covariance is not None, "a diagnosis states its uncertainty"
     origin = Origin("gap", gap.seed, gap.robust, gap.prior_width, gap.still_without)
-    left_out = tuple(
-        f"{n.model} is named, but the validation data do not confirm it: the arm is without it"
-        for n in gap.verdict.named
-        if not n.confirmed
-    )
-    arm = of_estimate(gap.arm, gap.covariance, origin, gap.inputs)
-    arm = replace(arm, doubts=gate.of_gap(gap), notes=left_out)
+    arm = replace(of_basis(basis_of(gap.arm, gap.seed), origin), use=gate.of_gap(gap))
     return refitted(arm, with_, without) if with_ or without else arm
 
 
@@ -296,12 +339,12 @@ def refitted(arm: FittedArm, with_: Sequence[str] = (), without: Sequence[str] =
     o = arm.origin
     found = fit(arm.dataset, (*effects, *with_), 0, o.seed, o.robust, o.prior_width, without=parts)
     refit = of_fit(found)
-    doubts = (*refit.doubts, *gate.not_gained(_gains(found, with_)))
-    return replace(refit, origin=replace(o, without=parts), doubts=doubts)
+    against = (*refit.use.against, *gate.not_gained(_gains(found, with_)))
+    return replace(refit, origin=replace(o, without=parts), use=replace(refit.use, against=against))
 
 
 def _gains(fit: Fit, names: Sequence[str]) -> list[tuple[str, float]]:
-    """Gain of log density of the validation rows, nats, by each of the last effects of a fit."""
+    """Gain of log density of the validation measurements, nats, by each of the last effects of a fit."""
     if not names:
         return []
     from bayescal.gap.search.gate import gain

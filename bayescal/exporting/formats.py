@@ -13,6 +13,8 @@ from bayescal.exporting.urdf import URDF
 from bayescal.exporting.written import Format
 
 FORMATS: dict[str, Format] = {f.name: f for f in (ROBOT_YAML, URDF, SDF, MJCF, UR_YAML, DH_CSV, JOINT_ZEROS)}
+CERTIFICATE = "dcc"
+"""A Digital Calibration Certificate: a format of the command, which is no file of an arm."""
 
 
 def format_of(name: str) -> Format:
@@ -24,5 +26,6 @@ def format_of(name: str) -> Format:
         If there is no such format.
     """
     if name not in FORMATS:
-        raise BayescalError(f"there is no format `{name}`", "--to", f"formats: {', '.join(FORMATS)}")
+        known = ", ".join((*FORMATS, CERTIFICATE))
+        raise BayescalError(f"there is no format `{name}`", "--to", f"formats: {known}")
     return FORMATS[name]

@@ -1,52 +1,179 @@
-"""Reasons not to hand out a fitted arm: it did not converge, rests on its priors, or is not physical."""
+"""What may be used of a fitted arm: the one rule that every command and report asks.
+
+Reasons against it: the fit did not converge, rests on its priors, or is not physical; a named effect does not
+make the validation data more probable.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayescal.effects import UNITS, Parameter
-from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
+from bayescal.estimate.bounds import UNCHANGED, Negative, Rigid, not_physical
 from bayescal.model import ARM
 
 if TYPE_CHECKING:
     from bayescal.calibration import Fit
-    from bayescal.gap.result import Gap
+    from bayescal.gap.result import Gap, Verdict
 
 REDUCED = 0.5
-"""Uncertainty of distances between tool points, as a share of that of the prior, above which the fit is taken
+"""Uncertainty of distances between TCPs, as a share of that of the prior, above which the fit is taken
 for not identified (assumed)."""
+REMAINS = {
+    "unknown": "an unmodelled effect remains, which the arm does not have",
+    "named+unexplained": "beside the named effects an unmodelled one remains, which the arm does not have",
+    "ambiguous": "the data do not decide between effects; the arm has only those that are named",
+}
+"""What a verdict says of the arm of a diagnosis."""
+MEASURE = ("directions", "prior", "no_length", "contrast", "not_identifiable")
+"""Findings after which more is to be measured."""
+STEPS = {
+    "gap": "find the cause in the machine",
+    "samples": "repeat with another --seed or with --samples 0; the posterior is not converged",
+    "measure": "measure what the warnings say is missing; then fit again",
+    "validate": "add measurements with role validate, best on spheres at certified distances; then fit again",
+    "use": "use robot.yaml of the run folder, or export the arm",
+}
+"""What to do after a fit."""
 PAIRS = 400
 """Pairs of poses whose distances are looked at."""
 
 
-def of_fit(fit: Fit) -> tuple[str, ...]:
-    """Reasons against a calibration."""
+@dataclass(frozen=True)
+class Use:
+    """What may be used of a fit: the one rule that every command asks.
+
+    Attributes
+    ----------
+    against : tuple of str
+        Reasons not to use the arm: nothing is handed out without ``--force``.
+    warnings : tuple of str
+        What a user should know of an arm that may be used: a verdict that is not good.
+    rigid : Rigid
+        Parameters that the fit set to rigid, and what that changes.
+    left_out : tuple of str
+        Named effects that the arm is without, and why.
+    next : str
+        What to do after a fit: a key of `STEPS`; "" of a diagnosis, which advises by itself.
+    """
+
+    against: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    rigid: Rigid = UNCHANGED
+    left_out: tuple[str, ...] = ()
+    next: str = ""
+
+    @property
+    def allowed(self) -> bool:
+        """Whether the arm may be used without ``--force``."""
+        return not self.against
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """All that is said where the arm is used, without the reasons against it."""
+        return (*self.warnings, *((self.rigid.words,) if self.rigid.words else ()), *self.left_out)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """All that is said, the reasons against it first."""
+        return (*(f"not to be used: {reason}" for reason in self.against), *self.notes)
+
+    def record(self) -> dict[str, Any]:
+        """``use`` of fit.json, gap.json, arm.json, verify.json and the sidecar of an export."""
+        return {
+            "allowed": self.allowed,
+            "against": list(self.against),
+            "warnings": list(self.warnings),
+            "rigid": [
+                {
+                    "parameter": n.parameter,
+                    "unit": UNITS[n.unit][0],
+                    "value_without_bound": n.value * UNITS[n.unit][1],
+                    "u": n.u * UNITS[n.unit][1],
+                }
+                for n in self.rigid.parameters
+            ],
+            "rigid_distance_rms_um": 1e6 * self.rigid.distance_rms,
+            "rigid_distance_max_um": 1e6 * self.rigid.distance_max,
+            "left_out": list(self.left_out),
+            "next": self.next,
+        }
+
+    @classmethod
+    def read(cls, record: Mapping[str, Any], parameters: Sequence[Parameter]) -> Use:
+        """From `record`; ``doubts`` and ``notes`` of arm.json of an earlier version."""
+        if "use" not in record:
+            return cls(tuple(record["doubts"]), tuple(record["notes"]))
+        use, units = record["use"], {p.name: p.unit for p in parameters}
+        held = []
+        for entry in use["rigid"]:
+            unit = units[entry["parameter"]]
+            value, u = entry["value_without_bound"] / UNITS[unit][1], entry["u"] / UNITS[unit][1]
+            held.append(Negative(entry["parameter"], value, u, unit))
+        rigid = Rigid(tuple(held), 1e-6 * use["rigid_distance_rms_um"], 1e-6 * use["rigid_distance_max_um"])
+        return cls(tuple(use["against"]), tuple(use["warnings"]), rigid, tuple(use["left_out"]), use["next"])
+
+
+NOTHING = Use()
+"""Nothing is known against an arm."""
+
+
+def of_fit(fit: Fit) -> Use:
+    """What may be used of a calibration."""
     sampler = () if fit.draws.converged else (f"the sampler did not converge: {fit.draws.complaint}",)
-    reasons = of_estimate(fit.final.estimate, fit.stated.limited)
+    found, covariance = fit.final.estimate, fit.stated.limited
+    reasons = of_estimate(found, covariance)
     if not reasons and not fit.acceptance.determined:
         share = 100 * fit.forecast.prior_share
-        reasons = (f"{share:.0f} % of the variance of a predicted distance is that of priors, not of rows",)
-    return (*sampler, *reasons)
+        reasons = (
+            f"{share:.0f} % of the variance of a predicted distance is that of priors, not of measurements",
+        )
+    tests = fit.acceptance
+    reasons = (*((tests.unmade,) if tests.unmade else ()), *reasons)
+    told = () if tests.explains and tests.validated else (f"verdict of the fit: {tests.verdict}",)
+    codes = {f.code for f in fit.findings if f.severity != "note"}
+    step = next(
+        key
+        for key, here in (
+            ("gap", not tests.explains or bool(not_physical(found, covariance))),
+            ("samples", bool(sampler)),
+            ("measure", bool(reasons)),
+            ("validate", not tests.validated),
+            ("measure", not codes.isdisjoint(MEASURE)),
+            ("use", True),
+        )
+        if here
+    )
+    return Use((*sampler, *reasons), told, fit.rigid, next=step)
 
 
-def of_gap(gap: Gap) -> tuple[str, ...]:
-    """Reasons against the refit of a diagnosis."""
+def of_gap(gap: Gap) -> Use:
+    """What may be used of the refit of a diagnosis."""
     assert gap.arm is not None
     assert gap.covariance is not None
-    levels = gap.levels[-len(gap.verdict.named) :] if gap.verdict.named else ()
-    gains = [
-        (n.model, step.delta_elpd) for n, step in zip(gap.verdict.named, levels, strict=False) if n.confirmed
-    ]
-    return (*of_estimate(gap.arm, gap.covariance), *not_gained(gains))
+    told = REMAINS.get(gap.verdict.kind, "")
+    return Use(
+        of_estimate(gap.arm, gap.covariance),
+        (f"verdict of the diagnosis: {told}",) if told else (),
+        gap.rigid,
+        left_out(gap.verdict),
+    )
+
+
+def left_out(verdict: Verdict) -> tuple[str, ...]:
+    """Named effects that the arm of a diagnosis is without, and why."""
+    why = "is named, but the validation data do not confirm it: the arm is without it"
+    return tuple(f"{n.model} {why}" for n in verdict.named if not n.confirmed)
 
 
 def not_gained(gains: Sequence[tuple[str, float]]) -> tuple[str, ...]:
-    """Names whose gain of log predictive density of the validation rows, nats, is not positive."""
+    """Names whose gain of log predictive density of the validation measurements, nats, is not positive."""
     return tuple(
         f"{name} does not make the validation data more probable ({nats:+.1f} nats)"
         for name, nats in gains
@@ -55,18 +182,19 @@ def not_gained(gains: Sequence[tuple[str, float]]) -> tuple[str, ...]:
 
 
 def of_estimate(found: Estimate, covariance: np.ndarray) -> tuple[str, ...]:
-    """Reasons against an estimate, by its stated covariance: its size is not known, or priors decide."""
+    """Reasons against an estimate, by its stated covariance: size not known, priors decide, not physical."""
+    below = not_physical(found, covariance)
     if not found.model.knows_length:
-        return ("no certified length was fitted: the size of the arm rests on its tolerances",)
+        return ("no certified length was fitted: the size of the arm rests on its tolerances", *below)
     share = _left_of_prior(found, covariance)
     if share > REDUCED:
-        what = "the fit is not identified: distances between tool points keep"
-        return (f"{what} {100 * share:.0f} % of the uncertainty of the priors",)
-    return ()
+        what = "the fit is not identified: distances between TCP positions keep"
+        return (f"{what} {100 * share:.0f} % of the uncertainty of the priors", *below)
+    return below
 
 
 def _left_of_prior(found: Estimate, covariance: np.ndarray) -> float:
-    """Uncertainty of distances between tool points of the fitted rows, over that of the arm's prior."""
+    """Uncertainty of distances between TCP positions of the fitted data, over that of the arm's prior."""
     model = found.model
     arm = model.slices[ARM]
     rows = np.concatenate([b.rows for b in model.states])
@@ -90,24 +218,14 @@ def _left_of_prior(found: Estimate, covariance: np.ndarray) -> float:
     return float(np.sqrt(np.sum(left) / np.sum(by**2))) if np.any(by) else 1.0
 
 
-def negative(parameters: Sequence[Parameter], values: np.ndarray, covariance: np.ndarray) -> Iterator[str]:
-    """Physically positive parameters with a negative value."""
-    for p, value, variance in zip(parameters, values, np.diag(covariance), strict=True):
-        if p.positive and p.effect != TOOL.name and p.nominal + value < 0:
-            unit, factor = UNITS[p.unit]
-            u = factor * float(np.sqrt(variance))
-            at = f"{factor * (p.nominal + value):.3g} {unit} (u {u:.2g})"
-            yield f"{p.name} is negative, which is not physical: {at}"
-
-
-def check(doubts: Sequence[str], force: bool, done: str = "exported") -> None:
-    """Refuse an export with reasons against it; `done` is what is refused, as text.
+def check(use: Use, force: bool, done: str = "exported") -> None:
+    """Refuse an arm with reasons against it; `done` is what is refused, as text.
 
     Raises
     ------
     BayescalError
         With all reasons, unless `force`.
     """
-    if doubts and not force:
-        remedy = "--force ignores this; --without EFFECT (or 'compliance at joint 3') fits the session again"
-        raise BayescalError("; ".join(doubts), f"not {done}", remedy)
+    if use.against and not force:
+        remedy = "--force ignores this; --without EFFECT (or 'compliance J3') fits the session again"
+        raise BayescalError("; ".join(use.against), f"not {done}", remedy)

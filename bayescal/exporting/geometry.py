@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.arm.chain import chain_of, frames
+from bayescal.arm.chain import Chain, chain_of, displaced, frames
 from bayescal.arm.motion import Term
 from bayescal.arm.robot import Robot
 from bayescal.exporting.displaced import constant, constant_displacements
@@ -67,14 +67,18 @@ def at_zero_poses(frames_: np.ndarray, turns: np.ndarray) -> np.ndarray:
     return out
 
 
-def centre_in_frame(robot: Robot, k: int) -> np.ndarray:
-    """Centre of mass of link `k` (from 0) in the frame of its joint, (3,), m; see `zero_frames`."""
+def centre_in_frame(robot: Robot, chain: Chain, delta: np.ndarray, k: int) -> np.ndarray:
+    """Centre of mass of link `k` (from 0) in the frame of its joint, (3,), m; see `zero_frames`.
+
+    In standard DH it is stated behind the whole row, with the displacements (n + 2, 6) of the joint's frame.
+    """
     assert robot.centres_of_mass is not None
     centre = robot.centres_of_mass[k]
     if robot.convention == "mdh":
         return centre
-    behind = chain_of(robot).link[k + 1]  # in standard DH it is stated behind the whole row
-    return behind[:3, :3] @ centre + behind[:3, 3]
+    behind = chain.link[k + 1]
+    centre = behind[:3, :3] @ centre + behind[:3, 3]
+    return displaced(centre, np.where(np.arange(6) < 2, 0.0, delta[k + 1]))
 
 
 def coupled(joint_from_reading: np.ndarray) -> list[str]:

@@ -16,7 +16,7 @@ def lost_motion(
     velocity: np.ndarray,
     poses: Poses,
 ) -> np.ndarray:
-    """Displacements (C, n, 3), m, of tool points by the lost motion of each joint of unknown direction.
+    """Displacements (C, n, 3), m, of TCP positions by the lost motion of each joint of unknown direction.
 
     The joint rests on either side of its lost motion: one standard deviation from the middle.
 

@@ -1,4 +1,4 @@
-"""The tool point at given joint readings, as a measurand."""
+"""The TCP at given joint readings, as a measurand."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bayescal.model import ARM, Model
 def point(
     arm: FittedArm, basis: Basis, readings: np.ndarray, *, tool: str | None = None, payload_kg: float = 0.0
 ) -> Measurand:
-    """Position of the tool point that the calibrated arm reaches, in F0: its error vector.
+    """Position of the TCP that the calibrated arm reaches, in F0: its error vector.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def point(
     n = arm.dataset.robot.n
     if readings.shape != (n,) or not np.all(np.isfinite(readings)):
         what = f"{readings.size} readings, or one that is no finite number, for {n} joints"
-        raise BayescalError(what, "--point", "give one reading in deg for each joint, with commas")
+        raise BayescalError(what, "--point-deg", "give one reading in deg for each joint, with commas")
     here = Circumstance.of(arm.dataset, 1, tool, payload_kg, None, None)
     posed, rows = posed_rows(arm.model, arm.values, here.source, here.changed(readings[None], None), True)
     wide = basis.stated.wide
@@ -51,7 +51,9 @@ def point(
     ]
     count = wide.model.slices[ARM].stop
     if len(posed.parameters) + len(functions) != count:
-        raise BayescalError("the model discrepancy differs at this pose", "--point", "choose another pose")
+        raise BayescalError(
+            "the model discrepancy differs at this pose", "--point-deg", "choose another pose"
+        )
     values = np.concatenate([arm.values, np.zeros(len(functions))])
     motion = Model(posed.scene, wide.model.effects, (*posed.parameters, *functions), (), ()).motion(rows)
     at = motion.points(values)
@@ -74,5 +76,5 @@ def point(
             side = Input(READINGS, name, "B", "1", 0.0, 1.0, distribution="two values")
             own.append((side, off[:, None]))
     shown = ", ".join(f"{q:.6g}" for q in np.degrees(readings))
-    named = f"tool point at ({shown}) deg"
+    named = f"TCP at ({shown}) deg"
     return Measurand(POINT, named, "m", None, by_z, tuple(own), position=at[:, 0])

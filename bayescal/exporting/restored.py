@@ -1,11 +1,13 @@
 """The estimate of a run folder, linearised again at the values of its arm: nothing is fitted.
 
-arm.json has the values, the prior of every parameter, the positions of the targets and the rejected rows. Row
-weights, noise scales, covariance and discrepancy follow from them; the stated covariance must be that of
-arm.json.
+arm.json has the values, the prior of every parameter, the positions of the targets and the rejected
+measurements. Row weights, noise scales, covariance and discrepancy follow from them; the stated covariance
+must be that of arm.json.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,7 +38,8 @@ def restored(arm: FittedArm) -> Estimate:
         z[model.slices[block.target]] = state[block.free] / block.sd
     ids = model.scene.dataset.measurements.ids
     rejected = np.array([ids.index(name) for name in arm.rejected], int)
-    return at_solution(model, z, rejected)
+    held = tuple(n.parameter for n in arm.use.rigid.parameters)
+    return replace(at_solution(model, z, rejected), held=held)
 
 
 def check_restored(arm: FittedArm, covariance: np.ndarray) -> None:

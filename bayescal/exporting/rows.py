@@ -8,15 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.dataset import Dataset
+from bayescal.dataset import Dataset, Measurements
 from bayescal.dataset.append import appended
-from bayescal.effects import Parameter, parameters_of
+from bayescal.effects import Parameter
 from bayescal.errors import BayescalError
-from bayescal.model import Model, equilibrium, with_parameters
-from bayescal.model.scene import Scene
+from bayescal.model import Model
+from bayescal.model.equilibrium import settled_model
 
-SETTLED = 1e-13
-"""Displacement of a tool point by a pass, m, at which the equilibrium has converged."""
 MOVING = ("joint speed", "remaining motion")
 """Drivers that are zero for an arm that stands still."""
 
@@ -40,7 +38,7 @@ class Circumstance:
         row: str | int | None,
     ) -> Circumstance:
         """The state of `count` poses; arguments as of `FittedArm.at`."""
-        for value, option, unit in ((payload_kg, "--payload-kg", "kg"), (time, "--at-time", "s")):
+        for value, option, unit in ((payload_kg, "--payload-kg", "kg"), (time, "--at-time-s", "s")):
             if value is not None and not np.all(np.isfinite(value)):
                 raise BayescalError("is not a finite number", option, f"give a number of {unit}")
         m = dataset.measurements
@@ -76,7 +74,7 @@ class Circumstance:
 def state_row(dataset: Dataset, time: float | None = None, row: str | int | None = None) -> int:
     """Index of the row whose state holds at a time, s, or that is named; default: the last fitted row."""
     if time is not None and row is not None:
-        raise BayescalError("a time and a row are given", "--at-time", "give one of them")
+        raise BayescalError("a time and a row are given", "--at-time-s", "give one of them")
     return int(Circumstance.of(dataset, 1, None, 0.0, time, row).source[0])
 
 
@@ -92,18 +90,6 @@ def _row(dataset: Dataset, row: str | int | None) -> int:
     if not -len(m.ids) <= row < len(m.ids):
         raise BayescalError(f"there is no row {row}", "measurements.csv", f"it has {len(m.ids)} rows")
     return int(row) % len(m.ids)
-
-
-def standing_model(model: Model, values: np.ndarray) -> Model:
-    """The model with its gravity moments at the pose of the arm for values (P,), in all rows of the session.
-
-    Raises
-    ------
-    BayescalError
-        If the arm has no equilibrium.
-    """
-    out = _settled(model, model.scene, values)
-    return with_parameters(out.scene, model.effects, out.parameters)
 
 
 def posed_rows(
@@ -130,13 +116,20 @@ def posed_rows(
     dataset = replace(scene.dataset, measurements=appended(m, source, changed, [f"pose {k}" for k in rows]))
     stance = None if scene.stance is None else scene.stance.at(np.concatenate([np.arange(count), source]))
 
+    own = driven_by(m, source, still)
+    return settled_model(model, replace(scene, dataset=dataset, stance=stance), values, own), rows
+
+
+def driven_by(m: Measurements, source: np.ndarray, still: bool) -> Callable[[Parameter], Parameter]:
+    """What `posed_rows` makes of the drivers of a parameter of the session `m` with rows appended."""
+
     def own(p: Parameter) -> Parameter:
         """The parameter; the state of the source rows where its driver is an event or the row's number."""
         if p.driver.kind == "event" or (p.driver.kind == "time" and m.time is None):
-            return _driven(p, count, source)
-        return _driven(p, count, None) if still and p.driver.kind in MOVING else p
+            return _driven(p, len(m.ids), source)
+        return _driven(p, len(m.ids), None) if still and p.driver.kind in MOVING else p
 
-    return _settled(model, replace(scene, dataset=dataset, stance=stance), values, own), rows
+    return own
 
 
 def _driven(p: Parameter, count: int, source: np.ndarray | None) -> Parameter:
@@ -150,19 +143,3 @@ def _driven(p: Parameter, count: int, source: np.ndarray | None) -> Parameter:
         return np.concatenate([own, more])
 
     return replace(p, terms=tuple(replace(t, driver=driver(t.driver)) for t in p.terms))
-
-
-def _settled(
-    model: Model, scene: Scene, values: np.ndarray, own: Callable[[Parameter], Parameter] = lambda p: p
-) -> Model:
-    """The model's parameters in a scene, in equilibrium for values (P,); a model without any blocks."""
-
-    def make(scene: Scene) -> Model:
-        c = scene.circumstances(scene.rows("calibrate"))
-        named = {p.name: p for p in parameters_of(model.effects, c, lenient=True)}
-        # a joint without torque has no parameter of it: then it displaces nothing
-        terms = ((p, named[p.name].terms if p.name in named else ()) for p in model.parameters)
-        parameters = tuple(own(replace(p, terms=t)) for p, t in terms)
-        return Model(scene, model.effects, parameters, (), ())
-
-    return equilibrium(scene, make, lambda _: values, SETTLED)

@@ -2,6 +2,10 @@
 
 Both arms are compared at zero readings. A file may have another base frame, other frames on the links, and
 axes of the opposite sense: a rigid transform takes the axes of the file to those of the arm, each a line.
+
+A file may be calibrated already, by its manufacturer or by an earlier export. Its zeros then differ from the
+nominal ones, and its frames are those of the earlier calibration. It is turned by the difference of the zeros
+before its frames are compared: the new calibration replaces the earlier one.
 """
 
 from __future__ import annotations
@@ -10,8 +14,10 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from bayescal.arm.robot import Robot
+from bayescal.arm.transforms import rigid
 from bayescal.errors import BayescalError
 from bayescal.exporting.geometry import zero_frames
 
@@ -19,8 +25,18 @@ ANGLE, LENGTH = np.radians(0.5), 3e-3
 """rad, m: axes that differ by more are those of another arm; calibrated ones differ by less."""
 PARALLEL = np.radians(2.0)
 """rad: axes that differ by less have no common point nearby."""
+ZERO = np.radians(2.0)
+"""rad: joint zeros that differ by more are those of another arm; those of calibrated arms differ by less."""
+NOMINAL = np.radians(0.05)
+"""rad: axes that differ by less are nominal, with rounded angles; else the file is calibrated."""
+PLACED = (np.radians(2.0), LENGTH)
+"""rad, m: a root within this of a multiple of 90 deg, and of F0, is there, unless the file is exact."""
+ROUNDED = 1e-5
+"""rad, m: difference of axes beyond which lengths of a file are rounded, or it is calibrated."""
+LEVER, STEPS, STEP = 0.3, 20, 1e-6
+"""m: length that counts as a radian where zeros are found; iterations, and step of their differences, rad."""
 EXACT = 1e-6
-"""rad, m: agreement of frames that are the same but for rounding in a file."""
+"""rad, m: agreement of frames that are the same except for rounding in a file."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +61,7 @@ class Match:
     root: np.ndarray  # (4, 4)
     own: np.ndarray  # (n, 4, 4): rotations and slides that keep the joint's axis
     signs: np.ndarray  # (n,)
+    notes: tuple[str, ...] = ()
 
 
 def match(robot: Robot, file: FileArm, name: str) -> Match:
@@ -56,27 +73,134 @@ def match(robot: Robot, file: FileArm, name: str) -> Match:
         With the first difference, if they are not the same arm.
     """
     _check_names(robot, file, name)
-    ours = zero_frames(robot)[:-1]
-    p, a = ours[:, :3, 3], ours[:, :3, 2]
-    r, b = file.frames[:, :3, 3], np.einsum("kij,kj->ki", file.frames[:, :3, :3], file.axes)
+    with_flange = zero_frames(robot)
+    ours = with_flange[:-1]
+    p, a = _lines(ours, np.tile([0.0, 0.0, 1.0], (robot.n, 1)))
+    r, b = _lines(file.frames, file.axes)
     _check_pairs(robot, file, name, _pairs(p, a), _pairs(r, b))
     root = _alignment(p, a, r, b)
-    here = np.eye(4) if _off(p, a, r, b, np.eye(4))[2] <= _off(p, a, r, b, root)[2] + EXACT else root
+    least = _off(p, a, r, b, root)[2]
+    here = np.eye(4) if _off(p, a, r, b, np.eye(4))[2] <= least + EXACT else root
     angle, length, _ = _off(p, a, r, b, here)
+    if least > ROUNDED and np.max(_off(p, a, r, b, _placed(root))[1]) <= LENGTH:
+        here = _placed(root)
+    frames, notes = file.frames, tuple[str, ...]()
+    if np.max(angle) > NOMINAL:
+        root, zeros = _zeros(p, a, file, root)
+        angle, length, _ = _off(p, a, *_lines(_turned(file, zeros), file.axes), root)
+        here, zeros = _settled(file, root, zeros, with_flange[-1])
+        frames, notes = _turned(file, zeros), _calibrated(robot, file, zeros, name)
     for k in np.flatnonzero((angle > ANGLE) | (length > LENGTH)).tolist():
         what = (
             f"at zero readings the axis of {file.names[k]} is {np.degrees(angle[k]):.2f} deg and "
             f"{1e3 * length[k]:.2f} mm off that of {robot.joint_names[k]}"
         )
         raise BayescalError(what, name, f"give the file of this arm ({robot.name}), with the same zeros")
-    own = np.linalg.inv(ours) @ here @ file.frames
-    signs = np.sign(np.einsum("ki,ki->k", a, b @ here[:3, :3].T))
+    own = np.linalg.inv(ours) @ here @ frames
+    signs = np.sign(np.einsum("ki,ki->k", a, _lines(frames, file.axes)[1] @ here[:3, :3].T))
     for k in range(robot.n):
         own[k, :2, 3] = 0.0
         own[k, :3, :3] = (
             smallest_turn(own[k, :3, :3] @ file.axes[k], np.array([0.0, 0.0, signs[k]])) @ own[k, :3, :3]
         )
-    return Match(here, own, signs)
+    # the tip of a calibrated file is off the flange by its earlier calibration
+    slide = (own[-1] @ file.tip)[2, 3] - (np.linalg.inv(ours[-1]) @ with_flange[-1])[2, 3]
+    if notes and abs(slide) <= LENGTH:
+        own[-1, 2, 3] -= slide
+    return Match(here, own, signs, notes)
+
+
+def _lines(frames: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points and directions (n, 3) of the axes of joints."""
+    return frames[:, :3, 3], np.einsum("kij,kj->ki", frames[:, :3, :3], axes)
+
+
+def _turned(file: FileArm, zeros: np.ndarray) -> np.ndarray:
+    """Frames (n, 4, 4) of a file with its joints at angles (n,), rad."""
+    before = np.linalg.inv(np.concatenate([np.eye(4)[None], file.frames[:-1]]))
+    pose, out = np.eye(4), []
+    for step, axis, angle in zip(before @ file.frames, file.axes, zeros, strict=True):
+        pose = pose @ step @ rigid(Rotation.from_rotvec(angle * axis).as_matrix())
+        out.append(pose)
+    return np.array(out)
+
+
+def _zeros(p: np.ndarray, a: np.ndarray, file: FileArm, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Root (4, 4) and angles of the joints (n,), rad, at which the file's axes are closest to lines (p, a).
+
+    That of the first joint is part of the root; that of the last one moves no axis.
+    """
+    n = len(p)
+    across = np.eye(3) - a[:, :, None] * a[:, None, :]
+
+    def placed(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        turn = rigid(Rotation.from_rotvec(x[:3]).as_matrix(), x[3:6])
+        return turn @ root, np.concatenate([[0.0], x[6:], [0.0]])[:n]
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        here, zeros = placed(x)
+        r, b = _lines(_turned(file, zeros), file.axes)
+        off = r @ here[:3, :3].T + here[:3, 3] - p
+        tilt = np.cross(a, b @ here[:3, :3].T)
+        return np.concatenate([np.einsum("kij,kj->ki", across, off).ravel(), LEVER * tilt.ravel()])
+
+    x = np.zeros(6 + max(n - 2, 0))
+    for _ in range(STEPS):
+        at = residual(x)
+        by = np.array([(residual(x + STEP * e) - at) / STEP for e in np.eye(len(x))]).T
+        step = np.linalg.lstsq(by, -at, rcond=1e-7)[0]
+        x = x + step
+        if np.max(np.abs(step)) < STEP:
+            break
+    return placed(x)
+
+
+def _settled(
+    file: FileArm, root: np.ndarray, zeros: np.ndarray, flange: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The root of a calibrated file without the earlier calibration of its base, and angles of all joints.
+
+    A root close to a multiple of 90 deg is there, one close to F0 is in it; what it is turned by about the
+    first axis is the zero of the first joint. A tip that is close to a multiple of 90 deg about the last axis
+    of the flange has the zero of the last one.
+    """
+    here, zeros = _placed(root), zeros.copy()
+    off = Rotation.from_matrix(root[:3, :3] @ here[:3, :3].T).as_rotvec()
+    zeros[0] = float(off @ here[:3, :3] @ _lines(file.frames, file.axes)[1][0])
+    tip = np.linalg.inv(flange) @ here @ _turned(file, zeros)[-1]
+    axis, tip = tip[:3, :3] @ file.axes[-1], tip @ file.tip
+    x, y, _ = tip[:3, np.argmin(np.abs(tip[2, :3]))]  # the axis of the tip that is across the last joint's
+    angle = float(np.arctan2(y, x))
+    past = angle - np.round(angle / (0.5 * np.pi)) * 0.5 * np.pi
+    zeros[-1] = -float(np.sign(axis[2])) * past if abs(past) <= PLACED[0] else 0.0
+    return here, zeros
+
+
+def _placed(root: np.ndarray) -> np.ndarray:
+    """A root (4, 4) at a multiple of 90 deg and in F0, where it is close to them."""
+    near = np.round(root[:3, :3])
+    turned = abs(np.linalg.det(near)) == 1
+    close = turned and Rotation.from_matrix(root[:3, :3] @ near.T).magnitude() <= PLACED[0]
+    shift = root[:3, 3] if np.linalg.norm(root[:3, 3]) > PLACED[1] else np.zeros(3)
+    return rigid(near if close else root[:3, :3], shift)
+
+
+def _calibrated(robot: Robot, file: FileArm, zeros: np.ndarray, name: str) -> tuple[str, ...]:
+    """What is told of a file that is calibrated already.
+
+    Raises
+    ------
+    BayescalError
+        If its zeros differ too much.
+    """
+    k = int(np.argmax(np.abs(zeros)))
+    degrees = abs(float(np.degrees(zeros[k])))
+    if abs(zeros[k]) > ZERO:
+        what = f"the zero of {file.names[k]} is {degrees:.2f} deg off that of {robot.joint_names[k]}"
+        remedy = f"give the file of this arm ({robot.name}): zeros differ by {np.degrees(ZERO):g} deg at most"
+        raise BayescalError(what, name, remedy)
+    told = f"zeros within {degrees:.2g} deg of the nominal ones" if degrees > 0.005 else "nominal zeros"
+    return (f"{name} is calibrated already, with {told}: this calibration replaces the earlier one",)
 
 
 def _check_names(robot: Robot, file: FileArm, name: str) -> None:

@@ -153,7 +153,7 @@ def _hinge(model: ET.Element, hinge: Hinge, parent: str, child: str, robot: Robo
     limit, dynamics = _add(axis, "limit"), _add(axis, "dynamics")
     if hinge.spring is None:
         j = robot.joint_names.index(hinge.name)
-        low, high = sorted(np.sign(robot.link_from_reading[j, j]) * robot.limits[j])
+        low, high = hinge.limits or (-np.pi, np.pi)
         _add(dynamics, "damping", "0")
     else:
         low, high = -1.0, 1.0
@@ -162,6 +162,10 @@ def _hinge(model: ET.Element, hinge: Hinge, parent: str, child: str, robot: Robo
         _add(dynamics, "spring_stiffness", number(hinge.spring.stiffness))
     _add(limit, "lower", number(low))
     _add(limit, "upper", number(high))
+    if hinge.spring is None:  # without them SDF has no limit
+        for key, values in (("effort", robot.torques), ("velocity", robot.velocities)):
+            if values is not None and not np.isnan(values[j]):
+                _add(limit, key, number(values[j]))
 
 
 SDF = Format(

@@ -25,7 +25,7 @@ from bayescal.files import read_document
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 TWISTS = np.radians([0.0, 90.0, 0.0, 0.0, 90.0, -90.0])
-"""Rotation about x from each frame to the next of every arm of the maker, rad."""
+"""Rotation about x from each frame to the next of every arm of the manufacturer, rad."""
 ALIKE = np.radians(1.0)
 
 
@@ -38,7 +38,7 @@ def _write(arm: FittedArm, options: Options) -> Written:
     if options.into:
         file, label, name = _read(options.into)
         found = match(robot, file, name)
-        root, own, notes = found.root, found.own, []
+        root, own, notes = found.root, found.own, list(found.notes)
     links = calibrated[:-1] @ own
     transforms = steps(np.concatenate([np.linalg.inv(root) @ links, links[-1:]]))[:-1]
     lines = [f"# {robot.name} calibrated on {arm.dataset.name}: {', '.join(arm.effects)}", "kinematics:"]
@@ -52,7 +52,12 @@ def _write(arm: FittedArm, options: Options) -> Written:
         text,
         items(arm, [(f"kinematics/{link}", "x y z roll pitch yaw") for link in LINKS]),
         notes=notes,
-        details={"joint_from_reading": robot.link_from_reading.tolist(), "root_in_f0": root.tolist()},
+        details={
+            "joint_from_reading": robot.link_from_reading.tolist(),
+            "root_in_f0": root.tolist(),
+            "tip": "tool0",
+            "flange_in_tip": (np.linalg.inv(links[-1]) @ calibrated[-1]).tolist(),
+        },
     )
 
 

@@ -11,16 +11,21 @@ the fixed joints before joint k, its origin becomes
 
 from __future__ import annotations
 
+import os
+from functools import partial
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from bayescal.arm.chain import chain_of
 from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.digits import numbers
-from bayescal.exporting.displaced import constant
+from bayescal.exporting.displaced import constant, constant_displacements
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.geometry import (
     at_zero_poses,
@@ -32,10 +37,11 @@ from bayescal.exporting.geometry import (
     steps,
 )
 from bayescal.exporting.same_arm import FileArm, match
-from bayescal.exporting.tag import with_origins
 from bayescal.exporting.written import Format, Options, Written, path_of
-from bayescal.robots.markup import parse_markup, read_markup
-from bayescal.robots.tree import TURNING, Tree, read_tree, tip_of
+from bayescal.exporting.xml_text import XmlText
+from bayescal.reading import decoded
+from bayescal.robots.markup import LARGEST, parse_markup
+from bayescal.robots.tree import TURNING, UNLIMITED, Tree, read_tree, tip_of
 
 CLOSE = 1e-9
 """m: difference of the written file's kinematics from the model's geometry at which it is not handed out."""
@@ -46,14 +52,15 @@ BALL = 0.05
 def write(arm: FittedArm, options: Options) -> Written:
     """The URDF of an arm in one state."""
     calibrated = geometry_of(arm, options.state)
-    text, names, details = (
-        _patched(arm, calibrated, options.into) if options.into else _new(arm, calibrated, options.name)
+    text, names, details, notes = (
+        _patched(arm, calibrated, options.into) if options.into else _new(arm, calibrated, options)
     )
     return Written(
         text,
         items(arm, [(f"joint[@name='{name}']/origin", "xyz, rpy") for name in names]),
         details=details,
-        notes=coupled(np.array(details["joint_from_reading"])),
+        notes=(*notes, *coupled(np.array(details["joint_from_reading"]))),
+        placed=partial(_moved, text, path_of(options.into)[0].parent) if options.into else None,
     )
 
 
@@ -86,25 +93,24 @@ def file_arm(tree: Tree, tip: str) -> FileArm:
 
 def _patched(
     arm: FittedArm, calibrated: np.ndarray, into: str
-) -> tuple[str, tuple[str, ...], dict[str, Any]]:
+) -> tuple[str, tuple[str, ...], dict[str, Any], tuple[str, ...]]:
     path, asked = path_of(into)
     if path.suffix.lower() == ".xacro":
         raise BayescalError(
             "a xacro file cannot be patched", str(path), "expand it: xacro arm.xacro > arm.urdf"
         )
-    root, content = read_markup(path)
-    tree = read_tree(root, path.name)
+    own = XmlText(decoded(path, LARGEST)[0], path.name)
+    tree = read_tree(own.root, path.name)
     tip = tip_of(tree, asked)
     file, robot = file_arm(tree, tip), arm.dataset.robot
     found = match(robot, file, path.name)
     links = calibrated[:-1] @ found.own
     before = np.concatenate([np.linalg.inv(found.root)[None] @ np.eye(4), np.linalg.inv(links[:-1])])
     origins = np.linalg.inv(file.fixed) @ before @ links
-    changed = {
-        name: {"xyz": numbers(t[:3, 3]), "rpy": numbers(rpy_of(t[:3, :3]))}
-        for name, t in zip(file.names, origins, strict=True)
-    }
-    text = with_origins(content.decode("utf-8-sig"), changed)
+    joints = {joint.get("name"): joint for joint in own.root.findall("joint")}
+    for name, t in zip(file.names, origins, strict=True):
+        _place(joints[name], t)
+    text = own.text
     again = read_tree(parse_markup(text.encode(), path.name), path.name)
     flange_in_tip = np.linalg.inv(links[-1] @ file.tip) @ calibrated[-1]
     _check(arm, calibrated, file_arm(again, tip), found.root, found.signs, flange_in_tip, path.name)
@@ -118,7 +124,26 @@ def _patched(
         "root_in_f0": found.root.tolist(),
         "flange_in_tip": flange_in_tip.tolist(),
     }
-    return text, file.names, details
+    return text, file.names, details, found.notes
+
+
+def _moved(text: str, before: Path, after: Path) -> str:
+    """A text whose meshes with relative paths are found from another folder."""
+    own, back = XmlText(text, "arm"), os.path.relpath(before.resolve(), after.resolve())
+    for e in own.root.iter() if back != "." else ():
+        file = e.get("filename", "")
+        if e.tag in ("mesh", "texture") and file and "://" not in file and not Path(file).is_absolute():
+            e.set("filename", Path(os.path.normpath(Path(back) / file)).as_posix())
+    return own.text
+
+
+def _place(joint: ET.Element, pose: np.ndarray) -> None:
+    """Give a joint its origin."""
+    origin = joint.find("origin")
+    if origin is None:
+        origin = ET.Element("origin")
+        joint.insert(0, origin)
+    origin.attrib.update(xyz=numbers(pose[:3, 3]), rpy=numbers(rpy_of(pose[:3, :3])))
 
 
 def _check(
@@ -148,10 +173,23 @@ def _spins(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return out
 
 
-def _new(arm: FittedArm, calibrated: np.ndarray, name: str) -> tuple[str, tuple[str, ...], dict[str, Any]]:
-    robot = arm.dataset.robot
+def _new(
+    arm: FittedArm, calibrated: np.ndarray, options: Options
+) -> tuple[str, tuple[str, ...], dict[str, Any], tuple[str, ...]]:
+    robot, name = arm.dataset.robot, options.name
+    delta = constant_displacements(arm.model, arm.values, options.state)
     sense = np.where(np.diag(robot.link_from_reading) < 0, -1.0, 1.0)
-    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(name)}>", '  <link name="base_link"/>']
+    most = [np.full(robot.n, np.nan) if x is None else x for x in (robot.torques, robot.velocities)]
+    free = " and ".join(
+        what for what, each in zip(("effort", "velocity"), most, strict=True) if np.any(np.isnan(each))
+    )
+    told = (
+        [f"  <!-- {free} of {UNLIMITED:g}: not stated by the robot; a URDF must have a number -->"]
+        if free
+        else []
+    )
+    effort, velocity = (np.where(np.isnan(x), UNLIMITED, x).tolist() for x in most)
+    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(name)}>", *told, '  <link name="base_link"/>']
     before = "base_link"
     for k, (step, joint) in enumerate(zip(steps(calibrated)[:-1], robot.joint_names, strict=True)):
         link = f"{joint}_link"
@@ -162,9 +200,10 @@ def _new(arm: FittedArm, calibrated: np.ndarray, name: str) -> tuple[str, tuple[
             f"    <parent link={quoteattr(before)}/>",
             f"    <child link={quoteattr(link)}/>",
             f'    <axis xyz="0 0 {sense[k]:g}"/>',
-            f'    <limit lower="{low!r}" upper="{high!r}" effort="0" velocity="0"/>',
+            f'    <limit lower="{low!r}" upper="{high!r}" '
+            f'effort="{effort[k]!r}" velocity="{velocity[k]!r}"/>',
             "  </joint>",
-            *_link(robot, k, link),
+            *_link(robot, delta, k, link),
         ]
         before = link
     lines += [
@@ -187,18 +226,18 @@ def _new(arm: FittedArm, calibrated: np.ndarray, name: str) -> tuple[str, tuple[
         "root_in_f0": np.eye(4).tolist(),
         "flange_in_tip": np.eye(4).tolist(),
     }
-    return text, robot.joint_names, details
+    return text, robot.joint_names, details, (told[0].strip(" <!->"),) if told else ()
 
 
 def _origin(step: np.ndarray) -> str:
     return f'<origin xyz="{numbers(step[:3, 3])}" rpy="{numbers(rpy_of(step[:3, :3]))}"/>'
 
 
-def _link(robot: Robot, k: int, name: str) -> list[str]:
+def _link(robot: Robot, delta: np.ndarray, k: int, name: str) -> list[str]:
     """A link with its mass."""
     if robot.masses is None:
         return [f"  <link name={quoteattr(name)}/>"]
-    centre, mass = centre_in_frame(robot, k), float(robot.masses[k])
+    centre, mass = centre_in_frame(robot, chain_of(robot), delta, k), float(robot.masses[k])
     inertia = 0.4 * mass * BALL**2
     return [
         f"  <link name={quoteattr(name)}>",

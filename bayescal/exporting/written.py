@@ -37,12 +37,17 @@ class Item:
     attribute: str
 
 
+Placed = Callable[[Path], str]
+"""The content of a file that is written to a folder: what it names by relative paths is found from there."""
+
+
 @dataclass(frozen=True)
 class Written:
     """The content of an exported file.
 
     `beside` are further files by the suffix that is added to the name of the first one; `details` are further
-    entries of the sidecar.
+    entries of the sidecar. `placed`, where the content depends on the folder, is that of a folder; else the
+    content is right beside the file of the user.
     """
 
     content: str | bytes
@@ -50,6 +55,7 @@ class Written:
     beside: Mapping[str, str | bytes] = field(default_factory=dict)
     notes: Sequence[str] = ()
     details: Mapping[str, Any] = field(default_factory=dict)
+    placed: Placed | None = None
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -35,6 +36,7 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         kind = {"null": "named", "unknown": "named+unexplained"}.get(kind, kind)
     probability = {name: min(p, _most(name, kind, d)) for name, p in probability.items()}
     named = [replace(n, probability=min(n.probability, probability[n.effect])) for n in named]
+    kind = settled(kind, bool(named), probability)
     return Verdict(
         kind,
         tuple(named),
@@ -52,6 +54,15 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
             *cautions(e.fitted.model.scene.dataset),
         ),
     )
+
+
+def settled(kind: str, named: bool, probability: Mapping[str, float]) -> str:
+    """The verdict that probabilities support: `unknown` is as likely as not, without it `ambiguous`.
+
+    A verdict `named` or `named+unexplained` without a name is none.
+    """
+    kind = "unknown" if kind in ("named", "named+unexplained") and not named else kind
+    return "ambiguous" if kind == "unknown" and probability["unknown"] < VERDICT.sure else kind
 
 
 def _most(name: str, kind: str, d: Decision) -> float:

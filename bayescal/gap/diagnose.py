@@ -10,7 +10,9 @@ import numpy as np
 from bayescal.assess.identifiability import identifiability
 from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
+from bayescal.effects import parameters_of
 from bayescal.estimate import Estimate, check_enough
+from bayescal.estimate.bounds import bounded
 from bayescal.estimate.discrepancy import stated
 from bayescal.gap.design.advise import advise
 from bayescal.gap.design.blind_spots import blind_spots, places_of, unseen
@@ -72,8 +74,12 @@ def diagnose(
         If the session cannot be fitted, or the model has no such part, with the reason.
     """
     check_asked(effects, prior_width)
-    parts = parts_of(without, effects)
     scene = Scene(dataset, oriented=True)
+    parts = parts_of(
+        without,
+        effects,
+        parameters_of(effects, scene.circumstances(scene.rows("calibrate"))) if without else (),
+    )
     check_enough(scene)
     check_located(scene)
     found = explain(scene, effects, robust, prior_width, parts, progress)
@@ -97,7 +103,11 @@ def diagnose(
         for a, b in rivals(last)
     ]
     verdict = found.verdict
-    arm = _confirmed(found, robust, prior_width, parts)
+    free = _confirmed(found, robust, prior_width, parts)
+    arm, rigid = bounded(free)
+    if rigid.parameters and free is final and members:  # one arm in all that follows
+        final, after = arm, validation_errors(arm, strict=False)
+        levels[-1], errors[-1] = (levels[-1][0], arm), after
     wide = stated(arm)
     of_final = wide.limited if arm is final else stated(final).limited
     lacking = undetermined(final, identifiability(final))
@@ -131,7 +141,7 @@ def diagnose(
         arm=arm,
         calibrated=first.fitted,
         covariance=wide.limited,
-        inputs=wide.inputs,
+        rigid=rigid,
         undetermined=lacking,
     )
 

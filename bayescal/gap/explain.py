@@ -73,7 +73,7 @@ def explain(
 
 
 def _judging(estimate: Estimate) -> ValidationErrors:
-    """Validation errors that judge names: without validation rows, of rows left out in blocks."""
+    """Validation errors that judge names: without validation measurements, of rows left out in blocks."""
     return validation_errors(estimate, without=BLOCKED)
 
 
@@ -118,4 +118,5 @@ def _promoted(first: Examined) -> bool:
     own = sets.get(frozenset((COMPLIANCE,)))
     best = max(sets.values(), key=lambda h: h.score)
     gained = own is not None and own.score - sets[frozenset()].score > VERDICT.promoted
-    return gained and COMPLIANCE in best.names
+    sure = first.decision.probability[COMPLIANCE] >= VERDICT.sure
+    return gained and sure and COMPLIANCE in best.names

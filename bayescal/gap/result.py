@@ -16,7 +16,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import Selection
 from bayescal.estimate import Estimate
-from bayescal.estimate.discrepancy import Inputs
+from bayescal.estimate.bounds import UNCHANGED, Rigid
 
 VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
 """Kinds of validation measurement, as reports name them."""
@@ -38,7 +38,7 @@ class Measured:
 class Magnitude:
     """Size of the gap, m."""
 
-    validation: str  # how: "validation rows", or "leave-one-out cross-validation" where there are too few
+    validation: str  # how: "validation data", or "leave-one-out cross-validation" where there are too few
     validation_rms: float
     noise: float  # of a contact
     noise_interval95: tuple[float, float]
@@ -166,7 +166,7 @@ class Shrinkage:
     floor: float  # expected RMS for a correct model
     removed: float  # share of the excess variance removed; nan without an excess
     removed_interval95: tuple[float, float]
-    predicted_before: float  # RMS that the refitted model predicts for the baseline, from fitted rows only
+    predicted_before: float  # RMS that the refitted model predicts for the baseline, from fitted data only
     predicted: float  # RMS that the refitted model predicts for itself
     claimed: bool  # False where no improvement is predicted, or where a named effect is not confirmed
 
@@ -179,7 +179,7 @@ class Step:
     validation_rms: float
     distance_rms: float  # nan without distances
     point_rms: float  # nan without points
-    delta_elpd: float  # change in log predictive density of validation rows from the level before, nats
+    delta_elpd: float  # change in log predictive density of validation data from the level before, nats
     delta_elpd_se: float
 
 
@@ -287,5 +287,5 @@ class Gap:
     arm: Estimate | None = None  # with the named effects that are confirmed: what an export is made of
     calibrated: Estimate | None = None  # of the baseline, before any refit
     covariance: np.ndarray | None = None  # (D, D) of its z, with the model discrepancy and errors of masses
-    inputs: Inputs | None = None  # the latter
+    rigid: Rigid = UNCHANGED  # parameters of `arm` that were set to rigid
     undetermined: tuple[Undetermined, ...] = ()  # of the fullest model

@@ -44,9 +44,9 @@ class SearchSettings:
     null: float = 0.15
     """Prior probability of the noise-only model (assumed)."""
     single: float = 0.65
-    """Prior probability of one effect of the vocabulary, shared among its effects (assumed)."""
+    """Prior probability of one known effect, shared among its effects (assumed)."""
     unknown: float = 0.2
-    """Prior probability of an effect outside the vocabulary (assumed)."""
+    """Prior probability of an effect not in the list of known effects (assumed)."""
     further: float = 0.2
     """Prior odds of each further effect, shared among the vocabulary (assumed)."""
     other_forms: float = 0.3
@@ -81,7 +81,7 @@ class SearchSettings:
 
 @dataclass(frozen=True)
 class CellSettings:
-    """Generic cells: functions that represent an effect outside the vocabulary."""
+    """Generic cells: functions that represent an effect not in the list of known effects."""
 
     waves: int = 4
     """Half periods of a smooth function over the range of its coordinate (assumed)."""
@@ -162,7 +162,7 @@ class VerdictSettings:
     """Probability of the noise-only model from which on no effect is named (tuned: with 0.2, 3 of 16 sessions
     without an effect had one)."""
     unexplained: float = 0.25
-    """Probability of a further effect, of the vocabulary or not, from which on a verdict is not plain `named`
+    """Probability of a further effect, known or not, from which on a verdict is not plain `named`
     (tuned)."""
     sure: float = 0.5
     """Probability from which on an effect is named (convention: more likely than not)."""
@@ -189,7 +189,7 @@ class VerdictSettings:
     all (tuned: right names have 3.4 at most)."""
     beside_unmodelled: float = 0.9
     """Largest probability of an effect in a verdict `named+unexplained` or `unknown` (assumed: with an effect
-    outside the vocabulary, 0 of 14 names stated above 0.98 were true)."""
+    not in the list of known effects, 0 of 14 names stated above 0.98 were true)."""
     not_admitted: float = 0.5
     """Largest probability of an effect that makes the validation data less probable (assumed)."""
     kept: float = 5.0
@@ -228,7 +228,7 @@ class GateSettings:
     sure: float = 3.0
     """Standard uncertainties by which the share must be below 1 for a name to be withheld (convention)."""
     blocks: int = 10
-    """Smallest number of blocks of validation rows for an uncertainty from their scatter (assumed)."""
+    """Smallest number of blocks of validation data for an uncertainty from their scatter (assumed)."""
     visible: float = 4.0
     """Smallest predicted change of validation residuals, as a sum of squares in units of the noise, that is
     compared (assumed)."""

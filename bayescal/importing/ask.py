@@ -86,7 +86,7 @@ class Request:
                 "the robot is not stated", "--robot", "give its name or file, or a --template"
             )
         if self.source is not None and self.tool:
-            raise BayescalError("the template states the tools already", "--tool", "remove one of the two")
+            raise BayescalError("the template states the tools already", "--tcp", "remove one of the two")
         if self.format == "csv" and not self.map and self.plan is None:
             columns = ", ".join(header_of(self.log)) or "#1, #2, ... (without names)"
             remedy = f'write --map "j*=A* deg, x=X mm, ..."; the columns are {columns}'
@@ -134,7 +134,7 @@ def furnished(
     columns : Columns
         The rows.
     centres : mapping of str to np.ndarray
-        Tool points (3,), m, that the log itself holds, by the names its rows use.
+        TCP positions (3,), m, that the log itself holds, by the names its rows use.
 
     Returns
     -------
@@ -153,11 +153,11 @@ def furnished(
     rpy = None
     if request.tool:
         if len(used) > 1:
-            what = f"a single tool point, but the rows use {', '.join(used)}"
-            raise BayescalError(what, "--tool", "remove it to estimate the tool points, or give a --template")
+            what = f"a single TCP, but the rows use {', '.join(used)}"
+            raise BayescalError(what, "--tcp", "remove it to estimate the TCPs, or give a --template")
         point, _, turn = request.tool.partition(";")
-        centres = {used[0]: np.array(quantity(point, "length", 3, "--tool"))}
-        rpy = stated_rotation(turn, "--tool") if turn.strip() else None
+        centres = {used[0]: np.array(quantity(point, "length", 3, "--tcp"))}
+        rpy = stated_rotation(turn, "--tcp") if turn.strip() else None
     targets = names(columns, "target") or ["tracker"]
     place: dict[str, np.ndarray | float] = {"xyz": np.zeros(3), "rpy": np.zeros(3)}
     base = replace(

@@ -160,7 +160,9 @@ def _used(column: Column, key: str, header: Sequence[str], width: int, where: st
         names = [f"#{i}" for i in range(int(span[1]), int(span[2]) + 1)]
     if len(names) != CONVENTIONS[column.turn].count:
         what = f"{column.turn} needs {CONVENTIONS[column.turn].count} columns, {len(names)} are given"
-        raise BayescalError(what, column.where, "separate them by spaces; names with spaces stand in braces")
+        raise BayescalError(
+            what, column.where, "separate them by spaces; names with spaces are enclosed in braces"
+        )
     return [parse(name, header, width, where) for name in names]
 
 

@@ -31,7 +31,7 @@ TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|\{(?P<braced>[^{}]+)\}|(?P<hash>#[1-9]\d*)"
     r"|(?P<name>[^\W\d][\w.]*)|(?P<sign>[-+*/()]))"
 )
-"""Names with other characters than letters, digits, ``_`` and ``.`` stand in braces."""
+"""Names with other characters than letters, digits, ``_`` and ``.`` are enclosed in braces."""
 
 LONGEST = 300
 """Characters of an expression."""

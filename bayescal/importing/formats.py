@@ -18,7 +18,7 @@ from bayescal.importing.units import UNITS, is_number, unit_of
 
 @dataclass(frozen=True)
 class Format:
-    """What a file of a maker holds: the map of its columns, and what it is in words."""
+    """What a file of a manufacturer holds: the map of its columns, and what it is in words."""
 
     words: str
     map: str = ""
@@ -34,6 +34,7 @@ FORMATS = {
         "a record of the RTDE client of Universal Robots",
         "time?=timestamp counter_s, j*=actual_q_*0 rad, j*_command?=target_q_*0 rad",
     ),
+    "probing": Format("what a probing program of bayescal plan logs", LISTED),
     "fanuc-ls": Format("positions P[n] of a FANUC program as text (LS)", LISTED),
     "fanuc-va": Format("position registers of a FANUC controller (POSREG.VA)", LISTED),
     "kuka-dat": Format("joint positions of a KUKA data list (DAT) or program", LISTED),
@@ -45,19 +46,19 @@ UNSEEN = 1e-6
 """m: RoboDK writes zeros for a point that was not measured; its own scripts require more than 1 µm."""
 
 SAME_TOOL = 1e-6
-"""m: tool points this close are one."""
+"""m: TCP positions this close are one."""
 
 
 def robodk(log: Log, n: int) -> tuple[Columns, dict[str, np.ndarray]]:
-    """Rows of a RoboDK table of an arm with `n` joints, and its tool points by name.
+    """Rows of a RoboDK table of an arm with `n` joints, and its TCP positions by name.
 
     Degrees and millimetres: the joints; where measured, x, y, z (and three angles, which are not
-    taken); the tool point (and three angles). A row measured at 0, 0, 0 is left out.
+    taken); the TCP (and three angles). A row measured at 0, 0, 0 is left out.
 
     Returns
     -------
     tuple of Columns and dict
-        Quantities j1 ... jn, x, y, z if measured, tool; tool points (3,) m in the flange frame.
+        Quantities j1 ... jn, x, y, z if measured, tool; TCP positions (3,) m in the flange frame.
     """
     layouts = {n + 3: (None, n), n + 6: (n, n + 3), n + 12: (n, n + 6)}
     width = log.width
@@ -85,7 +86,7 @@ def _xyz(prefix: str, before: int) -> dict[str, Column]:
 
 
 def _tools(centres: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Names (N,) of tool points (N, 3), and the points: tcp1, tcp2, ... as they first come."""
+    """Names (N,) of TCP positions (N, 3), and the points: tcp1, tcp2, ... as they first come."""
     tools: dict[str, np.ndarray] = {}
     names = []
     for centre in centres:

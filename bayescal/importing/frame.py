@@ -11,7 +11,7 @@ from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import rigid_alignment
 
 PASSES = 20
-"""Turns of frames and tool points; what is left then is far below an arm's errors."""
+"""Turns of frames and TCP positions; what is left then is far below an arm's errors."""
 
 LEAST = 1e-4
 """m: misfits below this weigh in full."""
@@ -36,16 +36,16 @@ class Sightings:
 
 
 def fit(rows: Sightings, centres: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fit instruments' frames, and the tool points that are not known, to the nominal arm.
+    """Fit instruments' frames, and the TCP positions that are not known, to the nominal arm.
 
-    A linear fit in which the rotations are any matrices starts it; then frames and tool points in turn,
+    A linear fit in which the rotations are any matrices starts it; then frames and TCP positions in turn,
     each in closed form, with Cauchy weights, so that a few wild rows do not carry a frame away.
 
     Parameters
     ----------
     rows : Sightings
     centres : np.ndarray, shape (T, 3)
-        Tool points, m, in the flange frame; those not known may be anything.
+        TCP positions, m, in the flange frame; those not known may be anything.
     known : np.ndarray of bool, shape (T,)
 
     Returns

@@ -212,7 +212,7 @@ def _column(key: str, said: str, unit: Unit | None, optional: bool, where: str, 
         return Column(said, unit, False, "", optional, where)
     if not is_unit(last):
         dimension = dimension_of(key, n, where)
-        remedy = f"give one of {listed(dimension)}; a name with spaces stands in braces: {{{said}}}"
+        remedy = f"give one of {listed(dimension)}; a name with spaces is enclosed in braces: {{{said}}}"
         raise BayescalError(f"unknown unit `{last}`", where, remedy)
     return Column(name, unit_of(last, dimension_of(key, n, where), where), False, "", optional, where)
 

@@ -1,4 +1,4 @@
-"""Validation rows by a stated rule: whole stops, without chance."""
+"""Validation measurements by a stated rule: whole stops, without chance."""
 
 from __future__ import annotations
 
@@ -79,18 +79,18 @@ def with_roles(dataset: Dataset, rule: str, where: str) -> tuple[Dataset, str]:
         what = f"'{rule}' selects {'all' if count else 'none'} of the {len(chosen)} rows"
         raise BayescalError(what, where, "leave rows to fit and rows to validate; " + REMEDY)
     role = np.where(chosen, "validate", "calibrate")
-    note = f"validation rows: {count} of {len(chosen)} rows ({words})"
+    note = f"validation measurements: {count} of {len(chosen)} rows ({words})"
     return replace(dataset, measurements=replace(rows, role=role)), note
 
 
 def role_note(dataset: Dataset) -> str:
-    """The validation rows that the log or the plan states, or what states some."""
+    """The validation measurements that the log or the plan states, or what states some."""
     role = dataset.measurements.role
     count = int((role == "validate").sum())
     if count:
-        return f"validation rows: {count} of {len(role)} rows, as stated"
+        return f"validation measurements: {count} of {len(role)} rows, as stated"
     return (
-        f"validation rows: none, all {len(role)} rows are fitted; `--validate every:5` makes every fifth "
+        f"validation data: none, all {len(role)} rows are fitted; `--validate every:5` makes every fifth "
         "stop a validation stop"
     )
 
@@ -111,7 +111,7 @@ def _chosen(dataset: Dataset, stops: np.ndarray, rule: str, where: str) -> tuple
     patterns = [p.strip().strip("'\"") for p in value.split(",") if p.strip()]
     if name in ("targets", "stops") and patterns:
         return _named(dataset, name, patterns, where), f"{name} {', '.join(patterns)}"
-    raise BayescalError(f"'{rule}' is not a rule for validation rows", where, REMEDY)
+    raise BayescalError(f"'{rule}' is not a rule for validation measurements", where, REMEDY)
 
 
 def _named(dataset: Dataset, noun: str, patterns: Sequence[str], where: str) -> np.ndarray:

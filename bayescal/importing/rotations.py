@@ -1,7 +1,7 @@
 """Measured orientations in the conventions of controllers and instruments, as rotation matrices.
 
-Sources: the programming manuals of the makers, for the order and the axes of their angles; UR: rotation
-vector, in the description of `p[x, y, z, rx, ry, rz]`; ABB: orient, q1 is the real part.
+Sources: the programming manuals of the manufacturers, for the order and the axes of their angles; UR:
+rotation vector, in the description of `p[x, y, z, rx, ry, rz]`; ABB: orient, q1 is the real part.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Calibration methods of a published survey and of bayescal, compared on the same validation rows."""
+"""Calibration methods of a published survey and of bayescal, compared on the same validation measurements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All methods on the same session, with the same calibration and validation rows."""
+"""All methods on the same session, with the same calibration and validation measurements."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ METHODS = (NOMINAL, NORMALS, PLANES, LINEAR, INVERSE, OPEN_LOOP, OURS)
 
 @dataclass(frozen=True)
 class Result:
-    """The solution of a method and its errors on validation rows, SI."""
+    """The solution of a method and its errors on validation measurements, SI."""
 
     solution: Solution
     seconds: float  # of the solution alone, not of its judgement

@@ -1,4 +1,4 @@
-"""Validation of all methods: the same validation rows, targets located by the same rule.
+"""Validation of all methods: the same validation measurements, targets located by the same rule.
 
 A method answers for the arm alone. Every target that has rows to calibrate with is found from those, with
 the method's arm held; then validation planes, spheres and points are assessed as `validate` judges a fit's.
@@ -33,7 +33,7 @@ def located(model: Model, values: np.ndarray) -> np.ndarray:
 
 
 def validated(solution: Solution) -> Validation:
-    """Errors of a method on validation rows; predicted uncertainties in it are void."""
+    """Errors of a method on validation measurements; predicted uncertainties in it are void."""
     model = with_parameters(solution.model.scene, solution.model.effects, solution.model.parameters)
     z = located(model, solution.values)
     weights = unit_weights(model, z)
@@ -43,7 +43,7 @@ def validated(solution: Solution) -> Validation:
 
 
 def predicted(solution: Solution, seed: int) -> Validation | None:
-    """Predicted uncertainties of validation rows, for a method that has them; else None."""
+    """Predicted uncertainties of validation measurements, for a method that has them; else None."""
     found = solution.estimate
     if found is None:
         return None

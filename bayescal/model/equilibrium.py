@@ -1,6 +1,6 @@
 """Equilibrium: the pose at which an arm and the gravity that deflects it agree.
 
-Gravity moments depend on where the arm stands, which depends on the deflection by these moments. A tool point
+Gravity moments depend on where the arm stands, which depends on the deflection by these moments. A TCP
 is 7 to 130 µm off with moments at the nominal pose (most with a payload), and up to 2 µm with moments at
 the pose so found. Each further pass divides the rest by about 50.
 """
@@ -8,20 +8,23 @@ the pose so found. Each further pass divides the rest by about 50.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from bayescal.arm.chain import link_angles
 from bayescal.arm.statics import Stance
-from bayescal.effects import compliances
+from bayescal.effects import Parameter, compliances, parameters_of
 from bayescal.errors import BayescalError
-from bayescal.model.model import Model
+from bayescal.model.model import Model, with_parameters
 from bayescal.model.scene import Scene
 
 STILL = 1e-9
-"""Displacement of the tool point by a pass, m, below which the arm is at rest."""
+"""Displacement of the TCP by a pass, m, below which the arm is at rest."""
 PASSES = 30
 """Maximum number of passes; an arm that is 1000 times as compliant as usual needs about ten."""
+SETTLED = 1e-13
+"""Displacement of a TCP by a pass, m, at which the equilibrium of a known arm has converged."""
 
 
 def standing(model: Model, values: np.ndarray) -> Scene:
@@ -45,12 +48,12 @@ def by_name(model: Model, values: np.ndarray, of: Model) -> np.ndarray:
 
 
 def tool_points(model: Model, values: np.ndarray) -> np.ndarray:
-    """Tool points of all rows (3, N) in F0, m, at deviations (P,), SI."""
+    """TCP positions of all rows (3, N) in F0, m, at deviations (P,), SI."""
     return model.motion(np.arange(len(model.scene.q))).points(values)
 
 
 def moved(before: np.ndarray, after: np.ndarray) -> float:
-    """Largest distance between tool points (3, N), m."""
+    """Largest distance between TCP positions (3, N), m."""
     return float(np.sqrt(np.max(np.sum((after - before) ** 2, axis=0), initial=0.0)))
 
 
@@ -70,7 +73,7 @@ def equilibrium(
     values : callable
         Deviations (P,) of the parameters of such a model from nominal, SI.
     still : float
-        Displacement of the tool point by a pass, m, at which the iteration ends.
+        Displacement of the TCP by a pass, m, at which the iteration ends.
 
     Raises
     ------
@@ -88,4 +91,32 @@ def equilibrium(
         if off < still:
             return model
     what = f"the arm does not come to rest under gravity: after {PASSES} passes it still moves by {off:.1e} m"
-    raise BayescalError(what, "compliance", "check masses (kg) and compliances (urad/(N m))")
+    raise BayescalError(what, "compliance", "check masses (kg) and compliances (µrad/(N m))")
+
+
+def standing_model(model: Model, values: np.ndarray) -> Model:
+    """The model with its gravity moments at the pose of the arm for values (P,), in all rows of the session.
+
+    Raises
+    ------
+    BayescalError
+        If the arm has no equilibrium.
+    """
+    out = settled_model(model, model.scene, values)
+    return with_parameters(out.scene, model.effects, out.parameters)
+
+
+def settled_model(
+    model: Model, scene: Scene, values: np.ndarray, own: Callable[[Parameter], Parameter] = lambda p: p
+) -> Model:
+    """The model's parameters in a scene, in equilibrium for values (P,); a model without any blocks."""
+
+    def make(scene: Scene) -> Model:
+        c = scene.circumstances(scene.rows("calibrate"))
+        named = {p.name: p for p in parameters_of(model.effects, c, lenient=True)}
+        # a joint without torque has no parameter of it: then it displaces nothing
+        terms = ((p, named[p.name].terms if p.name in named else ()) for p in model.parameters)
+        parameters = tuple(own(replace(p, terms=t)) for p, t in terms)
+        return Model(scene, model.effects, parameters, (), ())
+
+    return equilibrium(scene, make, lambda _: values, SETTLED)

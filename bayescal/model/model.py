@@ -21,10 +21,11 @@ from bayescal.errors import BayescalError
 from bayescal.model.block import ARM, Block, Constraint, Turned
 from bayescal.model.orientations import sigma
 from bayescal.model.parts import Part, kept
-from bayescal.model.scene import Scene, u_of
+from bayescal.model.scene import POINTS, Scene, u_of
 from factors import certificate
 from factors.cylinder import Cylinder
 from factors.kind import Kind
+from factors.points import certified_points
 from factors.sphere import Sphere
 
 ORIENTATION = "orientation"
@@ -39,7 +40,7 @@ KNOWN_PLACE = 1e-3
 
 @dataclass(frozen=True)
 class Model:
-    """Parameters, blocks of contacts, and certificates, for the fitted rows.
+    """Parameters, blocks of contacts, and certificates, for the fitted measurements.
 
     A target's first block contains its contacts or points; a further block of the target shares its state.
     """
@@ -120,7 +121,8 @@ class Model:
         stated = {t.name for t in self.scene.dataset.targets if t.u is not None and t.u <= KNOWN_PLACE}
         fitted = {b.target for b in self.blocks}
         return (
-            any(t.kind in LENGTHS and self._looseness(t) <= KNOWN_PLACE for t in self.constraints)
+            any(t.kind == POINTS for t in self.constraints)
+            or any(t.kind in LENGTHS and self._looseness(t) <= KNOWN_PLACE for t in self.constraints)
             or any(KINDS[t.kind].metric for t in self.scene.dataset.targets if t.name in fitted)
             or sum(b.target in stated for b in self.blocks) > 1
         )
@@ -290,6 +292,14 @@ def _constraint(
     model: Model, number: int, entry: CertificateEntry, kinds: Mapping[str, Kind]
 ) -> Constraint | None:
     """A certificate as a factor, or None if a target of it is not fitted."""
+    if entry.points is not None:
+        found = model.scene.shape_of(entry, kinds)
+        if found is None:
+            return None
+        of, names = found
+        index, drivers = model.driven(CERTIFICATE, str(number), len(of.whiten))
+        function = certified_points(of, [kinds[name] for name in names])
+        return Constraint(entry.kind, names, function, np.ones(len(of.whiten)), index, drivers)
     if any(name not in kinds for name in entry.targets):
         return None
     stated = model.scene.stated(entry)

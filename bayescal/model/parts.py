@@ -1,4 +1,4 @@
-"""A part of an effect, its parameters at one site, that a model omits as if it were unmodelled."""
+"""A part of an effect that a model omits as if it were unmodelled: parameters at a site, or one of them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bayescal.effects import Parameter, Site
+from bayescal.effects.location import ARM
 from bayescal.effects.selection import Selection, plain
 from bayescal.errors import BayescalError
 
@@ -23,42 +24,57 @@ class Part:
 
     effect: str
     site: Site
+    name: str = ""  # of a single parameter
 
     @classmethod
-    def of(cls, words: str) -> Part:
-        """Read ``geometry at joint 4``."""
+    def of(cls, words: str, known: Sequence[Parameter] = ()) -> Part:
+        """Read ``geometry at joint 4``, or the name of a `known` parameter: ``base-compliance y``."""
+        for p in known:
+            if p.name == words.strip():
+                return cls(p.effect, p.site, p.name)
         asked = Selection.read(words)
         if len(asked.sites) != 1 or asked != Selection(asked.effect, sites=asked.sites):
             raise BayescalError(
-                f"`{words.strip()}` is not an effect at a site",
+                f"`{words.strip()}` is not an effect at a site, and no parameter of the model",
                 OPTION,
-                "write, for example, 'geometry at joint 4'",
+                "write, for example, 'geometry at joint 4' or 'compliance J3'",
             )
         return cls(asked.effect, asked.sites[0])
 
     def __str__(self) -> str:
-        return f"{self.effect} at {self.site}"
+        return self.name or f"{self.effect} at {self.site}"
 
     def holds(self, p: Parameter) -> bool:
         """Whether a parameter belongs to the part."""
+        if self.name:
+            return p.name == self.name
         return p.effect == self.effect and Selection(self.effect, sites=(self.site,)).holds(p)
 
 
-def parts_of(words: Sequence[str], effects: Sequence[str]) -> tuple[Part, ...]:
+def parts_of(
+    words: Sequence[str], effects: Sequence[str], known: Sequence[Parameter] | None = None
+) -> tuple[Part, ...]:
     """Read the parts that a model omits, each part once.
+
+    `known` are the parameters of the model, which may be named. Without them, as for parts that a run has
+    recorded, any text without a site is such a name.
 
     Raises
     ------
     BayescalError
-        For a text that is not an effect at a site, or an effect that the model does not have.
+        For a text that is no parameter and not an effect at a site, or for an effect that the model lacks.
     """
-    parts = tuple(dict.fromkeys(map(Part.of, words)))
+    parts = tuple(dict.fromkeys(_recorded(own) if known is None else Part.of(own, known) for own in words))
     modelled = dict.fromkeys(map(plain, effects))
     for part in parts:
-        if part.effect not in modelled:
+        if not part.name and part.effect not in modelled:
             remedy = f"the model has: {', '.join(modelled)}" if modelled else "the model has no effect"
             raise BayescalError(f"{part.effect} is not in the model", f"{OPTION} '{part}'", remedy)
     return parts
+
+
+def _recorded(words: str) -> Part:
+    return Part.of(words) if " at " in words else Part("", ARM, words.strip())
 
 
 def kept(parameters: Sequence[Parameter], without: Sequence[Part]) -> tuple[Parameter, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -23,6 +23,7 @@ from factors.instrument import Instrument
 from factors.kind import Kind
 from factors.orientation import Orientation
 from factors.plane import Plane
+from factors.points import Shape, shape
 from factors.relation import Relation, aligned, apart, between_faces, off_plane, square
 
 STATED: dict[str, dict[Relation, tuple[tuple[str, str], ...]]] = {
@@ -40,6 +41,10 @@ STATED: dict[str, dict[Relation, tuple[tuple[str, str], ...]]] = {
     "distance": {off_plane: (("distance", "m"),), apart: (("distance", "m"),)},
 }
 """Values that a certificate of two targets states, one residual each, and their units, by relation."""
+
+
+POINTS = "points"
+"""Kind of the certificate of an artefact's coordinates, of which a fit uses those of the fitted targets."""
 
 
 def u_of(entry: Certificate, stated: Sequence[tuple[str, str]]) -> np.ndarray:
@@ -265,21 +270,55 @@ class Scene:
 
     def stated(self, entry: Certificate) -> tuple[tuple[str, str], ...]:
         """Values of a certificate, one residual each, and their units; () for a form error."""
-        if entry.kind not in RELATIONS:
+        if entry.kind not in RELATIONS or entry.derived:
             return (("diameter", "m"),) if entry.kind == "diameter" else ()
         relations = RELATIONS[entry.kind][ordered(self.forms(entry))]
         return tuple(words for r in relations for words in STATED[entry.kind][r])
+
+    def shape_of(self, entry: Certificate, fitted: Collection[str]) -> tuple[Shape, tuple[str, ...]] | None:
+        """What certified coordinates state of fitted targets, and these; None where no placement has two."""
+        points = entry.points
+        assert points is not None
+        used = [k for k, name in enumerate(entry.targets) if name in fitted]
+        placed: dict[str, list[int]] = {}
+        for k in used:
+            placed.setdefault(points.placements[k], []).append(k)
+        groups = [own for own in placed.values() if len(own) > 1]
+        names = tuple(entry.targets[k] for own in groups for k in own)
+        if not names:
+            return None
+        index = iter(range(len(names)))
+        of = shape(
+            np.array(points.coordinates),
+            np.array(points.covariance),
+            [[(next(index), points.of[k]) for k in own] for own in groups],
+        )
+        return of, names
 
     def _certified_values(self, fitted: set[str]) -> tuple[CertifiedValue, ...]:
         """All certified values of the targets with these names."""
         out: list[CertifiedValue] = []
         for number, entry in enumerate(self.dataset.certificates):
-            if not fitted.issuperset(entry.targets):
+            if entry.points is not None:
+                out += self._coordinates(entry, number, fitted)
+            if entry.points is not None or not fitted.issuperset(entry.targets):
                 continue
             stated = self.stated(entry)
             for (what, unit), u, rows in zip(stated, u_of(entry, stated), np.eye(len(stated)), strict=True):
                 out.append(CertifiedValue(f"{' '.join(entry.targets)} {what}", unit, float(u), number, rows))
         return tuple(out)
+
+    def _coordinates(self, entry: Certificate, number: int, fitted: set[str]) -> Iterator[CertifiedValue]:
+        """The certified coordinates of the points that fitted targets are."""
+        found, points = self.shape_of(entry, fitted), entry.points
+        if found is None or points is None:
+            return
+        used = {points.of[entry.targets.index(name)] for name in found[1]}
+        u = np.sqrt(np.diag(points.covariance))
+        for k in (3 * point + axis for point in sorted(used) for axis in range(3)):
+            name = f"{points.names[k // 3]} {'xyz'[k % 3]}"
+            if u[k] > 0:
+                yield CertifiedValue(name, "m", float(u[k]), number, found[0].by_coordinate[:, k])
 
     def _sessions(self, fitted: Sequence[Target]) -> tuple[Session, ...]:
         """The joined sessions, and whether a fitted target of each has a stated position."""
@@ -313,7 +352,7 @@ class Scene:
     def kind(self, target: int, rows: np.ndarray) -> Kind:
         """The measurement kind of a target, for some of its rows.
 
-        The pivot about which it tilts is computed from all fitted rows of the target (from all its rows if
+        The pivot about which it tilts is computed from all fitted data of the target (from all its rows if
         none is fitted), so that the same state applies to every choice of rows.
         """
         m, item = self.dataset.measurements, self.dataset.targets[target]

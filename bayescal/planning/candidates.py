@@ -1,4 +1,4 @@
-"""Candidate contacts: reachable, free of collisions, distributed over all targets."""
+"""Candidate contacts: reachable, collision-free, distributed over all targets."""
 
 from __future__ import annotations
 

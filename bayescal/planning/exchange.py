@@ -173,7 +173,7 @@ def root_of(goals: Sequence[Goal], reference: np.ndarray, covariance: np.ndarray
     reference : np.ndarray, shape (D, D)
         Covariance of z of a selection; the variance of each goal is relative to that of this selection.
     covariance : np.ndarray, shape (D, D), optional
-        Of the selection that shall be improved: a goal that is behind gets a larger weight, by the slope of
+        Of the selection to improve: a goal that is behind gets a larger weight, by the slope of
         the sum over goals of (relative variance)^`POWER`. Equal weights if not given.
     """
     weights = np.ones(len(goals))

@@ -1,4 +1,4 @@
-"""What can be expected of a plan, if the model is right: uncertainty of distances and parameters."""
+"""What can be expected of a plan, assuming the model is correct: uncertainty of distances and parameters."""
 
 from __future__ import annotations
 

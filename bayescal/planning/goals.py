@@ -1,4 +1,4 @@
-"""Distances that shall be accurate: their slopes by z, and the variance that no contact of a plan changes."""
+"""Distances that must be accurate: their slopes by z, and the variance that no contact of a plan changes."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ ASKED_SHARE = 0.5
 
 @dataclass(frozen=True)
 class Goal:
-    """K distances that shall be accurate.
+    """K distances that must be accurate.
 
     Attributes
     ----------
@@ -124,11 +124,11 @@ def certified(linear: Linearised) -> Goal | None:
     """
     model, scene = linear.model, linear.model.scene
     index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
-    used = {c.targets for c in model.constraints}
+    used = [set(c.targets) for c in model.constraints]
     slopes_by, probing, certificate = [], [], []
     known: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray] | None] = {}
     for c in scene.dataset.certificates:
-        if c.kind != "distance" or c.targets in used:
+        if c.kind != "distance" or any({*c.targets} <= own for own in used):
             continue
         for name in c.targets:
             if name not in known:
@@ -175,7 +175,7 @@ def _centre(linear: Linearised, target: int) -> tuple[np.ndarray, np.ndarray, np
 
 
 def _between(over: str, linear: Linearised, readings: np.ndarray, note: str = "") -> Goal | None:
-    """Distances between the tool points at some readings (N, n), rad; None if all are at one position."""
+    """Distances between the TCP positions at some readings (N, n), rad; None if all are at one position."""
     model = _at(linear.model, readings)
     motion = model.motion(len(model.scene.q) - len(readings) + np.arange(len(readings)))
     values = model.deviations(linear.z[linear.model.slices[ARM]])

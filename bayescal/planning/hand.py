@@ -31,7 +31,7 @@ LINE = 2e-3
 """m: smallest clearance on the line to a contact, of all but the end of the stylus from the surface."""
 
 UNREACHED = "no joint angles within the limits"
-BENT = "arm bent behind or below its base"
+BENT = "configuration folded behind or below the base"
 OUTSIDE = "tool outside its working cone"
 STUCK = "no straight approach within the limits"
 EVERY = "@"  # no name of a placement
@@ -109,13 +109,13 @@ class Hand:
 
     @cached_property
     def anywhere(self) -> np.ndarray:
-        """Random readings (K, n), rad, of arms that are not bent behind or below the base."""
+        """Random readings (K, n), rad, of arms that are not folded behind or below the base."""
         readings = self.arm.anywhere(STARTS, np.random.default_rng(0))
         return readings[self.arm.upright(self.arm.frames(readings))]
 
     @cached_property
     def points(self) -> np.ndarray:
-        """Tool points of `anywhere`, (K, 3), m."""
+        """TCP positions of `anywhere`, (K, 3), m."""
         return self.arm.ball(self.arm.frames(self.anywhere))
 
     @cached_property

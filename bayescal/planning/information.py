@@ -5,8 +5,9 @@ the certificates Jc and that of the rows measured already Jm, the information of
 
     I + Jc'Jc + Jm'Jm + J'J,
 
-and its inverse is the covariance of z, at the stated noise and if the model is right. Nothing is simulated.
-A contact has one residual, a point that an instrument reads three, a pose six: selections are of contacts.
+and its inverse is the covariance of z, at the stated noise and assuming the model is correct. Nothing is
+simulated. A contact has one residual, a point that an instrument reads three, a pose six: selections are of
+contacts.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ class Linearised:
 
     @cached_property
     def base(self) -> np.ndarray:
-        """Information (D, D) without any candidate: prior, certificates, measured rows."""
+        """Information (D, D) without any candidate: prior, certificates, measurements."""
         return np.eye(self.jacobian.shape[1]) + self.certificates + self.measured
 
     @cached_property

@@ -26,7 +26,7 @@ from bayescal.planning.result import Confusable
 from bayescal.planning.separate import choose
 from bayescal.planning.vocabulary import nominal
 
-NO_LEVER = "none of the known ones"
+NO_LEVER = "no known measurement"
 
 
 def with_levers(

@@ -218,7 +218,7 @@ def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:
 def _closed(session: Dataset, by_hand: Sequence[str]) -> list[str]:
     """A warning of contacts to which no free way was found."""
     ids = [name for name, words in zip(session.measurements.ids, by_hand, strict=True) if words]
-    text = f"no way free of collisions was found to {', '.join(ids)} from the contact before: move by hand"
+    text = f"no collision-free path found to {', '.join(ids)} from the contact before: jog manually"
     return [text] if ids else []
 
 

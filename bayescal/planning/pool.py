@@ -46,7 +46,7 @@ class Setup:
     regions : mapping of str to Region
         Of every target with a place of its own, by its name: all but instruments.
     volume : Box or None
-        Volume of interest, in which distances shall be accurate.
+        Volume of interest, in which distances must be accurate.
     payloads : tuple of float
         Masses, kg, that can be attached in addition to the tool.
     table : float or None
@@ -58,7 +58,7 @@ class Setup:
     clearance : float
         Smallest clearance, m, of motions between contacts.
     poses : np.ndarray, shape (M, n)
-        Readings, rad, of poses between which distances shall be accurate; M = 0 if none are stated.
+        Readings, rad, of poses between which distances must be accurate; M = 0 if none are stated.
     notes : tuple of str
         What the user should know about the setup.
     """

@@ -1,6 +1,6 @@
 """Columns of effects, projected off the model by the contacts that are chosen so far.
 
-With the whitened Jacobian J (R, D) of the chosen contacts, certificates and measured rows, the columns X
+With the whitened Jacobian J (R, D) of the chosen contacts, certificates and measurements, the columns X
 (R, K) of effects, and C = inv(I + J'J), the model leaves X - J C J'X of them, and G = X'X - X'J C J'X is the
 detectability of their combinations. A further residual with the row j and the columns x has the variance
 v = j'Cj and the error e = x - j'C J'X; it increases G by e e' / (1 + v) (Sherman and Morrison). No step

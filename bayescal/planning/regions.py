@@ -142,7 +142,7 @@ REGIONS: dict[str, Callable[[Dataset, Target, Patch | None, Mapping[str, Region]
 
 
 def _probed(dataset: Dataset, target: Target) -> np.ndarray:
-    """Nominal tool points (M, 3), m, in F0, of the rows of a target."""
+    """Nominal TCP positions (M, 3), m, in F0, of the rows of a target."""
     names = np.array([t.name for t in dataset.targets])
     rows = names[dataset.measurements.target] == target.name
     return Scene(dataset).points[rows] if rows.any() else np.empty((0, 3))

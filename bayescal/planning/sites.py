@@ -1,4 +1,4 @@
-"""Random places on targets that a tool point can be brought to, by the kind of the target."""
+"""Random places on targets that a TCP can be brought to, by the kind of the target."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ DOWN = np.radians(100.0)
 
 @dataclass(frozen=True)
 class Sites:
-    """M places to bring the tool point to.
+    """M places to bring the TCP to.
 
     Attributes
     ----------
     points : np.ndarray, shape (M, 3)
-        Tool points in F0, m.
+        TCP positions in F0, m.
     normals : np.ndarray, shape (M, 3)
         Outward unit normals, along which the tool leaves; nan where nothing is touched.
     axes : np.ndarray, shape (M, 3)
@@ -51,7 +51,7 @@ def join(parts: list[Sites]) -> Sites:
 class Room:
     """What the choice of places depends on beside the target.
 
-    `anywhere` (K, 3), m, are tool points of random configurations; `volume` that of interest; `cone`, rad,
+    `anywhere` (K, 3), m, are TCP positions of random configurations; `volume` that of interest; `cone`, rad,
     the greatest angle of the tool about the inward normal; `radius`, m, that of the ball.
     """
 
@@ -153,4 +153,4 @@ PLACES: dict[str, Callable[[Target, Region | None, Room, int, np.random.Generato
     "distance": _about_pivot,
     "instrument": _in_volume,
 }
-"""Of each kind of target: random tool points (M, 3), m, and outward normals (M, 3)."""
+"""Of each kind of target: random TCP positions (M, 3), m, and outward normals (M, 3)."""

@@ -1,4 +1,4 @@
-"""Motions between contacts: whether they are free of collisions, and where they must pass otherwise.
+"""Motions between contacts: whether they are collision-free, and where they must pass otherwise.
 
 Controllers move between approaches by joint angles, all joints at the same time. Such a motion from one face
 of an artefact to another usually passes through it. Where a tool, the placement of an artefact or the payload
@@ -96,11 +96,10 @@ class Transits:
             some = np.array([k for k, own in enumerate(places) if own is place and not stops[k]], int)
             for k, way in zip(some, place.ways(approach[some - 1], approach[some]), strict=True):
                 via[k] = way
-        for lost in [k for k, way in enumerate(via) if way is None and not stops[k]]:
-            every = self._place(
-                int(tool[lost]), EVERY
-            )  # more solids, among which contacts are known to be free
-            via[lost] = every.ways(approach[[lost - 1]], approach[[lost]])[0]
+        for row in [k for k, way in enumerate(via) if way is None and not stops[k]]:
+            # among more solids, where a way to each contact is known
+            every = self._place(int(tool[row]), EVERY)
+            via[row] = every.ways(approach[[row - 1]], approach[[row]])[0]
         words = tuple(by_hand(end) if way is None else "" for end, way in zip(approach, via, strict=True))
         clear = self._clearance(rows, places, leave, via)
         return Ways(tuple(leave), tuple(via), changes, words, clear)
@@ -162,7 +161,7 @@ class Transits:
             if several["placement"] and (k == 0 or label != labels[k - 1]):
                 parts.append(f"move the artefact to placement {label}")
             if load != (payload[k - 1] if k else 0.0):
-                parts.append(f"attach {load:g} kg beyond the tool" if load else "remove the payload")
+                parts.append(f"attach {load:g} kg to the tool" if load else "remove the payload")
             out.append("; ".join(parts))
         return tuple(out)
 
@@ -195,11 +194,11 @@ def stopped(
 
 
 def by_hand(end: np.ndarray) -> str:
-    """How the arm is moved by hand to readings (n,), rad, to which no free way is known."""
+    """How the arm is jogged manually to readings (n,), rad, to which no free way is known."""
     joints = [f"J{k} {angle:.1f}" for k, angle in enumerate(np.degrees(end), 1)]
     first, *rest = joints
     return (
-        "move by hand from where the arm stands: first raise the tool above all that stands there (J2, J3); "
+        "jog manually from where the arm stands: first raise the tool above all that stands there (J2, J3); "
         f"then {first} deg; then the wrist, {', '.join(rest[2:]) or first} deg; at last lower the arm to "
         f"{', '.join(rest[:2]) or first} deg"
     )

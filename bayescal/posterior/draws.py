@@ -61,7 +61,7 @@ def scale_names(groups: Sequence[str]) -> tuple[str, ...]:
 def approximate(estimate: Estimate, seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Draws z (count, D) of `gaussian` and their noise scales (count, G), without their density."""
     x, size = _linearised(Density(estimate), seed, count), estimate.model.size
-    return x[:, :size], np.exp(x[:, size:])
+    return x[:, :size] + estimate.from_free, np.exp(x[:, size:])
 
 
 def _linearised(density: Density, seed: int, count: int) -> np.ndarray:
@@ -69,9 +69,13 @@ def _linearised(density: Density, seed: int, count: int) -> np.ndarray:
 
 
 def gaussian(estimate: Estimate, seed: int, count: int = 4000) -> Draws:
-    """Draws of the linearised posterior: the Gaussian approximation, with the noise scales unknown."""
+    """Draws of the linearised posterior: the Gaussian approximation, with the noise scales unknown.
+
+    They are about the estimate, also where this has parameters at their bound.
+    """
     density = Density(estimate)
     x = _linearised(density, seed, count).reshape(CHAINS, -1, density.size)
+    x[..., : estimate.model.size] += estimate.from_free
     lp = np.stack([density(part) for part in x])
     every, size = np.full(density.size, float(count)), density.model.size
     return Draws(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +84,7 @@ def inference_data(record: Record) -> Any:
         coords: dict[str, Any] = dict(record.dimensions(group))
         coords |= {name: own for name, own in record.labels.items() if own[0] in coords}
         datasets[group] = xr.Dataset(arrays, coords=coords, attrs=dict(record.attrs))
-    az = _arviz()
+    az = arviz()
     if int(az.__version__.split(".")[0]) < 1:
         return az.InferenceData(attrs=dict(record.attrs), **datasets)
     tree = xr.DataTree.from_dict(datasets)
@@ -144,7 +145,7 @@ def chains_figure(data: Any, kind: str, labels: Mapping[str, str]) -> Any:
     labels : mapping
         Variables to draw, and the text of each, with its unit.
     """
-    az = _arviz()
+    az = arviz()
     old = int(az.__version__.split(".")[0]) < 1
     chosen = data["posterior"] if old else data["posterior"].to_dataset()
     renamed = chosen[list(labels)].rename(dict(labels))
@@ -171,12 +172,17 @@ CHAINS = {
 
 def load(path: Path) -> Any:
     """Read an inference record by ArviZ."""
-    return _arviz().from_netcdf(str(path))
+    return arviz().from_netcdf(str(path))
 
 
-def _arviz() -> Any:
+def arviz() -> Any:
+    """ArviZ, without what 0.23 says at its first import of a day.
+
+    It writes a date file at that import, which fails where another process writes it at the same time.
+    """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # 0.23 announces 1.x at every import
-        import arviz
-
-    return arviz
+        warnings.simplefilter("ignore", FutureWarning)
+        try:
+            return import_module("arviz")
+        except FileNotFoundError:
+            return import_module("arviz")

@@ -20,7 +20,7 @@ PARTS = 8
 
 @dataclass(frozen=True)
 class Pointwise:
-    """The fitted rows without outliers, with their log likelihood and replicated residuals.
+    """The fitted measurements without outliers, with their log likelihood and replicated residuals.
 
     `log_likelihood` (S, C) is a density of the residuals of a row in µm and µrad. `replicated` (S, C), µm, is
     the residual of simulated data at the estimate. Both vary by more than their seventh figure from draw to
@@ -36,7 +36,7 @@ class Pointwise:
 
 
 def pointwise(estimate: Estimate, z: np.ndarray, kappa: np.ndarray, rng: np.random.Generator) -> Pointwise:
-    """Log likelihoods and replicated residuals of the fitted rows.
+    """Log likelihoods and replicated residuals of the fitted measurements.
 
     Parameters
     ----------

@@ -142,7 +142,7 @@ def _sample(
         "differential evolution": float(np.mean([pair[1].rate for pair in moves])),
     }
     return Draws(
-        ends[..., :size], ends[..., size:], _walkers_end_to_end(lp), names,
+        ends[..., :size] + density.estimate.from_free, ends[..., size:], _walkers_end_to_end(lp), names,
         found.ess_bulk, found.ess_tail, found.rhat, acceptance,
         f"{100 * share:.0f} % independent proposals from the linearised posterior, the others differential "
         "evolution",

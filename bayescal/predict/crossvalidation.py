@@ -1,11 +1,11 @@
 """Validation errors of one estimate and their predicted uncertainty, propagated linearly.
 
-Contacts of fitted targets are compared with the fit. Where the session has too few validation rows, each
+Contacts of fitted targets are compared with the fit. Where the session has too few validation data, each
 fitted contact is left out in turn, in closed form (leave-one-out cross-validation). A target that was not
 fitted (a sphere, an instrument) is first located from its own rows. Only lengths are validated: an
 orientation that a row measures together with its point is used in the fit and is never left out.
 
-A test of a name needs more: neighbours share errors. For it, fitted rows are left out in `folds`.
+A test of a name needs more: neighbours share errors. For it, fitted measurements are left out in `folds`.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from bayescal.predict.errors import ValidationErrors
 from bayescal.predict.folds import folds, without_fold
 from bayescal.predict.rows import RowPrediction, prepared
 
-VALIDATED, LEFT_OUT = "validation rows", "leave-one-out cross-validation"
+VALIDATED, LEFT_OUT = "validation measurements", "leave-one-out cross-validation"
 BLOCKED = "blocked cross-validation"
 """How validation errors were obtained."""
 FEWEST = 8
-"""Number of validation rows of fitted targets below which leave-one-out cross-validation is used instead."""
+"""Number of validation data of fitted targets below which leave-one-out cross-validation is used instead."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
     strict : bool
         As for `prepared`.
     without : str
-        What is done if the session has too few validation rows: `LEFT_OUT` or `BLOCKED`.
+        What is done if the session has too few validation measurements: `LEFT_OUT` or `BLOCKED`.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
 
 
 def _predicted(r: RowPrediction, factor: np.ndarray) -> _Part:
-    """Validation rows by the posterior's factor (D, D)."""
+    """Validation measurements by the posterior's factor (D, D)."""
     spread = r.by_z @ factor
     if r.target is None:
         return _part(r.block, r.residual, r.noise, spread)

@@ -44,7 +44,7 @@ def elsewhere(
     payload : np.ndarray, shape (N,), optional
         Masses, kg, in place of those of the rows.
     offset : np.ndarray, shape (3,), optional
-        Added to the tool point in the flange frame, m.
+        Added to the TCP in the flange frame, m.
 
     Returns
     -------
@@ -96,7 +96,7 @@ def _possible(effect: str, circumstances: Circumstances) -> tuple[Parameter, ...
 
 
 def point_slopes(model: Model, motion: Motion, values: np.ndarray) -> np.ndarray:
-    """Slopes (N, 3, P), m, of the tool points of a motion by z of the arm, at deviations (P,), SI."""
+    """Slopes (N, 3, P), m, of the TCP positions of a motion by z of the arm, at deviations (P,), SI."""
     at = motion.points(values)
     columns: Callable[[int], np.ndarray] = lambda k: motion.columns(  # noqa: E731
         values, at, np.repeat(np.eye(3)[k][:, None], at.shape[1], axis=1)

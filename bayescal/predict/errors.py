@@ -1,4 +1,4 @@
-"""Validation errors: residuals of validation rows, their predicted covariance, and which are gross."""
+"""Validation errors: residuals of validation data, their predicted covariance, and which are gross."""
 
 from __future__ import annotations
 

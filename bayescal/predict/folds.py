@@ -1,4 +1,4 @@
-"""Blocked cross-validation: fitted rows are left out in blocks of poses and time, in closed form."""
+"""Blocked cross-validation: fitted measurements are left out in blocks of poses and time, in closed form."""
 
 from __future__ import annotations
 

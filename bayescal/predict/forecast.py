@@ -8,6 +8,7 @@ rows measure certified spheres or were read by an instrument, the measured error
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from bayescal.predict.intervals import interval95
 from bayescal.predict.pairs import evenly, far_pairs, lengths, slopes
 from bayescal.predict.validation import Validation
 
-CENTRES = "certified centres"
+CENTRES, READINGS = "sphere centres", "readings of the instrument"
 """Points of measured distances, as reports name them."""
 POINTS = 40
 """Number of points of the workspace between which distances are predicted, evenly spaced among all rows."""
@@ -33,7 +34,11 @@ RANGE_SEED = 40
 
 @dataclass(frozen=True)
 class DistanceErrors:
-    """Predicted errors of distances and, where available, measured ones; m."""
+    """Predicted errors of distances and, where available, measured ones; m.
+
+    `u` and `k` are those of the uncertainty budget of the error of any one of these distances
+    (`assess.budget.with_budgets`): the combined standard uncertainty and its coverage factor.
+    """
 
     over: str  # type of the end points
     count: int
@@ -41,6 +46,13 @@ class DistanceErrors:
     longest: float
     errors: np.ndarray  # (S, K) by posterior draw
     measured: float | None  # root mean square
+    u: float = nan
+    k: float = nan
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty U = k u, m."""
+        return self.k * self.u
 
     @property
     def draws(self) -> np.ndarray:
@@ -49,7 +61,7 @@ class DistanceErrors:
 
     @property
     def rms(self) -> float:
-        """Predicted root mean square error, m."""
+        """Root mean square error by the draws, m: `u` with their scatter."""
         return float(np.sqrt(np.mean(self.draws**2)))
 
     @property
@@ -74,7 +86,7 @@ class Forecast:
     `prior_rms` (m) is the square root of the first part.
     """
 
-    checked: tuple[DistanceErrors, ...]  # also measured, by validation rows: certified centres, instrument
+    checked: tuple[DistanceErrors, ...]  # also measured, by validation data: sphere centres, instrument
     workspace: DistanceErrors
     prior_rms: float
     prior_share: float
@@ -83,9 +95,14 @@ class Forecast:
     masses_share: float = 0.0
 
     @property
+    def every(self) -> tuple[DistanceErrors, ...]:
+        """All of them, the leading ones first."""
+        return (*self.checked, self.workspace)
+
+    @property
     def lead(self) -> DistanceErrors:
         """The distances that a summary reports first: measured ones where available."""
-        return (*self.checked, self.workspace)[0]
+        return self.every[0]
 
 
 def forecast(
@@ -146,7 +163,7 @@ def _certified(checked: Validation) -> DistanceErrors | None:
 
 
 def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
-    """Distances between readings of an instrument in validation rows, within each target."""
+    """Distances between readings of an instrument in validation measurements, within each target."""
     scene = fitted.model.scene
     index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
     xyz, parts = scene.dataset.measurements.xyz, []
@@ -165,7 +182,7 @@ def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
         return None
     true, predicted, error = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(3))
     return DistanceErrors(
-        "readings of the instrument", len(true), float(true.min()), float(true.max()), predicted,
+        READINGS, len(true), float(true.min()), float(true.max()), predicted,
         float(_rms(error)),
     )  # fmt: skip
 

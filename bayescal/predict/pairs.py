@@ -29,7 +29,7 @@ def lengths(at: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def slopes(model: Model, motion: Motion, values: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Slopes (K, P), m, of the distances of pairs (K, 2) of tool points by z of the arm.
+    """Slopes (K, P), m, of the distances of pairs (K, 2) of TCP positions by z of the arm.
 
     Parameters
     ----------

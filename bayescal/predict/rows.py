@@ -63,7 +63,7 @@ def predicted_rows(estimate: Estimate, block: Block, target: LocatedTarget | Non
 
 @dataclass(frozen=True)
 class Prepared:
-    """Linearised validation rows and located targets of a session."""
+    """Linearised validation measurements and located targets of a session."""
 
     rows: tuple[RowPrediction, ...]  # of contacts and points, without spheres that were located
     located: Mapping[str, LocatedTarget]  # by name; spheres with their certified diameter
@@ -71,7 +71,7 @@ class Prepared:
 
 
 def prepared(estimate: Estimate, loose: bool = False, strict: bool = True) -> Prepared:
-    """Locate targets that were not fitted, and linearise all validation rows.
+    """Locate targets that were not fitted, and linearise all validation measurements.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def check_located(scene: Scene) -> None:
 
 
 def _located_apart(scene: Scene, model: Model) -> Iterator[tuple[int, np.ndarray]]:
-    """Targets with validation rows that are not fitted, and the rows that locate them."""
+    """Targets with validation measurements that are not fitted, and the rows that locate them."""
     rows = scene.rows("validate")
     for t in map(int, np.unique(scene.dataset.measurements.target[rows])):
         if scene.dataset.targets[t].name not in model.block_of:

@@ -1,4 +1,4 @@
-"""Validation rows: planes by their contacts, spheres by distance and diameter, points by their reading.
+"""Validation data: planes by their contacts, spheres by distance and diameter, points by their reading.
 
 No parameter of the arm is fitted here. A target that was not fitted (a sphere, the frame of an instrument,
 a socket) is located from its own rows. Posterior draws are propagated by the slopes of `rows` and `targets`,
@@ -61,7 +61,7 @@ class PointCheck:
 
 @dataclass(frozen=True)
 class TurnCheck:
-    """Orientation errors of the tool in validation rows, rotation vectors in the frame of the tool, rad."""
+    """Orientation errors of the tool in validation data, rotation vectors in the frame of the tool, rad."""
 
     target: str
     residuals: np.ndarray  # (3, C) at the estimate
@@ -70,7 +70,7 @@ class TurnCheck:
 
 @dataclass(frozen=True)
 class Validation:
-    """Errors and predictions of one model for all validation rows."""
+    """Errors and predictions of one model for all validation measurements."""
 
     effects: tuple[str, ...]
     planes: tuple[PlaneCheck, ...]
@@ -159,7 +159,7 @@ def validate(
     strict: bool = True,
     known: Prepared | None = None,
 ) -> Validation:
-    """Predict every validation row under a fitted model.
+    """Predict every validation measurement under a fitted model.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def validate(
 
 
 def _turns(estimate: Estimate, known: Prepared) -> list[RowPrediction]:
-    """Orientations that validation rows measure together with their points."""
+    """Orientations that validation measurements measure together with their points."""
     model, out = estimate.model, []
     index = {t.name: k for k, t in enumerate(model.scene.dataset.targets)}
     for r in known.rows:

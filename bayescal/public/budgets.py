@@ -96,6 +96,8 @@ def budget(
 ) -> BudgetResult:
     """Uncertainty budget of a distance, a parameter or a point (JCGM 100).
 
+    Without distance, parameter and point: the distance that the fit reports first.
+
     Parameters
     ----------
     run : FitResult, GapResult or path
@@ -105,11 +107,9 @@ def budget(
     parameter : str, optional
         Name of a parameter.
     point : sequence of float, optional
-        deg, joint readings at which the tool point is stated.
+        deg, joint readings at which the TCP is stated.
     tool, payload_kg
-        Of the point: name of the tool, and kg beyond it.
-
-    Without any of the three: the distance that the fit reports first.
+        Of the point: name of the tool, and additional payload, kg.
 
     Returns
     -------

@@ -76,8 +76,8 @@ def certificate(
         raise BayescalError(what, "--certificate", "name a YAML file: see docs/budget.md")
     given = read_entries(Path(entries))
     arm, basis, _ = stated(run)
-    gate.check(arm.against, force, "certified")
-    notes = (*arm.notes, *(f"Issued in spite of: {reason}" for reason in arm.against))
+    gate.check(arm.use, force, "certified")
+    notes = (*arm.use.notes, *(f"Issued in spite of: {reason}" for reason in arm.use.against))
     content = dcc(given, basis, notes)
     validated = str(schema)
     if validated and (faults := check_valid(content, Path(schema))):

@@ -32,7 +32,7 @@ class CheckResult:
 
     @cached_property
     def record(self) -> Json:
-        """The content of `bayescal check --json`."""
+        """The content of `bayescal check --to json`."""
         from bayescal.checking.check import check_record
 
         return check_record(self.data)

@@ -46,10 +46,17 @@ class CompensationResult:
 
     @property
     def u(self) -> np.ndarray:
-        """Standard uncertainty (M,) of the tool points, m; nan where a target has no solution."""
+        """Standard uncertainty (M,) of the TCP positions, m; nan where a target has no solution."""
         import numpy as np
 
         return np.array([own.u for own in self.data.found])
+
+    @property
+    def U(self) -> np.ndarray:
+        """Length (M,), m, that the error of the TCP does not exceed (95.45 %); nan without one."""
+        import numpy as np
+
+        return np.array([own.expanded for own in self.data.found])
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
@@ -75,6 +82,7 @@ def compensate(
     format: str = "",
     frame: str | None = None,
     tool: str | None = None,
+    tcp: Sequence[float] | None = None,
     payload_kg: float = 0.0,
     with_: Sequence[str] | str = (),
     without: Sequence[str] | str = (),
@@ -95,7 +103,9 @@ def compensate(
     frame : str, optional
         Frame of the poses: 'base', or a target of the session; default: base.
     tool : str, optional
-        Name of the tool that is brought to the targets; needed if the session has several.
+        Name of a tool of dataset.yaml that is brought to the targets; needed if the session has several.
+    tcp : sequence of float, optional
+        x, y, z in m, and fixed-axis roll, pitch, yaw in rad, of another tool in the frame of the flange.
     payload_kg : float
         kg at the flange beyond the tool, of targets that state none.
     with_, without : sequence of str, or str
@@ -131,16 +141,17 @@ def compensate(
     >>> done.readings.shape, bool(done.u[0] < 1e-3)
     ((1, 6), True)
     """
+    import numpy as np
+
     from bayescal.exporting import gate
     from bayescal.exporting.compensate.compensation import compensate_file
 
     arm = arm_of(run, names(with_), names(without))
-    gate.check(
-        arm.doubts, force, "compensated"
-    )  # a compliance below zero predicts; only a file cannot hold it
+    gate.check(arm.use, force, "compensated")
     done = compensate_file(
-        arm, Path(targets), format_=format, frame=frame, tool=tool, payload=payload_kg, time=at_time,
-        row=at_row,
+        arm, Path(targets), format_=format, frame=frame, tool=tool,
+        tcp=None if tcp is None else np.asarray(tcp, float), payload=payload_kg, time=at_time, row=at_row,
+        warning="; ".join((*(f"not to be used: {each}" for each in arm.use.against), *arm.use.warnings)),
     )  # fmt: skip
     return CompensationResult(arm, done)
 

@@ -112,7 +112,9 @@ def export(
     ()
     """
     from bayescal.exporting.export import export as work
+    from bayescal.exporting.formats import format_of
 
+    format_of(to)  # before a session is fitted again
     arm = arm_of(run, names(with_), names(without))
     name = f"{arm.dataset.robot.name}-calibrated"
     return ExportResult(
@@ -128,17 +130,18 @@ def names(effects: Sequence[str] | str) -> tuple[str, ...]:
     return tuple(name.strip() for name in each if name.strip())
 
 
-def arm_of(
-    run: FitResult | GapResult | str | PathLike[str], with_: Sequence[str] = (), without: Sequence[str] = ()
-) -> FittedArm:
-    """The arm of a result or of a run folder, with other effects fitted again."""
+def arm_of(run: object, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
+    """The arm of a result, new or read back, or of a run folder, with other effects fitted again."""
     from bayescal.exporting import of_fit, of_gap, open_run, refitted
+    from bayescal.public.saved import SavedFit, SavedGap
 
     if isinstance(run, FitResult):
         arm = of_fit(run.data)
         return refitted(arm, with_, without) if with_ or without else arm
     if isinstance(run, GapResult):
         return of_gap(run.data, with_, without)
+    if isinstance(run, SavedFit | SavedGap):
+        return open_run(run.folder, with_, without)
     if isinstance(run, str | PathLike):
         return open_run(Path(run), with_, without)
     what = f"{type(run).__name__} has no arm"

@@ -280,7 +280,7 @@ def compare(
     allow_xacro: bool = False,
     progress: Progress = silent,
 ) -> ComparisonResult:
-    """Calibrate a session by every method, and compare the results on the same validation rows.
+    """Calibrate a session by every method, and compare the results on the same validation measurements.
 
     Parameters
     ----------

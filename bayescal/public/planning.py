@@ -32,7 +32,7 @@ GAP, SETTINGS = "gap.json", "dataset.yaml"
 
 @dataclass(frozen=True, repr=False)
 class PlanResult(PlanTables):
-    """Planned contacts; `print` shows what they buy.
+    """Planned contacts; `print` shows the uncertainty they will achieve.
 
     Attributes
     ----------
@@ -64,14 +64,39 @@ class PlanResult(PlanTables):
 
         return plan_summary(self.data)
 
-    def save(self, folder: str | PathLike[str], to: Sequence[str] | str = ()) -> tuple[str, ...]:
+    def save(
+        self,
+        folder: str | PathLike[str],
+        to: Sequence[str] | str = (),
+        *,
+        probe_input: str = "",
+        probe_force_n: float | None = None,
+        probe_beyond_mm: float = 5.0,
+    ) -> tuple[str, ...]:
         """Write plan.csv, plan.json, the page, the figure and the setup; return their names.
 
-        `to`: formats for a controller that are written too: 'csv', 'urscript', 'robodk', 'poses'.
+        Parameters
+        ----------
+        folder : path
+        to : sequence of str, or str
+            Formats that are written too: 'csv', 'urscript', 'fanuc', 'kuka', 'abb', 'robodk', 'poses'.
+        probe_input : str
+            Digital input of the probe as the controller names it: '0', 'tool:0'; default: the first.
+        probe_force_n : float, optional
+            Change of the force at the tool that is a contact, in place of the input (UR).
+        probe_beyond_mm : float
+            How far beyond the expected surface a probing program searches for a contact.
+
+        Raises
+        ------
+        BayescalError
+            For an unknown format, or a probe that a format cannot use.
         """
+        from bayescal.exporting.plan import Probe
         from bayescal.reporting.plan.files import write_plan
 
-        return write_plan(self.data, Path(folder), names(to))
+        probe = Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm)
+        return write_plan(self.data, Path(folder), names(to), probe)
 
     def __str__(self) -> str:
         return as_text(self.report())

@@ -10,10 +10,11 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bayescal.public.positions import Positioned
 from bayescal.public.tables import FitTables, GapTables, Json, fit_line, gap_line
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, RenderableType
 
     from bayescal.assess.agreement import Agreement
     from bayescal.calibration import Fit
@@ -27,12 +28,17 @@ WIDTH = 100
 """Width of a printed summary, characters."""
 
 
-def as_text(renderable: RenderableType) -> str:
-    """Text as on a terminal of `WIDTH` columns, without colours."""
+def console(**options: Any) -> Console:
+    """A terminal to which names of files are text: neither markup nor the code of an emoji."""
     from rich.console import Console
 
+    return Console(highlight=False, markup=False, emoji=False, **options)
+
+
+def as_text(renderable: RenderableType) -> str:
+    """Text as on a terminal of `WIDTH` columns, without colours."""
     out = StringIO()
-    Console(file=out, width=WIDTH, highlight=False, color_system=None).print(renderable)
+    console(file=out, width=WIDTH, color_system=None).print(renderable)
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
 
 
@@ -44,7 +50,7 @@ def drawing_beside(wanted: bool) -> AbstractContextManager[None]:
 
 
 @dataclass(frozen=True, repr=False)
-class FitResult(FitTables):
+class FitResult(FitTables, Positioned):
     """A calibration; `print` shows its summary.
 
     Attributes
@@ -99,7 +105,7 @@ class FitResult(FitTables):
 
 
 @dataclass(frozen=True, repr=False)
-class GapResult(GapTables):
+class GapResult(GapTables, Positioned):
     """A diagnosis; `print` shows its summary.
 
     Attributes

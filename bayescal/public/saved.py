@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
+from bayescal.public.positions import Positioned
 from bayescal.public.tables import FitTables, GapTables, Json, PlanTables, fit_line, gap_line, plan_line
 from bayescal.reading import read_record
 
@@ -19,7 +20,7 @@ SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1", "plan.jso
 
 
 @dataclass(frozen=True, repr=False)
-class SavedFit(FitTables):
+class SavedFit(FitTables, Positioned):
     """A calibration read from a run folder: the same tables as those of a `FitResult`."""
 
     folder: Path
@@ -48,7 +49,7 @@ class SavedFit(FitTables):
 
 
 @dataclass(frozen=True, repr=False)
-class SavedGap(GapTables):
+class SavedGap(GapTables, Positioned):
     """A diagnosis read from a run folder: the same tables as those of a `GapResult`."""
 
     folder: Path

@@ -60,7 +60,7 @@ def init(
     from bayescal.importing.units import quantity
     from bayescal.starting.folder import start
 
-    centre = np.array(quantity(tool, "length", 3, "--tool")) if tool else None
+    centre = np.array(quantity(tool, "length", 3, "--tcp")) if tool else None
     return start(Path(folder), robot, names(artefact), centre, name, allow_xacro)
 
 

@@ -65,7 +65,7 @@ def verify(
     *,
     progress: Callable[[str, float], None] = lambda stage, fraction: None,
 ) -> VerificationResult:
-    """Load an exported arm in its simulator, and compare it with the fitted arm and with the measured rows.
+    """Load an exported arm in its simulator, and compare it with the fitted arm and with the measurements.
 
     Parameters
     ----------

@@ -25,6 +25,7 @@ def check_summary(of: Check) -> RenderableType:
     lines += [("assessable", _listed(record["assessed"]) or "nothing", "")]
     for reason, names in _by_reason(record["not_assessed"]).items():
         lines.append(("not assessable", f"{_listed(names)}: {reason}", "dim"))
+    lines += [("not shown", text, "dim") for text in record["not_shown"]]
     if not of.findings:
         lines.append(("findings", "none", "green"))
     for kind, own in groupby(of.findings, key=lambda f: f.kind):
@@ -60,7 +61,7 @@ def _understood(r: dict[str, Any]) -> Iterator[tuple[str, str]]:
         names = [f"{t['name']} ({_counts(t['rows'])})" for t in each]
         more = f" and {len(names) - MOST} more" if len(names) > MOST else ""
         yield "targets", f"{len(each)} {kind}: {', '.join(names[:MOST])}{more}"
-    yield "tools", ", ".join(f"{name} ({n} rows)" for name, n in r["tools"].items())
+    yield "tools", ", ".join(f"{name} ({n} measurements)" for name, n in r["tools"].items())
     for kind, group in groupby(sorted(r["certificates"], key=lambda c: c["kind"]), key=lambda c: c["kind"]):
         yield "certificates", _certified(kind, list(group))
     noise = [
@@ -86,7 +87,7 @@ def _understood(r: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _counts(rows: dict[str, int]) -> str:
-    return ", ".join(f"{n} {role}" for role, n in rows.items()) or "no rows"
+    return ", ".join(f"{n} {role}" for role, n in rows.items()) or "no measurements"
 
 
 def _certified(kind: str, group: list[dict[str, Any]]) -> str:

@@ -14,19 +14,21 @@ SHOWN = 5
 
 
 def compensation_summary(arm: FittedArm, done: Compensation) -> RenderableType:
-    """Numbers of targets, their errors before, the uncertainty, and what has no solution or was kept."""
+    """The verdict if it is bad, numbers of targets, errors before, uncertainty, what has no solution."""
     good = [own for own in done.found if not own.reason]
     rows = [
+        *([("warning", done.warning, "bold red")] if done.warning else []),
         ("compensation", f"{done.source}: {len(done.found)} targets, poses in {done.frame}", "bold"),
         ("arm", f"{arm.dataset.robot.name}, {model_label(arm.effects)}", ""),
     ]
     if good:
-        error, u = (np.array([getattr(own, key) for own in good]) for key in ("error", "u"))
+        error, u, most = (np.array([getattr(own, key) for own in good]) for key in ("error", "u", "expanded"))
         rows.append(
             ("nominal error", f"mean {MM * error.mean():.3f} mm, maximum {MM * error.max():.3f} mm", "")
         )
-        rows.append(("uncertainty", f"u of a point (k = 1): median {um2(float(np.median(u)))} µm, maximum "
-                     f"{um2(float(u.max()))} µm", ""))  # fmt: skip
+        middle, high, expanded = (um2(float(x)) for x in (np.median(u), u.max(), np.median(most)))
+        text = f"u of a point {middle} µm (median), {high} µm (maximum); U {expanded} µm (median, 95 %)"
+        rows.append(("uncertainty", text, ""))
         outside = sum(not own.inside for own in good)
         text = "all targets are inside" if not outside else f"{outside} of {len(good)} targets are outside"
         rows.append(("probed region", text, "yellow" if outside else ""))
@@ -35,6 +37,7 @@ def compensation_summary(arm: FittedArm, done: Compensation) -> RenderableType:
         for target, own in zip(done.targets, done.found, strict=True)
         if own.reason
     ]
+    rows += [("note", note, "yellow") for note in arm.use.notes if note not in arm.use.warnings]
     rows += [("no solution" if k == 0 else "", text, "red") for k, text in enumerate(_some(lacking))]
     rows += [("kept" if k == 0 else "", text, "yellow") for k, text in enumerate(_some(list(done.notes)))]
     return Group(facts(rows))

@@ -8,6 +8,8 @@ builtin_robots
     Names of the built-in ones.
 robot_to_yaml
     Text of a robot.yaml.
+table
+    The built-in ones: joints, reach, masses, sources.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from bayescal.robots.schema import SCHEMA, robot_from
 from bayescal.robots.urdf import robot_from_urdf
 from bayescal.robots.writing import robot_to_yaml
 
-__all__ = ["builtin_robots", "full_name", "load_robot", "names", "robot_to_yaml"]
+__all__ = ["builtin_robots", "full_name", "load_robot", "names", "robot_to_yaml", "table"]
 
 _HERE = Path(__file__).parent
 
@@ -45,6 +47,15 @@ def names() -> tuple[str, ...]:
     True
     """
     return builtin_robots()
+
+
+def __getattr__(name: str) -> object:
+    """`table`, imported when it is first used."""
+    if name != "table":
+        raise AttributeError(f"module 'bayescal.robots' has no attribute '{name}'")
+    from bayescal.robots.listing import table
+
+    return table
 
 
 def full_name(reference: str) -> str:
@@ -96,7 +107,7 @@ def load_robot(
     else:
         near = [name for name in names if reference.lower() in name.split("-")]
         near += difflib.get_close_matches(reference, names, 1)
-        hint = f"did you mean `{near[0]}`" if near else f"built-in are: {', '.join(names)}"
+        hint = f"did you mean `{near[0]}`" if near else "`bayescal robots` lists the built-in ones"
         raise BayescalError(
             f"no robot is called `{reference}`", "", f"{hint}; or give the path of a robot.yaml or URDF"
         )

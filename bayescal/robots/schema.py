@@ -3,12 +3,14 @@
 Beyond the contract a joint may carry ``beta_deg`` (default 0: Hayati's angle of near-parallel axes)
 and the file ``joint_compliance_rad_per_nm`` (one a joint): what a calibrated arm needs to be written. Behind
 modified rows a ``flange`` (as ``base``) places the flange in the last row's frame: what a URDF's tip needs. A
-link may carry ``radius_mm``, the radius of a capsule around it, for the check of collisions.
+link may carry ``radius_mm``, the radius of a capsule around it, for the check of collisions; a joint its
+largest speed and torque, for files of simulators.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -34,10 +36,16 @@ class Joint(Keys):
     offset_deg: Number = Field(description="Joint angle at the reading zero.")
     limits_deg: tuple[Number, Number] = Field(description="[lower, upper] reading of the joint.")
     beta_deg: Number = Field(default=0.0, description="Hayati's angle of near-parallel axes.")
+    max_velocity_degps: Positive | None = Field(
+        default=None, description="Largest speed of the joint, for exports."
+    )
+    max_torque_nm: Positive | None = Field(
+        default=None, description="Largest torque of the joint, for exports."
+    )
 
 
 class Link(Keys):
-    """What a joint moves; needed for gravity torques."""
+    """What a joint moves; required for gravity torques."""
 
     mass_kg: NotNegative = Field(description="Mass of the link.")
     centre_of_mass_mm: Vector = Field(
@@ -72,7 +80,9 @@ class RobotFile(Keys):
     )
     base: Place = Field(default=Place(), description="Frame of the first row in F0.")
     flange: Place = Field(default=Place(), description="Flange in the frame of the last row; only with mdh.")
-    links: list[Link] | None = Field(default=None, description="One entry per joint; needed for compliance.")
+    links: list[Link] | None = Field(
+        default=None, description="One entry per joint; required for compliance."
+    )
     reductions: list[Positive] | None = Field(
         default=None, description="Motor revolutions per revolution of the joint, one per joint."
     )
@@ -108,7 +118,9 @@ def robot_from(document: Document) -> Robot:
         compliance=_array(file.joint_compliance_rad_per_nm),
         reductions=_array(file.reductions),
         coupling=file.coupling,
-        radii=_radii(file.links),
+        radii=_stated([link.radius_mm for link in file.links or ()], 1e-3),
+        velocities=_stated([j.max_velocity_degps for j in file.joints], si("max_velocity_degps")),
+        torques=_stated([j.max_torque_nm for j in file.joints], 1.0),
         **table,
     )
 
@@ -121,12 +133,11 @@ def _array(values: list[float] | None) -> np.ndarray | None:
     return None if values is None else np.array(values)
 
 
-def _radii(links: list[Link] | None) -> np.ndarray | None:
-    """Radii (n,), m, nan where none is stated; None if no link states one."""
-    stated = [link.radius_mm for link in links or ()]
-    if not any(stated):
+def _stated(values: Sequence[float | None], factor: float) -> np.ndarray | None:
+    """Values (n,), SI, nan where none is stated; None if none is."""
+    if not any(values):
         return None
-    return np.array([np.nan if radius is None else radius * 1e-3 for radius in stated])
+    return np.array([np.nan if value is None else value * factor for value in values])
 
 
 def _check(document: Document, file: RobotFile, n: int) -> None:

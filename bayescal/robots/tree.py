@@ -19,6 +19,8 @@ MOST = 4000
 """Links and joints of a URDF; a cell with several arms has some hundred."""
 LARGEST, HEAVIEST = 1e4, 1e6
 """Numbers beyond which squares lose all digits: m and rad, kg; the limits of robot.yaml (`files.RANGES`)."""
+UNLIMITED = 1e9
+"""rad/s and N m: a largest velocity or torque in a URDF that limits nothing."""
 FEWER = "give the URDF of the arm alone"
 KEPT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "robot": (("name", "version"), ("link", "joint")),
@@ -38,7 +40,10 @@ KEPT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint: its frame in the parent link's, its axis in its own, limits (rad) where it states any."""
+    """A joint: its frame in the parent link's, its axis in its own, limits (rad) where it states any.
+
+    `velocity`, rad/s, and `torque`, N m, are its largest ones; nan where it states none, 0 or no end.
+    """
 
     name: str
     kind: str
@@ -48,6 +53,8 @@ class Joint:
     axis: np.ndarray  # (3,), a unit vector
     limits: tuple[float, float] | None
     mimic: bool
+    velocity: float = np.nan
+    torque: float = np.nan
 
 
 @dataclass(frozen=True)
@@ -196,14 +203,15 @@ def _joint(joint: Any, file: str) -> Joint:
     size = float(np.linalg.norm(axis))
     if size == 0.0:
         raise BayescalError(f"the axis of `{joint.name}` is zero", file, "write its direction")
-    limits = None
+    limits, most = None, (0.0, 0.0)
     if joint.limit is not None:
+        most = (float(joint.limit.velocity), float(joint.limit.effort))
         limits = (float(joint.limit.lower), float(joint.limit.upper))
         _numbers(limits, f"a limit of `{joint.name}`", file)
     place = _frame(joint.origin, joint.name, file)
-    return Joint(
-        joint.name, joint.type, joint.parent, joint.child, place, axis / size, limits, joint.mimic is not None
-    )
+    velocity, torque = (x if 0.0 < x < UNLIMITED else np.nan for x in most)
+    own = (joint.name, joint.type, joint.parent, joint.child, place, axis / size, limits)
+    return Joint(*own, joint.mimic is not None, velocity, torque)
 
 
 def _check_names(names: list[str], what: str, file: str) -> None:

@@ -110,7 +110,14 @@ def _robot(tree: Tree, tip: str) -> Robot:
         masses=masses if np.any(masses) else None,
         centres_of_mass=centres if np.any(masses) else None,
         flange=flange,
+        velocities=_most([joint.velocity for joint in moving]),
+        torques=_most([joint.torque for joint in moving]),
     )
+
+
+def _most(values: list[float]) -> np.ndarray | None:
+    """Largest speeds or torques of joints, (n,); None where no joint states any."""
+    return None if np.all(np.isnan(values)) else np.array(values)
 
 
 def _between(chain: list[Joint]) -> list[np.ndarray]:

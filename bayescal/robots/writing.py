@@ -61,6 +61,12 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
             f"limits_deg: {sequence(limits[i])}",
         ]
         cells += [f"beta_deg: {number(beta[i])}"] if robot.beta[i] else []
+        for key, values, factor in (
+            ("max_velocity_degps", robot.velocities, np.rad2deg(1.0)),
+            ("max_torque_nm", robot.torques, 1.0),
+        ):
+            if values is not None and not np.isnan(values[i]):
+                cells.append(f"{key}: {number(values[i] * factor)}")
         lines.append(f"  - {{{', '.join(cells)}}}")
     if not np.array_equal(robot.link_from_reading, np.eye(robot.n)):
         lines += ["link_from_reading:"] + [f"  - {sequence(row)}" for row in robot.link_from_reading]

@@ -39,7 +39,7 @@ def readme_text(draft: Draft, folder: str) -> str:
         "",
         f"- Fasten robot, artefact and tool. Move all joints for {WARM} minutes: a cold arm drifts.",
         "- Calibrate the probe: effective ball radius, repeatability.",
-        "- Weigh all that hangs on the flange, and find its centre of mass.",
+        "- Weigh everything attached to the flange, and find its centre of mass.",
         "",
         "## What to measure",
         "",

@@ -6,16 +6,21 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+from bayescal.dataset.artefact import ArtefactFile
 from bayescal.dataset.schema import file_model
 from bayescal.errors import BayescalError
 from bayescal.files import Keys, stem_of
 from bayescal.robots.schema import RobotFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-UNITS = {"degps": "deg/s", "nm": "N m", "mps2": "m/s²", "c": "°C", "rad_per_nm": "rad/(N m)"}
+UNITS = {"degps": "deg/s", "nm": "N m", "mps2": "m/s²", "c": "°C", "degc": "°C", "rad_per_nm": "rad/(N m)"}
 """Units of keys that are not written as in the key."""
 
-MODELS: dict[str, Callable[[], type[Keys]]] = {"dataset": file_model, "robot": lambda: RobotFile}
+MODELS: dict[str, Callable[[], type[Keys]]] = {
+    "dataset": file_model,
+    "robot": lambda: RobotFile,
+    "artefact": lambda: ArtefactFile,
+}
 """Models of the files, by name."""
 
 
@@ -25,7 +30,7 @@ def schema_of(name: str) -> dict[str, Any]:
     Parameters
     ----------
     name : str
-        ``dataset`` or ``robot``.
+        Of `MODELS`.
 
     Raises
     ------

@@ -19,6 +19,8 @@ from bayescal.dataset.schema import (
     Loose,
     NoiseEntry,
     PlanEntry,
+    RecordEntry,
+    SerialsEntry,
     ToolEntry,
     entry_of,
 )
@@ -38,6 +40,14 @@ EXAMPLES = {
 SAME = "Each value is filled in once: * stands for the value with the same & above."
 NOISE = {"contact": ("contact_mm", "0.005"), "point": ("point_mm", "0.020")}
 """Key of the noise of each kind of residual, and an example of its value."""
+RECORD = {
+    "date": "2026-01-31",
+    "operator": "name",
+    "serials": f"{{{', '.join(f'{key}: no.' for key in SerialsEntry.model_fields)}}}",
+    "certificates": "[no.]",
+    "temperature_degC": "20.0",
+}
+"""Keys of `record` with examples."""
 HEAD = (
     "Set-up of a measuring session for bayescal. The units are in the keys (mm, deg, rad, kg); lengths and "
     "angles refer to F0, the base frame of the robot.",
@@ -100,11 +110,13 @@ def settings_text(draft: Draft) -> str:
     lines += [*_explained(DatasetFile, "gravity_mps2"), "gravity_mps2: [0, 0, -9.81]  # nominal", ""]
     lines += [*_tools(draft), "", *_noise(draft), "", *_targets(draft), "", *_certificates(draft), ""]
     lines += [
+        *_optional(DatasetFile, "artefact", "artefact.yaml"),
         *_optional(DatasetFile, "temperature_of", "arm"),
         *_optional(DatasetFile, "torques", "measured"),
     ]
     lines += [
         *_plan(draft),
+        *_record(),
         *_optional(DatasetFile, "source", "measured on ..., by ..., probe ..., certificate no. ..."),
     ]
     return "\n".join(lines) + "\n"
@@ -264,6 +276,14 @@ def _plan(draft: Draft) -> Iterator[str]:
     else:
         yield "# plan:"
         yield "#   payload_kg: [2.0]"
+
+
+def _record() -> Iterator[str]:
+    """What a filed report states, as comments: each key with an example."""
+    yield from _explained(DatasetFile, "record")
+    yield "# record:"
+    for key, example in RECORD.items():
+        yield f"#   {key}: {example}  # {RecordEntry.model_fields[key].description}"
 
 
 def schema_name(path: Path) -> str:

@@ -84,7 +84,7 @@ def make(
     generator : int
         Version of the generator, one of `mix.GENERATORS`.
     reserved : bool
-        Also draw the reserved causes outside the vocabulary.
+        Also draw the reserved causes not in the list of known effects.
     """
     rng = np.random.default_rng([seed, 0, number])
     kind, makers = recipe(seed, number, generator, reserved=reserved)

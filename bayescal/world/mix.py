@@ -32,7 +32,7 @@ FORMS: dict[Maker, tuple[Maker, ...]] = {
     **{m: (getattr(forms_probe, m.__name__),) for m in NAMED if m.__module__ == probe.__name__},
     frames.payload: (forms_frames.payload, forms_frames.added_payload),
 }
-"""Further forms of every effect of the vocabulary; drawn as often as its first form."""
+"""Further forms of every known effect; drawn as often as its first form."""
 MIX = ("null",) * 4 + ("single",) * 10 + ("pair",) * 3 + ("outside",) * 3  # of every twenty
 
 
@@ -68,7 +68,7 @@ def stage(seed: int, number: int, generator: int, makers: Sequence[Maker]) -> st
 
 
 def causes(generator: int, reserved: bool) -> tuple[Maker, ...]:
-    """Return the causes outside the vocabulary that may be drawn."""
+    """Return the causes not in the list of known effects that may be drawn."""
     more = outside_more.MORE if generator > 1 else ()
     return outside.OUTSIDE + more + (outside_more.RESERVED if reserved else ())
 
@@ -96,7 +96,7 @@ def recipe(
     generator : int
         One of `GENERATORS`.
     reserved : bool
-        Also draw the reserved causes outside the vocabulary.
+        Also draw the reserved causes not in the list of known effects.
     """
     kind, makers = _recipe(seed, number, causes(generator, reserved))
     return kind, makers if generator == 1 else formed(seed, number, makers)

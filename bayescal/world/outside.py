@@ -1,4 +1,4 @@
-"""Effects outside the vocabulary; the correct answer is 'unknown', with a location."""
+"""Effects not in the list of known effects; the correct answer is 'unknown', with a location."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""More causes outside the vocabulary, of two coordinates or with memory; half of them are reserved.
+"""More causes not in the list of known effects, of two coordinates or with memory; half of them are reserved.
 
 Reserved causes are drawn only on request: no constant may be chosen on them.
 """

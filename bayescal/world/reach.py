@@ -26,7 +26,7 @@ def readings(ball: np.ndarray, turn: np.ndarray, flip: np.ndarray) -> np.ndarray
     Parameters
     ----------
     ball : numpy.ndarray
-        Where the ball's centre shall be (n, 3).
+        Required centre of the ball (n, 3).
     turn : numpy.ndarray
         Orientation of the flange (n, 3, 3).
     flip : numpy.ndarray

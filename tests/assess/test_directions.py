@@ -1,4 +1,4 @@
-"""Principal directions of the fitted rows, as of their scatter matrix, in memory linear in the rows."""
+"""Principal directions of the fitted data, as of their scatter matrix, in memory linear in the rows."""
 
 import tracemalloc
 from types import SimpleNamespace

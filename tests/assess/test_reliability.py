@@ -110,5 +110,5 @@ def test_few_contacts_have_the_finding_many_have_not(cube, count, told):
     words = [f.text for f in found.findings if f.code == "gross_error_unseen"]
     assert bool(words) == told
     if told:
-        assert f"in one of {count} rows" in words[0]
-        assert f"U = {float(f'{2e6 * found.forecast.workspace.rms:.2g}'):.9g} µm" in words[0]
+        assert f"in one of {count} measurements" in words[0]
+        assert f"U = {float(f'{1e6 * found.forecast.workspace.expanded:.2g}'):.9g} µm" in words[0]

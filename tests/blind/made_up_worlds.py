@@ -8,7 +8,7 @@ PLACE = {"site": "joint 4", "driver": "joint angle", "also": ["angle 4"]}
 def truth(
     world="000", kind="single", effects=("step",), strength=200.0, outside=None, place=None, floor=10.0
 ):
-    """What a maker would say; one lambda an effect, or the same of all."""
+    """What a manufacturer would say; one lambda an effect, or the same of all."""
     sizes = strength if isinstance(strength, tuple) else (strength,) * len(effects)
     names = [outside] if outside else effects
     each = dict(zip(names, sizes, strict=True))

@@ -24,7 +24,7 @@ joints:
 
 
 def session_of(base, robot):
-    """Points of a robot that an instrument reads, nominal but for noise."""
+    """Points of a robot that an instrument reads, nominal except for noise."""
     rng, m = np.random.default_rng(0), base.measurements
     low, high = 0.5 * robot.limits.T
     readings = rng.uniform(low, high, (len(m.ids), robot.n))

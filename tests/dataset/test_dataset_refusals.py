@@ -20,7 +20,7 @@ SPOILT_SETTINGS = [
     ("name: tiny", "nane: tiny", "nane", "is it `name`"),
     ("source: made up", "? [a]\n: b", "[a]", "plain name"),
     ("fanuc-lrmate200ic", "fanuc-lrmate200c", "robot", "mean `fanuc-lrmate200ic`"),
-    ("fanuc-lrmate200ic", "nothing", "robot", "built-in are"),
+    ("fanuc-lrmate200ic", "nothing", "robot", "`bayescal robots` lists"),
     ("encoder", "pendant", "readings", "'encoder' or 'command'"),
     ("-9.81", "-9810", "gravity_mps2", "9.81"),
     ("-9.81", ".nan", "gravity_mps2", "not a number"),
@@ -87,6 +87,12 @@ SPOILT_SETTINGS = [
     ("temperature_of", "  - {kind: flat, target: top, u_form_mm: 1}\ntemperature_of", "mm: 1}\nt", "keep"),
     ("u_form_mm: 0.002", "u_form_mm: 0", "flat", "more than 0"),
     ("u_angle_rad: 1.2e-5}\n  - {kind: p", "u_angle_deg: 1.2e-5}\n  - {kind: p", "parallel", "`u_angle_rad`"),
+    ("date: 2026-03-04", "date: 4.3.2026", "date", "'4.3.2026', not a date; write it as YYYY-MM-DD"),
+    ("date: 2026-03-04", "date: 20260304", "date", "not a date"),
+    ("temperature_degC", "temperature_c", "temperature_c", "wrong unit; write `temperature_degC`"),
+    ("temperature_degC: 20.5", "temperature_degC: -300", "temperature_degC", "below -273.15"),
+    ("serials: {arm", "serials: {wrist", "serials", "unknown key `wrist`; known are: arm, probe"),
+    ("probe: \"P: 7, [/]\"", "probe: ''", "serials", "`probe`"),
     ("temperature_of: arm", "temperature_of: room", "temperature_of", "'arm', 'air' or 'artefact'"),
 ]  # fmt: skip
 

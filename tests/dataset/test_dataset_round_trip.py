@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tiny_dataset import SETTINGS, TABLE, write
 
-from bayescal.dataset import Dataset, read_dataset, write_dataset
+from bayescal.dataset import Dataset, Record, read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.robots import load_robot
 
@@ -56,6 +56,13 @@ def test_shared_datasets_read_and_come_back(folder, tmp_path):
 
 def test_tiny_comes_back_and_hashes_differ_with_content(tmp_path):
     data = read_dataset(write(tmp_path))
+    assert data.record == Record(
+        date="2026-03-04",
+        operator="A. <b>Operator</b>",
+        serials={"arm": "0123", "probe": "P: 7, [/]"},
+        certificates=("DKD-K-1234", "77"),
+        temperature=20.5,
+    )
     write_dataset(data, tmp_path / "new" / "out")
     again = read_dataset(tmp_path / "new" / "out")
     same(data, again)
@@ -152,6 +159,13 @@ def datasets(draw) -> Dataset:
         measurements=rows,
         temperature_of=draw(st.sampled_from((None, "arm", "air", "artefact"))),
         source=draw(st.none() | NAMES),
+        record=Record(
+            date=draw(st.just("") | st.dates().map(str)),
+            operator=draw(st.just("") | NAMES),
+            serials=draw(st.dictionaries(st.sampled_from(("arm", "probe", "artefact", "instrument")), NAMES)),
+            certificates=tuple(draw(st.lists(NAMES, max_size=2))),
+            temperature=draw(st.none() | st.floats(-40, 60).map(lambda t: round(t, 3))),
+        ),
     )
 
 

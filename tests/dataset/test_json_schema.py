@@ -9,22 +9,23 @@ import yaml
 from tiny_dataset import SETTINGS
 
 import bayescal as bc
-from bayescal.dataset import schema, solids
+from bayescal.dataset import artefact, schema, solids
 from bayescal.dataset.schema import CERTIFICATES, entry_of
 from bayescal.dataset.table import COLUMNS, JOINT, PLAIN
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.files import stem_of
 from bayescal.robots import schema as of_robots
-from bayescal.starting.schemas import UNITS, schema_text
+from bayescal.starting.schemas import MODELS, UNITS, schema_text
 
 jsonschema = pytest.importorskip("jsonschema")
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data"
 ROBOTS = sorted((ROOT / "bayescal" / "robots").glob("*.yaml"))
-MODELS = (
+CHECKED = (
     schema.DatasetFile, schema.ToolEntry, schema.NoiseEntry, schema.Loose, *map(entry_of, KINDS.values()),
     *CERTIFICATES.values(), schema.PlanEntry, schema.VolumeEntry, schema.RegionEntry,
+    schema.RecordEntry, schema.SerialsEntry, artefact.ArtefactFile, artefact.PointEntry,
     solids.BoxEntry, solids.CylinderEntry, solids.MeshEntry,
     of_robots.RobotFile, of_robots.Joint, of_robots.Link, of_robots.Place,
 )  # fmt: skip
@@ -48,11 +49,13 @@ def load(text: str):
 @pytest.fixture(scope="module")
 def valid():
     """Whether a file is valid by its schema."""
-    validators = {name: jsonschema.Draft202012Validator(bc.schema(name)) for name in ("dataset", "robot")}
+    validators = {
+        name: jsonschema.Draft202012Validator(bc.schema(name)) for name in ("dataset", "robot", "artefact")
+    }
     return lambda name, content: not [e.message for e in validators[name].iter_errors(content)]
 
 
-@pytest.mark.parametrize("name", ["dataset", "robot"])
+@pytest.mark.parametrize("name", MODELS)
 def test_the_stored_schema_is_current(name):
     stored = ROOT / "docs" / "schema" / f"{name}.schema.json"
     assert stored.read_text(encoding="utf-8") == schema_text(name), f"bayescal schema {name} > {stored.name}"
@@ -95,6 +98,7 @@ def test_shared_datasets_are_valid(valid):
         ("centre_mm: [60, 0, 120]", "centre_mm: !FILL_IN ''"),
         ("faces: [top, bottom]", "faces: [top]"),
         ("cone_deg: 45", "cone_deg: 95"),
+        ("date: 2026-03-04", "date: 4.3.2026"),
     ],
 )
 def test_what_the_reader_refuses_is_not_valid(old, new, valid):
@@ -103,7 +107,7 @@ def test_what_the_reader_refuses_is_not_valid(old, new, valid):
 
 
 def test_every_key_has_a_description_with_its_unit():
-    for name in ("dataset", "robot"):
+    for name in MODELS:
         found = bc.schema(name)
         for part in (found, *found["$defs"].values()):
             for key, entry in part["properties"].items():
@@ -114,7 +118,7 @@ def test_every_key_has_a_description_with_its_unit():
 
 def test_the_page_states_every_key_and_column():
     page = (ROOT / "docs" / "dataset.md").read_text(encoding="utf-8")
-    for model in MODELS:
+    for model in CHECKED:
         for name, field in model.model_fields.items():
             key = field.alias or name
             if key == "kind":
@@ -133,7 +137,9 @@ def test_every_column_is_explained():
 
 def test_examples_of_the_page_are_valid(valid):
     page = (ROOT / "docs" / "dataset.md").read_text(encoding="utf-8")
-    of_dataset, of_plan, of_robot = (load(text) for text in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL))
+    examples = (load(text) for text in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL))
+    of_dataset, of_artefact, of_solids, of_plan, of_record, of_robot = examples
     assert valid("dataset", of_dataset)
-    assert valid("dataset", of_dataset | of_plan)
+    assert valid("dataset", of_dataset | of_solids | of_plan | of_record)
+    assert valid("artefact", of_artefact)
     assert valid("robot", of_robot)

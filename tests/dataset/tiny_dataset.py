@@ -33,6 +33,12 @@ certificates:
   - {kind: diameter, target: ball.A, u_diameter_mm: 0.001}
   - {kind: flat, target: top, u_form_mm: 0.002}
 temperature_of: arm
+record:
+  date: 2026-03-04
+  operator: 'A. <b>Operator</b>'
+  serials: {arm: 0123, probe: "P: 7, [/]"}
+  certificates: [DKD-K-1234, '77']
+  temperature_degC: 20.5
 plan:
   volume_of_interest: {centre_mm: [450, 0, 150], size_mm: [300, 300, 200]}
   regions:

@@ -119,7 +119,7 @@ def test_an_error_of_a_mass_moves_every_compliant_site(cube):
 
 
 def test_errors_of_masses_are_the_same_at_all_poses(cube):
-    """An export takes those of a fit to poses that load other joints: here the tool points down."""
+    """An export takes those of a fit to poses that load other joints: here the TCP positions down."""
     dataset = cube(seed=3, count=24).dataset
     (tool,) = dataset.tools
     on_axis = replace(tool, centre_of_mass=np.array([0.0, 0.0, 0.05]))

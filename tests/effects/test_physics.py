@@ -264,7 +264,7 @@ def turned_about(point, turn, ball):
 
 
 def test_a_bearing_yields_across_its_axis(dataset, moments):
-    """All behind the joint turns about its frame by the moment, but for the component about the axis."""
+    """All behind the joint turns about its frame by the moment, except for the component about the axis."""
     scene, found = Scene(dataset), drivers(dataset, "bending")
     pose = frames(scene.chain, scene.q)
     assert "bending J1 bearing" not in {name for name, *_ in found}  # the base's
@@ -402,7 +402,7 @@ def test_drift_goes_by_temperature_else_by_time(dataset):
 
 
 def test_step_moves_the_base_from_the_middle_on(cube):
-    """The middle is that of the fitted rows; every joint keeps its place in the base."""
+    """The middle is that of the fitted measurements; every joint keeps its place in the base."""
     dataset = cube(seed=1).dataset
     count = len(dataset.measurements.ids)
     role = np.where(np.arange(count) < 60, "calibrate", "validate")

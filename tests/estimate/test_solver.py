@@ -25,7 +25,7 @@ def known_cube(session, faces=None):
 
 
 def half_known(session):
-    """Two faces known, one of them but for its tilt."""
+    """Two faces known, one of them except for its tilt."""
     dataset = known_cube(session, ("cube.+y", "cube.+z"))
     first = replace(dataset.targets[0], u=0.0, u_angle=1e-4)
     return replace(dataset, targets=(first, *dataset.targets[1:]))

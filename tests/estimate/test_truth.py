@@ -165,7 +165,7 @@ def test_outliers_are_left_out(cube, seed):
     check_pulls(found, spoilt.arm)
     role = np.where(np.isin(np.arange(300), spoilt.outliers), "validate", "calibrate")
     table = replace(spoilt.dataset.measurements, role=role)
-    # pivots follow the fitted rows: the arm's part is what compares
+    # pivots follow the fitted measurements: the arm's part is what compares
     alone = fit(replace(spoilt.dataset, measurements=table))
     count = len(found.model.parameters)
     assert np.max(np.abs(found.z - alone.z)[:count] / alone.sd[:count]) < 0.01

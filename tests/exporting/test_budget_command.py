@@ -97,11 +97,11 @@ def test_csv_has_all_components_and_the_sum(run, command):
         (("--parameter", "zz"), "no parameter `zz`"),
         (("--distance", "ball.A@1", "cube.+y"), "no target `cube.+y` with a centre"),
         (("--distance", "ball.A@1", "ball.A@1"), "both ends are ball.A@1"),
-        (("--point", "1,2,3"), "3 readings"),
-        (("--point", "1,2,x,4,5,6"), "no list of numbers"),
-        (("--point", "1,2,nan,4,5,6"), "no finite number"),
+        (("--point-deg", "1,2,3"), "3 readings"),
+        (("--point-deg", "1,2,x,4,5,6"), "no list of numbers"),
+        (("--point-deg", "1,2,nan,4,5,6"), "no finite number"),
         (("--to", "xml"), "no format `xml`"),
-        (("--parameter", "a2", "--point", "1,2,3,4,5,6"), "more than one measurand"),
+        (("--parameter", "a2", "--point-deg", "1,2,3,4,5,6"), "more than one measurand"),
     ],
 )
 def test_refusals(run, command, arguments, message):

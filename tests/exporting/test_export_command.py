@@ -51,7 +51,7 @@ def test_every_format(run, tmp_path, command, to):
     [
         (("--to", "usd"), "there is no format `usd`; formats: robot.yaml, urdf"),
         (("--to", "urdf", "--at-row", "x"), "there is no row `x`"),
-        (("--to", "urdf", "--at-row", "c0001", "--at-time", "3"), "a time and a row are given"),
+        (("--to", "urdf", "--at-row", "c0001", "--at-time-s", "3"), "a time and a row are given"),
         (("--to", "urdf", "--readings", "script"), "urdf has no readings `script`"),
         (("--to", "urdf", "--into", "missing.urdf"), "missing.urdf: no such file"),
         (("--to", "urdf", "--without", "backlash"), "backlash"),

@@ -129,5 +129,5 @@ def test_robot_yaml_names_joints_that_were_made_rigid(arm):
 
 @pytest.mark.parametrize("time", [np.nan, np.inf])
 def test_a_time_that_is_no_number_is_refused(arm, time):
-    with pytest.raises(BayescalError, match="--at-time: is not a finite number; give a number of s"):
+    with pytest.raises(BayescalError, match="--at-time-s: is not a finite number; give a number of s"):
         export(arm, "robot.yaml", time=time, force=True)

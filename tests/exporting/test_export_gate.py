@@ -5,12 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from export_arms import fake, session_of
 
 import bayescal as bc
 from bayescal.errors import BayescalError
+from bayescal.estimate.bounds import UNCHANGED
 from bayescal.exporting import gate, of_fit
 from bayescal.exporting.export import export
+from bayescal.exporting.fitted import of_estimate
+from bayescal.exporting.formats import FORMATS
+from bayescal.exporting.gate import Use
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +22,7 @@ def result():
 
 
 def test_a_good_fit_passes(result):
-    assert of_fit(result.data).against == ()
+    assert of_fit(result.data).use.against == ()
     assert bc.export(result, "urdf").record["notes"][-1].startswith("joint values of the file")
 
 
@@ -32,19 +35,43 @@ def test_a_sampler_that_did_not_converge(result):
     assert any(n.startswith("exported with --force: the sampler did not converge") for n in notes)
 
 
-def test_a_negative_compliance():
-    arm = fake(session_of(), ("geometry", "compliance"))
-    k = arm.model.names.index("compliance J3")
-    values = arm.values.copy()
-    values[k] = -1e-6
-    soft = arm.valued(values)
-    with pytest.raises(
-        BayescalError, match=r"compliance J3 is negative, which is not physical: -1 urad/\(N m\)"
-    ):
+def negative(found, name, times):
+    """An estimate with a parameter at some u below zero."""
+    k = found.model.names.index(name)
+    p = found.model.parameters[k]
+    z = found.z.copy()
+    z[k] = -(times * found.sd[k] * p.sd + p.centre) / p.sd
+    return replace(found, z=z)
+
+
+@pytest.fixture(scope="module")
+def soft(result):
+    """The arm of a fit with a compliance that is significantly negative."""
+    found = negative(result.data.final.estimate, "compliance J3", 5.0)
+    return replace(of_estimate(found, found.covariance), use=Use(gate.of_estimate(found, found.covariance)))
+
+
+def test_a_negative_compliance(soft):
+    words = (
+        r"not exported: negative by more than \S+ u, which is not physical: compliance J3 -\S+ µrad/\(N m\)"
+    )
+    with pytest.raises(BayescalError, match=words):
         export(soft, "robot.yaml")
     out = export(soft, "robot.yaml", force=True)
     assert [m.parameters for m in out.missing] == [("compliance J3",)]
     assert "compliance J3" not in [i.parameter for i in out.written.items]
+
+
+@pytest.mark.parametrize("to", [f for f in FORMATS if f != "ur-yaml"])
+def test_every_format_can_be_forced(soft, to):
+    """What a format cannot hold, as a spring that pushes, is left out and said."""
+    with pytest.raises(BayescalError, match="not exported"):
+        export(soft, to)
+    out = export(soft, to, force=True)
+    lost = {name for m in out.missing for name in m.parameters}
+    assert "compliance J3" in lost or any(i.parameter == "compliance J3" for i in out.written.items)
+    assert any("exported with --force: negative by more than " in note for note in out.notes)
+    assert out.record("x")["use"]["allowed"] is False
 
 
 def test_priors_that_decide(result):
@@ -53,7 +80,7 @@ def test_priors_that_decide(result):
     assert gate.of_estimate(found, found.covariance) == ()
     prior = np.eye(found.model.size)
     (reason,) = gate.of_estimate(found, prior)
-    assert reason.startswith("the fit is not identified: distances between tool points keep 100 %")
+    assert reason.startswith("the fit is not identified: distances between TCP positions keep 100 %")
     bare = replace(found.model, constraints=())
     assert gate.of_estimate(replace(found, model=bare), prior)[0].startswith("no certified length was fitted")
 
@@ -61,11 +88,11 @@ def test_priors_that_decide(result):
 def test_a_diagnosis_is_judged_by_its_stated_covariance(result):
     """As a fit is: not by the narrower one of the solver."""
     found = result.data.final.estimate
-    verdict = SimpleNamespace(named=())
-    gap = SimpleNamespace(arm=found, covariance=np.eye(found.model.size), verdict=verdict, levels=())
-    assert len(gate.of_gap(gap)) == 1
+    verdict = SimpleNamespace(named=(), kind="null")
+    gap = SimpleNamespace(arm=found, covariance=np.eye(found.model.size), verdict=verdict, rigid=UNCHANGED)
+    assert len(gate.of_gap(gap).against) == 1
     gap.covariance = found.covariance
-    assert gate.of_gap(gap) == ()
+    assert gate.of_gap(gap) == gate.NOTHING
 
 
 def test_names_without_gain():
@@ -76,7 +103,7 @@ def test_names_without_gain():
 
 
 def test_an_effect_that_the_machine_does_not_have_is_refused(result, tmp_path):
-    """Added by the user: fitted again, and its gain on the validation rows is not positive."""
+    """Added by the user: fitted again, and its gain on the validation measurements is not positive."""
     with pytest.raises(BayescalError, match="hysteresis does not make the validation data more probable"):
         bc.export(result, "urdf", with_="hysteresis")
     without = bc.export(result, "urdf", without="compliance")

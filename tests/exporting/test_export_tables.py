@@ -74,6 +74,44 @@ def test_ur_calibration_with_the_hash_of_the_arm(tmp_path):
     np.testing.assert_allclose(wrist(out.written.content, readings), alone, rtol=0, atol=1e-9)
 
 
+def test_ur_calibration_of_an_arm_that_the_manufacturer_calibrated(tmp_path):
+    """Zeros of 0.66 deg, and a last link that is 0.33 mm longer: where the tool is in tool0 is stated."""
+    factory = {link: np.array(x, float) for link, x in FACTORY.items()}
+    factory["forearm"] += (2e-4, -1e-4, 3e-4, 1e-3, -5e-4, np.radians(0.66))
+    factory["wrist_1"] += (1e-4, 0, -3e-4, 4e-4, 0, -np.radians(0.4))
+    factory["wrist_3"][:3] += (0, 3.3e-4, 0)
+    (tmp_path / "mine.yaml").write_text(kinematics({k: tuple(x.tolist()) for k, x in factory.items()}))
+    arm = fake(session_of(UR), ("geometry",))
+    out = export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+    assert any("calibrated already, with zeros within 0.6" in note for note in out.notes)
+    readings, record = arm.dataset.measurements.readings, out.record("mine.yaml")
+    flange = wrist(out.written.content, readings) @ np.array(record["flange_in_tip"])
+    flange = np.array(record["root_in_f0"]) @ flange
+    calibrated = geometry_of(arm, state_row(arm.dataset))
+    own = at_zero_poses(calibrated, joint_angles(arm.dataset.robot, readings))
+    np.testing.assert_allclose(flange, own, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(record["flange_in_tip"], np.eye(4), atol=1e-6)
+
+
+def test_the_tool_in_a_tip_that_is_not_the_flange(tmp_path):
+    """The nominal file of an arm whose last frame is 5 mm before the flange."""
+    short = FACTORY | {"wrist_3": (0, 0.0946, 0, *FACTORY["wrist_3"][3:])}
+    (tmp_path / "mine.yaml").write_text(kinematics(short))
+    arm = fake(session_of(UR), ("geometry",))
+    out = export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+    tool = out.record("mine.yaml")["tools"][0]
+    np.testing.assert_allclose(
+        np.subtract(tool["centre_in_tip_mm"], tool["centre_mm"]), [0, 0, 5.0], atol=1e-4
+    )
+    at = ", ".join(f"{x:.3f}" for x in tool["centre_in_tip_mm"])
+    assert f"tool0 is not the flange: the centre of tool {tool['name']} is at {at} mm in it" in out.notes
+    readings = arm.dataset.measurements.readings
+    tips = (wrist(out.written.content, readings) @ [*(1e-3 * np.array(tool["centre_in_tip_mm"])), 1.0])[:, :3]
+    np.testing.assert_allclose(tips, arm.at(readings).points, rtol=0, atol=1e-7)
+    alone = export(arm, "ur-yaml")
+    assert not any("is not the flange" in note for note in alone.notes)
+
+
 def test_ur_calibration_of_another_arm_is_refused(tmp_path):
     with pytest.raises(BayescalError, match="is no arm of Universal Robots"):
         export(fake(session_of(), ("geometry",)), "ur-yaml")

@@ -8,13 +8,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from export_arms import fake, robot_of, session_of, with_robot
+from scipy.spatial.transform import Rotation
 from urdf_texts import arm as random_arm
 from urdf_texts import joint, link, robot
 
+from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
 from bayescal.exporting.geometry import at_zero_poses, geometry_of, joint_angles
 from bayescal.exporting.rows import state_row
+from bayescal.exporting.xml_text import XmlText
 
 LRMATE = robot(
     link("base_link"), link("link_1", 7.0), link("link_2"), link("link_3"), link("link_4"), link("link_5"),
@@ -99,6 +102,81 @@ def test_other_frames_senses_and_coupling(tmp_path):
     np.testing.assert_allclose(np.array(record["root_in_f0"])[:3, 3], [0, 0, -0.33], atol=1e-12)
 
 
+def calibrated_file(tmp_path, degrees, seed=5):
+    """The file of the LR Mate with an earlier calibration, of which a zero is off by some degrees."""
+    (tmp_path / "arm.urdf").write_text(LRMATE)
+    earlier = fake(session_of(), ("geometry",), seed=seed)
+    k = earlier.model.names.index("theta3")
+    values = earlier.values.copy()
+    values[k] = np.radians(degrees)
+    out = export(replace(earlier, values=values), "urdf", into=str(tmp_path / "arm.urdf#tool0"), force=True)
+    (tmp_path / "calibrated.urdf").write_text(out.written.content)
+    return str(tmp_path / "calibrated.urdf#tool0")
+
+
+@pytest.mark.parametrize("degrees", [0.66, -1.8])
+def test_a_calibrated_file_is_patched_again(tmp_path, degrees):
+    """The new calibration replaces the earlier one, also in the tip and in the frames of the links."""
+    into = calibrated_file(tmp_path, degrees)
+    arm = fake(session_of(), ("geometry",))
+    fresh, again = (export(arm, "urdf", into=file) for file in (str(tmp_path / "arm.urdf#tool0"), into))
+    record, readings = again.record("a"), arm.dataset.measurements.readings
+    found = tip_points(again.written.content, "tool0", record, readings, POINT)
+    np.testing.assert_allclose(found, expected(arm, POINT), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(record["flange_in_tip"], np.eye(4), atol=1e-6)
+    told = re.search(r"calibrated already, with zeros within ([\d.]+) deg", " ".join(again.notes))
+    assert abs(float(told[1]) - abs(degrees)) < 0.25
+    assert not any("calibrated already" in note for note in fresh.notes)
+    models = [pin.buildModelFromXML(out.written.content) for out in (fresh, again)]
+    for one, other in zip(*(model.jointPlacements for model in models), strict=True):
+        assert np.linalg.norm(one.translation - other.translation) < 2e-3
+        assert np.linalg.norm(pin.log3(one.rotation.T @ other.rotation)) < np.radians(0.4)
+
+
+def test_an_earlier_calibration_of_the_zeros_is_undone_exactly(tmp_path):
+    """Zeros of all joints, also of the first and the last one, which move no other axis."""
+    xml = XmlText(LRMATE, "arm.urdf")
+    zeros = np.radians([1.2, -0.5, 0.66, 0.3, -0.4, 0.9])
+    for k, zero in enumerate(zeros, start=1):
+        joint = next(e for e in xml.root.iter("joint") if e.get("name") == f"joint_{k}")
+        axis = np.array(joint.find("axis").get("xyz").split(), float)
+        origin = joint.find("origin")
+        turn = rpy_matrix(np.array(origin.get("rpy").split(), float))
+        turn = turn @ Rotation.from_rotvec(-zero * axis).as_matrix()
+        origin.set("rpy", " ".join(map(repr, rpy_of(turn).tolist())))
+    arm, found = fake(session_of(), ("geometry",)), []
+    for text in (LRMATE, xml.text):
+        (tmp_path / "arm.urdf").write_text(text)
+        out = export(arm, "urdf", into=str(tmp_path / "arm.urdf#tool0"))
+        found.append(pin.buildModelFromXML(out.written.content).jointPlacements)
+    assert any("zeros within 1.2 deg" in note for note in out.notes)
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one.homogeneous, other.homogeneous, rtol=0, atol=2e-6)
+
+
+def test_zeros_that_differ_too_much_are_of_another_arm(tmp_path):
+    into = calibrated_file(tmp_path, 2.4)
+    with pytest.raises(BayescalError, match=r"the zero of joint_\d is 2\.\d+ deg off .* 2 deg at most"):
+        export(fake(session_of(), ("geometry",)), "urdf", into=into)
+
+
+def test_meshes_are_found_from_another_folder(tmp_path):
+    shown = '<link name="base_link"><visual><geometry><mesh filename="{}"/></geometry></visual></link>'
+    (tmp_path / "out").mkdir()
+    arm = fake(session_of(), ("geometry",))
+    cases = {"meshes/a.stl": "../meshes/a.stl", "package://x/a.stl": None, "/abs/a.stl": None}
+    for name, wanted in cases.items():
+        text = LRMATE.replace('<link name="base_link"></link>', shown.format(name), 1)
+        assert text != LRMATE
+        (tmp_path / "arm.urdf").write_text(text)
+        out = export(arm, "urdf", into=str(tmp_path / "arm.urdf#tool0"))
+        assert f'filename="{name}"' in out.written.content
+        out.save(tmp_path / "near.urdf")
+        out.save(tmp_path / "out" / "far.urdf")
+        assert f'filename="{name}"' in (tmp_path / "near.urdf").read_text()
+        assert f'filename="{wanted or name}"' in (tmp_path / "out" / "far.urdf").read_text()
+
+
 def test_everything_else_of_the_file_stays(tmp_path):
     (tmp_path / "arm.urdf").write_text(LRMATE)
     out = export(fake(session_of(), ("geometry",)), "urdf", into=str(tmp_path / "arm.urdf#tool0"))
@@ -126,7 +204,7 @@ def test_a_joint_without_origin_gets_one_and_quotes_may_be_single(tmp_path):
 REFUSED = (
     (lambda t: t.replace('0.3"', '0.31"', 1), "the distance of the axes of joint_2 and joint_3 is 310.00 mm"),
     (lambda t: t.replace('axis xyz="-1.0 0.0 0.0"', 'axis xyz="-1.0 0.1 0.0"', 1), "and joint_4 differ by"),
-    (lambda t: t.replace('"0.32 0.0 0.0"', '"0.42 0.0 0.0"', 1), "the axis of joint_"),
+    (lambda t: t.replace('"0.32 0.0 0.0"', '"0.42 0.0 0.0"', 1), "the zero of joint_2 is 9.45 deg off"),
     (lambda t: t.replace('"joint_6" type="revolute"', '"joint_6" type="fixed"'), "5 joints turn before"),
     (lambda t: t.replace("joint_1", "J2"), "joint 1 is called J2"),
     (lambda t: t.replace("joint_5", "lift").replace('"lift" type="revolute"', '"lift" type="prismatic"'),
@@ -168,7 +246,7 @@ def test_drift_is_written_at_a_state_and_its_change_is_told():
 
 
 def test_sizes_of_what_is_missing():
-    """By effect: the distance of the tool points from those without it."""
+    """By effect: the distance of the TCP positions from those without it."""
     arm = fake(session_of(), ("geometry", "compliance", "backlash", "lobing"))
     out = export(arm, "urdf", name="arm")
     missing = {m.effect: m for m in out.missing}

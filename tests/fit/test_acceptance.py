@@ -1,4 +1,4 @@
-"""Acceptance: what a sound fit survives, what a sick arm does not, and what rejected rows share."""
+"""Acceptance: what a sound fit survives, what a sick arm does not, and what rejected measurements share."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ SOUND = Unexplained("contact", 5e-6, 5e-6, 45, 5e-6, 0.0, 0.5, 200.0)
 
 
 def checked(rng, shared_sd=3e-6, noise=5e-6, draws=2000, contacts=60, distances=12):
-    """Validation rows of a correct model: errors drawn as their predictions are, with a part in common."""
+    """Validation data of a correct model: errors drawn as their predictions are, with a part in common."""
 
     def parts(count):
         slopes = rng.standard_normal((4, count))
@@ -206,7 +206,7 @@ def test_a_tolerance_is_decided(session):
     expected, v = found.forecast, found.final.validation
 
     def at(x, tests=found.acceptance):
-        return conformance(x, expected, v, tests)
+        return conformance(x, expected, v, tests, found.budgets)
 
     assert at(1e-6).decision in (OPEN, FAIL)
     assert at(0.5 * expected.workspace.rms).probability < 0.6

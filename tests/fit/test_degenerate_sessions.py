@@ -85,8 +85,8 @@ def clusters(lrmate):
 
 CASES = {
     "one plane": (lambda cube, *_: on_faces(cube(seed=3, count=400).dataset, "cube.+z"), "a1", "directions",
-                  "all rows look along z of the base"),
-    "one pose": (lambda cube, *_: one_pose(cube), "theta3", "poses", "all rows have one pose"),
+                  "all measurements look along z of the base"),
+    "one pose": (lambda cube, *_: one_pose(cube), "theta3", "poses", "all measurements have one pose"),
     "no certificate": (lambda cube, *_: replace(cube(seed=3, count=150).dataset, certificates=()), "a2",
                        "length", "state a certified distance"),
     "few contacts": (lambda cube, *_: with_rows(cube(seed=3, count=150).dataset, np.arange(20)), "a2",
@@ -187,7 +187,7 @@ def diagnosed(cube):
 def test_no_effect_in_rows_of_one_pose_is_no_success(diagnosed):
     """The headline was 'No effect above noise: the model explains these data'."""
     assert re.search(r"2\d of 2\d combinations of parameters are not identifiable", headline(diagnosed)[0])
-    assert any("all rows have one pose" in text for text in diagnosed.warnings)
+    assert any("all measurements have one pose" in text for text in diagnosed.warnings)
 
 
 def test_a_diagnosis_of_one_pose_has_a_page_and_no_nan(diagnosed, tmp_path):
@@ -197,7 +197,7 @@ def test_a_diagnosis_of_one_pose_has_a_page_and_no_nan(diagnosed, tmp_path):
     with console.capture() as said:
         console.print(gap_summary(diagnosed))
     assert "nan" not in said.get()
-    assert "no interval: the validation rows have one pose" in said.get()
+    assert "no interval: the validation measurements have one pose" in said.get()
 
 
 def test_an_arm_of_one_pose_is_not_exported(cube):

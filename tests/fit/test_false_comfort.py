@@ -11,9 +11,10 @@ from rich.console import Console
 from bayescal.assess.acceptance import EXPLAINED
 from bayescal.assess.budget.main import usual
 from bayescal.assess.directions import BARELY, directions
-from bayescal.assess.findings import Assessed, findings, negative
+from bayescal.assess.findings import Assessed, findings
 from bayescal.calibration import VALIDATION_DRAWS, fit
 from bayescal.dataset import read_dataset
+from bayescal.estimate.bounds import not_physical
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.reporting.fit.record import fit_record
@@ -86,7 +87,7 @@ def test_a_good_session_is_silent(fits, cube):
     [
         (("cube.+y", "cube.-y", "cube.+z"), "x", "hardly a row looks along x of the base"),
         (("cube.+y", "cube.-y", "cube.-x"), "z", "hardly a row looks along z of the base"),
-        (("cube.+y", "cube.-y"), "xz", "all rows look along y of the base"),
+        (("cube.+y", "cube.-y"), "xz", "all measurements look along y of the base"),
     ],
 )
 def test_the_missing_direction_is_named(cube, faces, missing, words):
@@ -168,7 +169,7 @@ def test_an_instrument_kept_back_measures_the_distances(tracker):
 @pytest.mark.parametrize(("times", "lacks"), [(0.9, False), (1.1, True)])
 def test_more_than_was_predicted_is_said(fits, times, lacks):
     found, space = fits["good"], fits["good"].forecast.workspace
-    measured = replace(space, over="certified centres", measured=times * space.interval[1])
+    measured = replace(space, over="sphere centres", measured=times * space.interval[1])
     expected = replace(found.forecast, checked=(measured,))
     last = found.final
     said = findings(
@@ -195,8 +196,10 @@ def test_a_negative_value_is_judged_by_the_stated_uncertainty(fits):
     z = found.z.copy()
     z[k] = (-3.0 * found.sd[k] * p.sd - p.centre) / p.sd
     below = replace(found, z=z)
-    assert any("negative by more than 2 u" in words for words in negative(below))
-    assert any("negative by less than 2 u" in words for words in negative(below, 2.0 * found.sd))
+    (words,) = not_physical(below, found.covariance)
+    assert words.startswith(f"negative by more than 2.6 u, which is not physical: {p.name}")
+    assert not_physical(below, 4.0 * found.covariance)[0].startswith("negative by more than 2.6 u, together")
+    assert not_physical(found, found.covariance) == ()
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="the shared sessions are not here")

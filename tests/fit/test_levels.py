@@ -20,7 +20,7 @@ SCALES = np.array([1e-4, -8e-5, 1.2e-4, 6e-5, -1e-4, 5e-5])
 
 @pytest.fixture(scope="module")
 def split(cube):
-    """Contacts of an arm with errors, a quarter of them validation rows."""
+    """Contacts of an arm with errors, a quarter of them validation measurements."""
     dataset = cube(seed=11, count=160).dataset
     role = np.where(np.arange(160) % 4 == 0, "validate", "calibrate")
     return replace(dataset, measurements=replace(dataset.measurements, role=role))

@@ -221,7 +221,7 @@ def _write(files: Files, folder: Path) -> None:
 
 
 def _state(folder: Path) -> dict[str, str]:
-    """What is in a folder, but for the output: names, kinds and hashes."""
+    """What is in a folder, except for the output: names, kinds and hashes."""
     found = {}
     for path in folder.rglob("*"):
         name = path.relative_to(folder).as_posix()

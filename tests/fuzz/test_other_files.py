@@ -87,7 +87,9 @@ def test_text_around_a_scene_is_kept_whatever_it_says(tmp_path):
     text = f'{before}<mujoco model="a>b"><worldbody/></mujoco>{behind}'
     (tmp_path / "scene.xml").write_text(text, encoding="utf-8")
     scene = read_scene(tmp_path / "scene.xml")
-    assert (scene.before, scene.behind) == (before, behind)
+    assert scene.xml.text == text
+    scene.root.set("model", "b")
+    assert scene.xml.text == text.replace("a>b", "b")
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,9 @@ def test_every_joint_only_where_all_are_significant(found):
         own = [replace(a, significant=a.site in map(joint, joints)) for a in gap.amplitudes]
         return named(each[1], SimpleNamespace(amplitudes=own))
 
-    assert said(2, 3, 5).startswith("each of joint 2, joint 3 and joint 5 has lost motion")
+    assert said(2, 3, 5).startswith(
+        "backlash in joints 2, 3 and 5 (each has lost motion on reversal; probability"
+    )
     assert said(1, 2, 3, 4, 5, 6).startswith("every joint has lost motion")
     assert said().startswith("at least one joint has lost motion")
     none = SimpleNamespace(amplitudes=[replace(a, significant=False) for a in gap.amplitudes], where=())

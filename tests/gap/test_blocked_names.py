@@ -1,4 +1,4 @@
-"""Names without validation rows: blocks of poses and time that are left out judge them."""
+"""Names without validation measurements: blocks of poses and time that are left out judge them."""
 
 from dataclasses import replace
 

@@ -16,7 +16,7 @@ SCATTER = np.random.default_rng(4).standard_normal(COUNT)
 
 
 def errors(excess: float, distance: float = 0.0, correlated: float = 0.0) -> ValidationErrors:
-    """Validation rows with an error beside the noise, and two distances that are off by `distance`."""
+    """Validation data with an error beside the noise, and two distances that are off by `distance`."""
     residual = NOISE * SCATTER + excess * np.where(np.arange(COUNT) % 2, 1.0, -1.0)
     by_parameters = np.array([[NOISE, correlated], [NOISE, -correlated]])
     distances = CentreDistances(

@@ -23,7 +23,7 @@ EFFECTS = (
     "backlash", "hysteresis", "encoder-scale", "coupling", "thermal-drift", "step", "lobing", "latency",
     "plane-form",
 )  # fmt: skip
-"""Of the vocabulary but for what these contacts hardly show: the artefact and the ball's radius."""
+"""Of the vocabulary except for what these contacts hardly show: the artefact and the ball's radius."""
 
 
 @pytest.fixture(scope="module")

@@ -278,7 +278,7 @@ def without_rows(p, gone):
 
 
 def test_contacts_left_out_count_as_if_they_were_not_there(state):
-    """But for what an outlier costs: as much as a good contact just not rejected, once in 100 sessions."""
+    """Except for what an outlier costs: as much as a good contact just not rejected, once in 100 sessions."""
     gone = np.flatnonzero(state.weight == 0)
     rest = fit_state(without_rows(state.problem, gone), state.columns, state.scales, robust=False)
     assert state.kappa == pytest.approx(rest.kappa, rel=1e-9)

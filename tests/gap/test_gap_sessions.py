@@ -11,6 +11,7 @@ from bayescal.dataset import Measurements, read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate, settled
 from bayescal.exporting import open_run
+from bayescal.exporting.gate import NOTHING
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import VERDICTS
 from bayescal.model import build
@@ -132,9 +133,9 @@ def test_play_is_named_and_removed(loud, tmp_path, command):
         "gap.json", "gap.html", "arm.json", "dataset", "gap-where.png", "gap-which.png", "gap-levels.png",
         "gap-residuals.png",
     }  # fmt: skip
-    arm = open_run(out)  # with the named effect, which the validation rows confirm
+    arm = open_run(out)  # with the named effect, which the validation measurements confirm
     assert [e[:8] for e in arm.effects] == ["geometry", "complian", "backlash"]
-    assert arm.doubts == arm.notes == ()
+    assert arm.use == NOTHING
     refit = {p.name: v for p, v in zip(arm.model.parameters, arm.values, strict=True)}
     for a in record["amplitudes"]:
         assert abs(np.degrees(refit[a["parameters"][0]])) == pytest.approx(a["value"], rel=1e-9)
@@ -174,7 +175,7 @@ def lacking(dataset, what):
         return replace(dataset, measurements=replace(m, **{what: None}))
     if what == "time and temperature":
         return replace(dataset, measurements=replace(m, time=None, temperature=None))
-    if what == "validation rows":
+    if what == "validation measurements":
         return some(dataset, np.flatnonzero(m.role == "calibrate"))
     if what == "encoders":
         return replace(dataset, readings="command")
@@ -200,7 +201,7 @@ CANNOT = {
         "velocity",
         "time and temperature",
         "repeat",
-        "validation rows",
+        "validation measurements",
         "spheres",
         "all planes but one",
         "encoders",
@@ -211,7 +212,7 @@ def test_whatever_a_session_lacks(what, few):
     record = sane(gap)
     assert CANNOT.get(what, set()) <= set(gap.verdict.missing)
     assert all(gap.verdict.missing.values())
-    if what == "validation rows":
+    if what == "validation measurements":
         assert record["gap"]["heldout"] == "leave-one-out cross-validation"
         assert record["shrinkage"]["distances"] is None
     if what == "repeat":

@@ -130,6 +130,19 @@ def test_refusals_are_one_line(words, told, dataset, tmp_path, monkeypatch, caps
     assert not (tmp_path / "out").exists()
 
 
+def test_every_parameter_may_be_named(scene):
+    """As it is printed: the model lacks this one alone, and it is written and read as its name."""
+    own = build(scene, BASE).parameters
+    for p in own:
+        (part,) = parts_of((p.name,), BASE, own)
+        assert {q.name for q in own} - {q.name for q in kept(own, (part,))} == {p.name}
+        assert (str(part), part.effect, part.site) == (p.name, p.effect, p.site)
+        (again,) = parts_of((str(part),), BASE)
+        assert kept(own, (again,)) == kept(own, (part,))
+    with pytest.raises(BayescalError, match="`compliance J9` is not an effect at a site, and no parameter"):
+        parts_of(("compliance J9",), BASE, own)
+
+
 def test_what_is_kept_and_what_is_refused(scene):
     own = build(scene, BASE).parameters
     assert kept(own, ()) == own

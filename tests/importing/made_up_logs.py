@@ -65,7 +65,7 @@ def spatial_analyzer(dataset: Dataset, path: Path, order: np.ndarray, length: st
 def robodk(
     dataset: Dataset, path: Path, tools: np.ndarray, pose: bool = False, lost: tuple[int, ...] = ()
 ) -> Path:
-    """A RoboDK table: joints, point (and angles), tool point (and angles), each line ending with a comma."""
+    """A RoboDK table: joints, point (and angles), TCP (and angles), each line ending with a comma."""
     m = dataset.measurements
     turn = [0.1, 0.2, 0.3] if pose else []
     lines = []

@@ -22,7 +22,7 @@ ARM = "fanuc-lrmate200ic"
         ("j1=A deg, j1=B deg", "`j1` is given twice"),
         ("xx=X mm", "unknown quantity `xx`"),
         ("j1", "'j1' is not an entry of a map"),
-        ("x=Actual position", "unknown unit `position`; .*spaces stands in braces: {Actual position}"),
+        ("x=Actual position", "unknown unit `position`; .*spaces is enclosed in braces: {Actual position}"),
     ],
 )
 def test_maps(text, words):
@@ -61,7 +61,7 @@ def test_quantities():
     assert quantity("0, 0.07, 31 mm", "length", 3, "") == pytest.approx((0, 7e-5, 0.031))
     for text in ("1 2 mm", "1 2 3", "1 2 x mm", "1 2 3 deg"):
         with pytest.raises(BayescalError):
-            quantity(text, "length", 3, "--tool")
+            quantity(text, "length", 3, "--tcp")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Validation rows by rule: whole stops, the same at every call, and never all rows or none."""
+"""Validation measurements by rule: whole stops, the same at every call, and never all rows or none."""
 
 import re
 from dataclasses import replace
@@ -71,7 +71,7 @@ def test_targets(cube):
 @pytest.mark.parametrize(
     ("rule", "words"),
     [
-        ("every:1", "'every:1' is not a rule for validation rows; write every:5, stop"),
+        ("every:1", "'every:1' is not a rule for validation measurements; write every:5, stop"),
         ("random", "'random' is not a rule"),
         ("last:120%", "is not a rule"),
         ("every:99", "'every:99' selects none of the 40 rows"),
@@ -90,10 +90,10 @@ def test_of_an_import(tracked, tmp_path):
     map_ = said("deg", "mm").replace("role=role, ", "")
     usual = {"robot": ARM, "noise": "10 um"}
     none = convert(Request(log, map_, **usual))
-    assert none.notes[-1].startswith("validation rows: none, all 40 rows are fitted; `--validate every:5`")
+    assert none.notes[-1].startswith("validation data: none, all 40 rows are fitted; `--validate every:5`")
     got = convert(Request(log, map_, validate="every:4", **usual))
     assert np.flatnonzero(got.dataset.measurements.role == "validate").tolist() == list(range(3, 40, 4))
-    assert got.notes[-1] == "validation rows: 10 of 40 rows (stop 4 of every 4, 40 stops)"
+    assert got.notes[-1] == "validation measurements: 10 of 40 rows (stop 4 of every 4, 40 stops)"
     mapped = convert(Request(log, map_ + ", validate=every:4", **usual))
     np.testing.assert_array_equal(mapped.dataset.measurements.role, got.dataset.measurements.role)
     with pytest.raises(BayescalError, match="`validate` is stated by the map already"):

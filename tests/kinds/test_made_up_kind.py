@@ -19,7 +19,7 @@ from factors.kind import dot
 
 @dataclass(frozen=True)
 class Gauge:
-    """A height gauge: the tool point stands at a height along a known direction."""
+    """A height gauge: the TCP stands at a height along a known direction."""
 
     direction: np.ndarray
     height: float

@@ -19,11 +19,12 @@ from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page import compare
-from bayescal.reporting.page.arm import marked_sites, pose
+from bayescal.reporting.page.arm import marked_sites
 from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.numbers import length
 from bayescal.reporting.page.run import Run, read_run
-from bayescal.reporting.shared.rows import arm_drawing, rows_record
+from bayescal.reporting.shared.body import arm_drawing, posed
+from bayescal.reporting.shared.rows import rows_record
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
 from test_gap_report import SETS, diagnosis
@@ -84,7 +85,7 @@ def test_every_verdict_has_a_page(found, kind):
         assert line.rpartition(": ")[2].lower() in text.lower()
     assert len(page) < 3_000_000
     assert ("before the refit" in text) == bool(record["named"])
-    assert ("In the workshop" in text) == (kind != "null")
+    assert ("On the shop floor" in text) == (kind != "null")
     unmodelled = kind in ("unknown", "named+unexplained")
     assert ("Inspect the location that is marked, correct it" in text) == unmodelled
     if unmodelled:  # its row of the table of effects states the location, as the first screen does
@@ -190,7 +191,7 @@ def test_names_from_files_are_inert(found):
 def test_runs_without_certified_centres_are_compared_too(found):
     """By the readings of their instrument and the lengths of the errors of points."""
     expected = {
-        "over": "readings of the instrument", "count": 720, "predicted_rms_um": 22.2,
+        "over": "readings of the instrument", "count": 720, "predicted_rms_um": 22.2, "expanded_U_um": 44.4,
         "measured_rms_um": 20.1, "lengths_mm": [268, 1334],
     }  # fmt: skip
     record = {
@@ -230,7 +231,7 @@ def test_the_page_poses_the_arm_like_the_chain(found):
 
     expected = 1e3 * reference.frames(scene.chain, scene.q[:4])[:, :, :3, 3]
     for q, at in zip(scene.q[:4], expected, strict=True):
-        assert pose(arm_drawing(scene), q) == pytest.approx(at, abs=0.02)
+        assert posed(arm_drawing(scene), q)[0] == pytest.approx(at, abs=0.02)
 
 
 @pytest.mark.parametrize("text", ["", "{", '{"schema": "bayescal-fit/9"}', "[]"])

@@ -1,4 +1,4 @@
-"""Slopes of distances against differences: spheres located anew, and tool points moved."""
+"""Slopes of distances against differences: spheres located anew, and TCP positions moved."""
 
 from dataclasses import replace
 
@@ -93,7 +93,7 @@ def test_mixed_ends_and_certificates_without_rows():
     own = found.model.slices[d.targets[first].name]
     assert np.sum(np.any(goal.slopes[:, own] != 0, axis=1)) == 2
     bare = replace(d, measurements=replace(m, role=np.where(m.role == "validate", "locate", m.role)))
-    assert certified(linearised(pool_of(bare), MODEL)) is None  # spheres are located by their validation rows
+    assert certified(linearised(pool_of(bare), MODEL)) is None  # spheres are located by their validation data
 
 
 def test_volume_of_interest():

@@ -22,7 +22,7 @@ def only(dataset, rows):
 
 
 def equal(a, b) -> bool:
-    """Whether two information matrices are equal but for rounding."""
+    """Whether two information matrices are equal except for rounding."""
     return bool(np.max(np.abs(a - b)) < 1e-9 * np.max(np.abs(b)))
 
 

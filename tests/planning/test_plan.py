@@ -53,7 +53,7 @@ def test_rows(planned: Plan) -> None:
 
 
 def test_ways_between_contacts(planned: Plan) -> None:
-    """Every row has a way free of collisions, of which some pass further points."""
+    """Every row has a collision-free path, of which some pass further points."""
     numbers = [-1 if way is None else len(way) for way in planned.via]
     assert len(numbers) == len(planned.purpose)
     assert min(numbers) >= 0

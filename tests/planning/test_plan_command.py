@@ -40,7 +40,7 @@ def test_the_folder_of_the_command_comes_back(setup, result, tmp_path, command):
     code, said, error = command("plan", setup, *options, "--to", "csv", "--to", "poses", "--out", out)
     assert code == 0, error
     assert "Expected U = " in said
-    assert "contacts chosen at random" in said
+    assert "random contacts" in said
     there = {p.name for p in out.iterdir() if not p.name.startswith(".")}
     assert there >= {"plan.csv", "plan.json", "plan.html", "plan.png", "plan-joints.csv", "plan-poses.csv"}
     assert not there & {"measurements.csv", "truth.json"}

@@ -40,8 +40,8 @@ def shown(plan, width=200):
 
 def test_the_summary_states_cost_and_gain(plan):
     text = shown(plan)
-    assert "Expected U = 9.8 µm (k = 2) of 15 certified distances, if the model is right" in text
-    assert "Equals about 460 contacts chosen at random" in text
+    assert "Expected U = 9.8 µm (k = 2) of 15 certified distances, assuming the model is correct" in text
+    assert "Equivalent to about 460 random contacts" in text
     assert "20 further contacts: U = 9.6 µm (2.0 % less)" in text
     assert "200 distances in the volume of interest" in text
     assert re.search(r"15 certified distances +9\.8 +14 +21 % +4 % +72 % +3 %", text)
@@ -84,7 +84,7 @@ def test_targets_of_validation_alone_share_a_row(plan):
     target[40:] = [0, 1, 2, 0, 1, 2, 0, 1]
     session = replace(plan.session, measurements=replace(m, target=target))
     rows = sheets.by_target(replace(plan, session=session)).rows
-    assert [row[:2] for row in rows] == [("cube.+z", "40"), ("3 targets of validation", "8"), ("all", "48")]
+    assert [row[:2] for row in rows] == [("cube.+z", "40"), ("3 validation targets", "8"), ("all", "48")]
 
 
 def test_the_least_favourable_site_is_shown(plan):

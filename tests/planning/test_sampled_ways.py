@@ -28,10 +28,10 @@ CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)
 
 
 def test_sampled_motions_are_as_free_as_stated(monkeypatch):
-    """Two tools and a placement that is moved."""
+    """Spheres that are moved on the way; two probes would take twice the time."""
     monkeypatch.setattr(study, "CONTACTS", 5)
     monkeypatch.setattr(study, "CANDIDATES", 16)
-    found = study.checked(12)
+    found = study.checked(13)
     assert found["motions"] > 9
     assert found["by_hand"] == 0
     assert found["nearest_mm"] > 1.9
@@ -48,7 +48,7 @@ def test_bounds_hold_on_random_motions():
     limits = setup.dataset.robot.limits
     begin = check.arm.readings_of(rng.uniform(*(0.7 * limits.T), (400, 6)))
     begin = begin[check.distances(begin) > 0.005]
-    end = begin + rng.normal(0, 0.3, begin.shape)
+    end = begin + rng.normal(0, 0.8, begin.shape)
     floor, number = 0.005, 40
     free = check.hits(begin, end, floor) == 0
     bound = check.closest(begin, end, 1e-3)

@@ -1,12 +1,10 @@
 """ArviZ's own diagnostics of one component (chains, draws), on either line (0.x, 1.x)."""
 
-import warnings
-
 import numpy as np
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", FutureWarning)
-    import arviz as az
+from bayescal.posterior.inference import arviz
+
+az = arviz()
 
 
 def arviz_ess(values: np.ndarray, method: str) -> float:

@@ -131,7 +131,7 @@ def test_a_fit_comes_back(result, tmp_path):
 
 
 def test_a_folder_and_a_dataset_give_the_same(session, tmp_path):
-    """By path, as text, and in memory but for the readings' rounding in the file."""
+    """By path, as text, and in memory except for the readings' rounding in the file."""
     session.save(tmp_path / "session")
     by_path = bc.fit(tmp_path / "session", "geometry", samples=0).parameters["estimate"]
     by_text = bc.fit(str(tmp_path / "session"), ("geometry",), samples=0).parameters["estimate"]

@@ -103,8 +103,8 @@ HEADLINES = {
     "null": "No effect above noise",
     "named": "Effect found: joint 3 has lost motion on reversal (backlash, probability 0.97)",
     "named+unexplained": "Also found: the base shifted suddenly, from row 41 on (step, probability 0.95)",
-    "unknown": "Unmodelled effect outside the vocabulary, at joint 3, direction of motion of J3",
-    "ambiguous": "Ambiguous: these data do not distinguish bending and base-compliance",
+    "unknown": "Unmodelled effect not in the list of known effects, at joint 3, direction of motion of J3",
+    "ambiguous": "Ambiguous: these data do not distinguish the effects of the 90 % set",
 }
 
 
@@ -238,10 +238,10 @@ def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(sessi
         monkeypatch.setitem(sys.modules, "bayescal.gap.diagnose", module)
         done = CliRunner().invoke(app, ["gap", str(CUBE), "--no-pictures", "--out", str(out)])
         assert done.exit_code == 0, done.output
-        lines[kind] = [line for line in done.output.splitlines() if line.startswith("to decide")]
+        lines[kind] = [line for line in done.output.splitlines() if line.startswith("to discriminate")]
     assert lines["named"] == []
     (line,) = lines["ambiguous"]
-    program, command, *arguments = shlex.split(line.removeprefix("to decide"))
+    program, command, *arguments = shlex.split(line.removeprefix("to discriminate"))
     assert (program, command) == ("bayescal", "plan")
     plan = typer.main.get_command(app).commands["plan"]
     asked = plan.make_context("plan", arguments).params

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayescal.gap.result import VALIDATION_POINTS
+from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.reporting.figures.where import drawn_curves
 from bayescal.reporting.gap.lengths import length
 from bayescal.reporting.gap.phrases import headline
@@ -51,7 +51,7 @@ def test_the_headline_is_that_of_the_table(rms, unknown, words):
         what=VALIDATION_POINTS, rms=rms, predicted_rms=5e-6, predicted_interval95=(3e-6, 7e-6)
     )
     gap = SimpleNamespace(
-        verdict=SimpleNamespace(kind="null", probability={"null": 0.25, "unknown": unknown}),
+        verdict=Verdict("null", (), {"null": 0.25, "unknown": unknown}, (), (), (), {}, ()),
         where=(),
         undetermined=(),
         arm=None,

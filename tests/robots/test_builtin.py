@@ -13,6 +13,12 @@ from bayescal.arm.robot import Robot
 from bayescal.arm.statics import gravity_loads
 from bayescal.robots import builtin_robots, load_robot
 
+
+def ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float) -> list[tuple[float, ...]]:
+    """Standard rows of an arm of Universal Robots from the six lengths of its tables, mm."""
+    return [(90, 0, d1, 0), (0, a2, 0, 0), (0, a3, 0, 0), (90, 0, d4, 0), (-90, 0, d5, 0), (0, 0, d6, 0)]
+
+
 # alpha (deg), a, d (mm), offset (deg) of standard rows Rz Tz Tx Rx, and how far the source may be off (mm)
 STANDARD = {
     # Fu, Gonzalez and Lee, Robotics (1987), table of the PUMA 560: its shoulder is 1 mm narrower
@@ -51,42 +57,24 @@ STANDARD = {
         ],
         1e-9,
     ),
-    # ros-industrial/universal_robot, ur_kinematics/src/ur_kin.cpp
     "universal-robots-ur5": (
-        [
-            (90, 0, 89.159, 0),
-            (0, -425, 0, 0),
-            (0, -392.25, 0, 0),
-            (90, 0, 109.15, 0),
-            (-90, 0, 94.65, 0),
-            (0, 0, 82.3, 0),
-        ],
+        ur(89.159, -425, -392.25, 109.15, 94.65, 82.3),
         1e-9,
-    ),
-    # UR5e_PARAMS in a copy of ur_kin.cpp for the e-Series
+    ),  # ros-industrial/universal_robot, ur_kin.cpp
     "universal-robots-ur5e": (
-        [
-            (90, 0, 162.5, 0),
-            (0, -425, 0, 0),
-            (0, -392.2, 0, 0),
-            (90, 0, 133.3, 0),
-            (-90, 0, 99.7, 0),
-            (0, 0, 99.6, 0),
-        ],
+        ur(162.5, -425, -392.2, 133.3, 99.7, 99.6),
         1e-9,
-    ),
-    # robotics-toolbox-python, models/DH/UR10.py
+    ),  # UR5e_PARAMS in a copy of it for the e-Series
     "universal-robots-ur10": (
-        [
-            (90, 0, 127.3, 0),
-            (0, -612, 0, 0),
-            (0, -572.3, 0, 0),
-            (90, 0, 163.941, 0),
-            (-90, 0, 115.7, 0),
-            (0, 0, 92.2, 0),
-        ],
+        ur(127.3, -612, -572.3, 163.941, 115.7, 92.2),
         1e-9,
-    ),
+    ),  # robotics-toolbox-python, UR10.py
+    # ur_kinematics of a project with arms of the e-Series, ur_kin.cpp: UR3e_PARAMS ...; and UR20, UR30
+    "universal-robots-ur3e": (ur(151.85, -243.55, -213.2, 131.05, 85.35, 92.1), 1e-9),
+    "universal-robots-ur10e": (ur(180.7, -612.7, -571.55, 174.15, 119.85, 116.55), 1e-9),
+    "universal-robots-ur16e": (ur(180.7, -478.4, -360, 174.15, 119.85, 116.55), 1e-9),
+    "universal-robots-ur20": (ur(236.3, -862, -728.7, 201, 159.3, 154.3), 1e-9),
+    "universal-robots-ur30": (ur(236.3, -637, -503.7, 201, 159.3, 154.3), 1e-9),
     # clopema_kinematics, ROBOT_DH_NOTATION of the MA1400
     "yaskawa-ma1400": (
         [
@@ -160,6 +148,45 @@ ORIGINS = {
 }
 OWN_TEST = {"fanuc-lrmate200ic"}  # in tests/arm/test_pinocchio.py
 
+# Arms with a spherical wrist of four manufacturers: axes of a URDF and rpy (deg) of its tool0; then offsets
+# (deg) and signs of the modified rows in robotkinematicscatalogue 1.1.2, and whether J3 is against the floor
+MAKERS = {
+    "kuka": ("-z +y +y -x +y -x", (0, 90, 0), (0, 0, -90, 0, 0, 180), (-1, 1, 1, -1, 1, -1), False),
+    "abb": ("+z +y +y +x +y +x", (0, 90, 0), (0, -90, 0, 0, 0, 180), (1, 1, 1, 1, 1, 1), False),
+    "fanuc": ("+z +y -y -x -y -x", (180, -90, 0), (0, -90, 0, 0, 0, 0), (1, 1, -1, -1, -1, -1), True),
+    "yaskawa": ("+z +y -y -x -y -x", (180, -90, 0), (0, -90, 0, 0, 0, 0), (1, 1, -1, -1, -1, -1), False),
+}
+# x, z (mm) of the joint origins and of the flange in the URDF of ROS-Industrial, and the height of F0; then
+# d1, a1, a2, a3, d4, d6 (mm) of the catalogue
+WRISTED = {
+    "kuka-kr6r700": ((0, 400, 25, 0, 315, 0, 0, 35, 365, 0, 80, 0, 0, 0), 0, (400, 25, 315, 35, 365, 80)),
+    "kuka-kr6r900": ((0, 400, 25, 0, 455, 0, 0, 35, 420, 0, 80, 0, 0, 0), 0, (400, 25, 455, 35, 420, 80)),
+    "kuka-kr10r1100": ((0, 400, 25, 0, 560, 0, 0, 35, 515, 0, 80, 0, 0, 0), 0, (400, 25, 560, 35, 515, 80)),
+    "kuka-kr16-2": (
+        (0, 675, 260, 0, 680, 0, 670, -35, 0, 0, 0, 0, 158, 0), 0, (675, 260, 680, -35, 670, 158)),
+    "abb-irb1200-7-70": ((0, 399.1, 0, 0, 0, 350, 0, 42, 351, 0, 82, 0, 0, 0), 0, (399, 0, 350, 42, 351, 82)),
+    "abb-irb1600-10-145": (
+        (0, 0, 150, 486.5, 0, 700, 300, 0, 300, 0, 65, 0, 0, 0), 0, (486.5, 150, 700, 0, 600, 65)),
+    "abb-irb2600-12-185": (
+        (0, 445, 150, 0, 0, 900, 0, 115, 795, 0, 85, 0, 0, 0), 0, (445, 150, 900, 115, 795, 85)),
+    "abb-irb4600-60-205": (
+        (0, 495, 175, 0, 0, 900, 0, 175, 960, 0, 135, 0, 0, 0), 0, (495, 175, 900, 175, 960, 135)),
+    "fanuc-m10ia": (
+        (0, 450, 150, 0, 0, 600, 0, 200, 640, 0, 100, 0, 0, 0), 450, (0, 150, 600, 200, 640, 100)),
+    "fanuc-m20ia": (
+        (0, 525, 150, 0, 0, 790, 0, 250, 835, 0, 100, 0, 0, 0), 525, (0, 150, 790, 250, 835, 100)),
+    "fanuc-m710ic-50": (
+        (0, 565, 150, 0, 0, 870, 0, 170, 1016, 0, 175, 0, 0, 0), 565, (0, 150, 870, 170, 1016, 175)),
+    "yaskawa-gp7": ((0, 330, 40, 0, 0, 445, 440, 40, 0, 0, 0, 0, 80, 0), 330, (0, 40, 445, 40, 440, 80)),
+    "yaskawa-gp8": ((0, 330, 40, 0, 0, 345, 340, 40, 0, 0, 0, 0, 80, 0), 330, (0, 40, 345, 40, 340, 80)),
+    "yaskawa-gp12": (
+        (0, 450, 155, 0, 0, 614, 640, 200, 0, 0, 0, 0, 100, 0), 450, (0, 155, 614, 200, 640, 100)),
+    "yaskawa-gp25": (
+        (0, 505, 150, 0, 0, 760, 0, 200, 795, 0, 0, 0, 100, 0), 505, (0, 150, 760, 200, 795, 100)),
+}  # fmt: skip
+ROUNDED = {"abb-irb1200-7-70": 0.1}
+"""mm: lengths that the catalogue has rounded."""
+
 
 def about(axis, angle: float, xyz=(0.0, 0.0, 0.0)) -> np.ndarray:
     """A turn about a unit axis by Rodrigues' formula, and a place (mm)."""
@@ -194,7 +221,7 @@ def flange(robot: Robot, readings: np.ndarray) -> np.ndarray:
 
 
 def test_each_has_a_second_source():
-    assert set(builtin_robots()) == {*STANDARD, *ORIGINS} | OWN_TEST
+    assert set(builtin_robots()) == {*STANDARD, *ORIGINS, *WRISTED} | OWN_TEST
     page = (Path(__file__).parents[2] / "docs/robots.md").read_text(encoding="utf-8")
     assert all(f"| `{name}` |" in page for name in builtin_robots())
 
@@ -222,6 +249,32 @@ def test_origins(name):
         np.testing.assert_allclose(flange(robot, q), theirs, atol=1e-12)
 
 
+@pytest.mark.parametrize("name", WRISTED)
+def test_two_sources_of_arms_with_a_spherical_wrist(name):
+    robot, _ = load_robot(name)
+    axes, tool0, offsets, signs, floor = MAKERS[name.split("-")[0]]
+    places, height, (d1, a1, a2, a3, d4, d6) = WRISTED[name]
+    turned = [np.eye(3)["xyz".index(axis[1])] * float(axis[0] + "1") for axis in axes.split()]
+    steps = zip(places[::2], places[1::2], [*turned, None], strict=True)
+    origins = [((x, 0, z), (0, 0, 0) if axis is not None else tool0, axis) for x, z, axis in steps]
+    rows = zip((0, -90, 0, -90, 90, -90), (0, a1, a2, a3, 0, 0), (d1, 0, 0, d4, 0, d6), offsets, strict=True)
+    modified = list(rows)
+    for q in np.random.default_rng(4).uniform(-3, 3, (50, robot.n)):
+        relative = q.copy()
+        relative[2] += q[1] if floor else 0.0  # a FANUC's pendant shows J3 against the floor
+        by_urdf = by_origins(origins, relative)
+        by_urdf[2, 3] -= height * 1e-3
+        found = flange(robot, q)
+        np.testing.assert_allclose(found, by_urdf, atol=1e-12)
+        by_catalogue = np.eye(4)
+        for (alpha, a, d, offset), sign, angle in zip(modified, signs, relative, strict=True):
+            turn = about((1, 0, 0), np.radians(alpha), (a, 0, 0)) @ about(
+                (0, 0, 1), sign * angle + np.radians(offset)
+            )
+            by_catalogue = by_catalogue @ turn @ about((0, 0, 1), 0.0, (0, 0, d))
+        np.testing.assert_allclose(found, by_catalogue, atol=1e-12 + 1.001e-3 * ROUNDED.get(name, 0.0))
+
+
 def test_other_tables_of_lengths():
     """Tables with signs of their own: lengths alone, mm."""
     fanuc, _ = load_robot("fanuc-lrmate200id")  # UnderAutomation's Fanuc SDK: d4, d6, a1, a2, a3
@@ -234,8 +287,20 @@ def test_other_tables_of_lengths():
     np.testing.assert_allclose(kuka.d * 1e3, [340, 0, 400, 0, 400, 0, 126])
 
 
-# masses (kg) and centres (mm, in standard frames) of robotics-toolbox-python, models/DH
+# masses (kg), centres (mm, in standard frames): robotics-toolbox-python, models/DH; UR16e: a model for it
 TOOLBOX = {
+    "universal-robots-ur3e": (
+        [1.98, 3.4445, 1.437, 0.871, 0.805, 0.261],
+        [(0, -20, 0), (130, 0, 115.7), (50, 0, 23.8), (0, 0, 10), (0, 0, 10), (0, 0, -20)],
+    ),
+    "universal-robots-ur10e": (
+        [7.369, 13.051, 3.989, 2.1, 1.98, 0.615],
+        [(21, 0, 27), (380, 0, 158), (240, 0, 68), (0, 7, 18), (0, 7, 18), (0, 0, -26)],
+    ),
+    "universal-robots-ur16e": (
+        [7.369, 10.45, 4.321, 2.18, 2.033, 0.907],
+        [(0, -16, 30), (302, 0, 160), (194, 0, 65), (0, -9, 11), (0, 18, 12), (0, 0, -44)],
+    ),
     "universal-robots-ur5e": (
         [3.761, 8.058, 2.846, 1.37, 1.3, 0.365],
         [

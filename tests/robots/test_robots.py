@@ -1,15 +1,19 @@
 """robot.yaml: built-in, round trip, refusals."""
 
+import json
 from dataclasses import fields
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
+import bayescal as bc
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.cli import app
 from bayescal.errors import BayescalError
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 
@@ -137,3 +141,28 @@ def test_standard_rows_end_at_the_flange(tmp_path):
     assert read(tmp_path, text).flange[2, 3] == pytest.approx(0.01)
     with pytest.raises(BayescalError, match="leave `flange` out"):
         read(tmp_path, text.replace("convention: mdh", "convention: dh"))
+
+
+def test_table_of_built_in_robots():
+    """Reach against formulas of arms whose axes 2, 3 and 5 are parallel: a1 + a2 + |elbow to wrist| + d6."""
+    abb, kuka = bc.robots.table("irb1"), bc.robots.table("KR6R")
+    assert list(abb.index) == [name for name in builtin_robots() if "irb1" in name]
+    assert abb.loc["abb-irb1600-10-145", "reach_mm"] == pytest.approx(150 + 700 + 600 + 65, abs=0.1)
+    assert kuka.loc["kuka-kr6r700", "reach_mm"] == pytest.approx(25 + 315 + np.hypot(365, 35) + 80, abs=0.1)
+    assert abb.masses.to_dict() == {
+        "abb-irb120": True,
+        "abb-irb1200-7-70": False,
+        "abb-irb1600-10-145": False,
+    }
+    assert kuka.loc["kuka-kr6r700", "sources"].startswith("KUKA KR 6 R700 sixx: lengths and signs as in")
+    assert not any("#" in text for text in kuka.sources)
+
+
+def test_command_lists_robots_by_a_part_of_their_name():
+    done = CliRunner().invoke(app, ["robots", "ur10", "--to", "json"])
+    names = [r["name"] for r in json.loads(done.output)["robots"]]
+    assert names == ["universal-robots-ur10", "universal-robots-ur10e"]
+    done = CliRunner().invoke(app, ["robots", "kr16"])
+    assert "kuka-kr16-2" in done.output
+    assert "1 built-in" in done.output
+    assert "`no-such`" in str(CliRunner().invoke(app, ["robots", "no-such"]).exception)

@@ -65,6 +65,18 @@ def test_what_is_written_is_what_was_meant(every, room, tmp_path):
     assert found.noise.point == 20e-6
 
 
+def test_the_record_is_there_as_comments(every, tmp_path):
+    """Without the marks of comments the keys are read as they were meant."""
+    text = filled((every / SETTINGS).read_text())
+    head, _, tail = text.partition("# record:\n")
+    keys, own = tail.splitlines(), 5
+    uncommented = "\n".join(["record:", *(line.removeprefix("#") for line in keys[:own]), *keys[own:]])
+    (tmp_path / SETTINGS).write_text(head + uncommented)
+    found, _, _ = read_settings(tmp_path / SETTINGS)
+    assert set(found.record.serials) == {"arm", "probe", "artefact", "instrument"}
+    assert (found.record.date, found.record.temperature) == ("2026-01-31", 20.0)
+
+
 def test_every_certified_value_and_every_value_of_the_tool_is_marked(every):
     found, _, _ = read_settings(every / SETTINGS, assume=True)
     marked = {(path[0], path[-1]) for path in found.unfilled}

@@ -208,7 +208,7 @@ class PinocchioArm:
 
 
 def tool_points(arm: MuJoCoArm | PinocchioArm, links: np.ndarray, tool: np.ndarray) -> np.ndarray:
-    """Tool points (N, 3), m, at motor angles (N, n), rad, of the links; every spring is in equilibrium."""
+    """TCP positions (N, 3), m, at motor angles (N, n), rad, of the links; every spring is in equilibrium."""
     give = np.array([h.give for h in arm.hinges])
     motor = np.array([h.motor for h in arm.hinges])
     out = np.empty((len(links), 3))

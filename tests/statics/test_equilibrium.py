@@ -36,7 +36,7 @@ def bare(effects):
 
 
 def test_a_fitted_arm_is_at_rest(loaded):
-    """Moments computed again at its pose do not move a tool point; after two fits they moved it by 6 um."""
+    """Moments computed again at its pose do not move a TCP; after two fits they moved it by 6 um."""
     found = calibrated(Scene(loaded.dataset), EVERY)
     again = build(settled(found), EVERY)
     values = by_name(again, found.arm, found.model)

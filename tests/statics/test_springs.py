@@ -71,7 +71,7 @@ def drawn(dataset, mounting, effects):
 
 
 def ours(dataset, mounting, effects, mass=0.0):
-    """Tool points (N, 3), m, of the model of bayescal, and the names of its parameters."""
+    """TCP positions (N, 3), m, of the model of bayescal, and the names of its parameters."""
     give, errors, stand = drawn(dataset, mounting, effects)
     known = {"payload mass": mass}
     for kind, patterns in NAMES.items():
@@ -102,7 +102,7 @@ def unit(axis):
 
 
 def theirs(engine, dataset, mounting, effects, names, mass=0.0):
-    """Tool points (N, 3), m, of the springs in an engine, of those that are parameters of the model."""
+    """TCP positions (N, 3), m, of the springs in an engine, of those that are parameters of the model."""
     give, errors, stand = drawn(dataset, mounting, effects)
     (tool,), robot = dataset.tools, dataset.robot
     point = DEPTH * DOWN[mounting]
@@ -118,7 +118,7 @@ def theirs(engine, dataset, mounting, effects, names, mass=0.0):
 
 
 def apart(engine, robot, mounting, effects, mass=0.0):
-    """Largest distance of the tool points of engine and model, and the effect of gravity, in um."""
+    """Largest distance of the TCP positions of engine and model, and the effect of gravity, in um."""
     dataset = session(robot, mounting)
     found, names = ours(dataset, mounting, effects, mass)
     stiff, _ = ours(dataset, mounting, ("geometry",))

@@ -2,7 +2,7 @@
 
 from bayescal.assess.budget.budget import COVERAGE, MOST_DOF, Budget, Component, budget
 from bayescal.assess.budget.inputs import Basis, Input, Propagated, propagated
-from bayescal.assess.budget.main import headline, usual
+from bayescal.assess.budget.main import headline, of_distances, usual, with_budgets
 from bayescal.assess.budget.measurand import Measurand, certified_distances, distance, parameter, volume
 
 __all__ = [
@@ -18,8 +18,10 @@ __all__ = [
     "certified_distances",
     "distance",
     "headline",
+    "of_distances",
     "parameter",
     "propagated",
     "usual",
     "volume",
+    "with_budgets",
 ]

@@ -68,7 +68,7 @@ class Basis:
     excess_dof : float
         Its effective degrees of freedom.
     known : Prepared, optional
-        Validation rows and located targets of `stated.wide`, where they are known.
+        Validation measurements and located targets of `stated.wide`, where they are known.
     """
 
     stated: Stated
@@ -83,7 +83,7 @@ class Basis:
 
     @cached_property
     def prepared(self) -> Prepared:
-        """Validation rows, and the targets that are located from them."""
+        """Validation measurements, and the targets that are located from them."""
         return self.known or prepared(self.stated.wide, strict=False)
 
     def unexplained(self) -> Input:
@@ -183,6 +183,11 @@ def _certificates(found: Estimate) -> Iterator[Propagated]:
     for constraint, entry in zip(model.constraints, _entries(model.scene, model.constraints), strict=True):
         by = found.covariance @ found.linear.jacobian[first : first + constraint.rows].T
         first += constraint.rows
+        if entry.points is not None:
+            name = f"certificate: coordinates of {entry.points.artefact}"
+            common = "certificates of the distances"
+            yield Propagated(Input(CERTIFICATE, name, "B", "m", None, None, common=common), by)
+            continue
         units = np.array([unit for _, unit in model.scene.stated(entry)])
         for unit in dict.fromkeys(units.tolist()):
             own = np.flatnonzero(units == unit)
@@ -202,6 +207,9 @@ def _entries(scene: Scene, constraints: Sequence[Constraint]) -> Iterator[Certif
     entries = iter(scene.dataset.certificates)
     for constraint in constraints:
         for entry in entries:
+            if entry.points is not None and constraint.kind == entry.kind:
+                yield entry
+                break
             if (entry.kind, entry.targets) == (constraint.kind, constraint.targets) and scene.stated(entry):
                 assert np.array_equal(u_of(entry, scene.stated(entry)), constraint.u)
                 yield entry

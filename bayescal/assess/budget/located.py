@@ -25,7 +25,7 @@ class Centre:
 
 
 def centre(basis: Basis, name: str) -> Centre:
-    """The centre of a target that was fitted or is located from validation rows.
+    """The centre of a target that was fitted or is located from validation measurements.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def centre(basis: Basis, name: str) -> Centre:
         return Centre(centre_of(block, block.state(z)), by_z, ())
     known = basis.prepared.located
     if name not in known:
-        what = f"{name} has no rows that are fitted or validate"
+        what = f"{name} has no measurements that are fitted or validate"
         raise BayescalError(what, "--distance", "name targets that were measured")
     t = known[name]
     by_z = np.zeros((3, model.size))
@@ -69,7 +69,7 @@ def own_errors(basis: Basis, t: LocatedTarget, by: np.ndarray) -> Iterator[Own]:
     by_noise, evaluation = factor * by @ t.by_noise, "A" if fitted else "B"
     u = factor * float(np.sqrt(np.mean(t.noise**2 * (1.0 - share))))
     count = len(t.block.rows)
-    what = f"location of {name} ({count} rows)"
+    what = f"location of {name} ({count} measurements)"
     probed = Input(
         PROBING, what, evaluation, "m", 0.0, u, dof, "location of the measured targets", t.block.group
     )

@@ -1,4 +1,4 @@
-"""Distances between points that an instrument read in validation rows, as a measurand."""
+"""Distances between points that an instrument read in validation measurements, as a measurand."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from bayescal.assess.budget.inputs import PROBING, Basis, Input, Own, reading_sh
 from bayescal.assess.budget.located import own_errors
 from bayescal.assess.budget.measurand import DISTANCES, Measurand, in_common
 from bayescal.estimate import STATED_WORTH
-from bayescal.predict.forecast import POINTS
-from bayescal.predict.pairs import evenly, far_pairs
+from bayescal.predict.forecast import POINTS, READINGS, SMALLEST
+from bayescal.predict.pairs import evenly, far_pairs, lengths
 from bayescal.predict.rows import RowPrediction
 
-NAME = "error of a distance between readings of the instrument"
+NAME = f"error of a distance between {READINGS}"
 
 
 def readings(basis: Basis) -> Measurand | None:
@@ -27,7 +27,7 @@ def readings(basis: Basis) -> Measurand | None:
         pick = evenly(len(r.block.rows), POINTS)
         at = xyz[r.block.rows[pick]].T
         pairs = far_pairs(at)
-        if not len(pairs):
+        if np.max(lengths(at, pairs), initial=0.0) < SMALLEST:
             continue
         by = _by_residuals(at, pairs, pick, len(r.block.rows))
         before = sum(len(part) for part in by_z)

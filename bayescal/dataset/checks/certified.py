@@ -26,12 +26,12 @@ FINE = 5e-3
 
 @dataclass(frozen=True)
 class Contradiction:
-    """A certificate, by its number, what is wrong with its length, and a remedy that names a probable unit.
+    """A certificate by its place in dataset.yaml, what is wrong with its length, and a remedy.
 
     `impossible`: the rows on its targets contradict it too, by more than any error of an arm.
     """
 
-    certificate: int
+    place: tuple[str | int, ...]
     what: str
     remedy: str
     impossible: bool
@@ -69,7 +69,8 @@ def contradictions(dataset: Dataset) -> Iterator[Contradiction]:
             if back
             else "check the certificate, the names and the nominal places"
         )
-        yield Contradiction(number, what, remedy, abs(c.distance - there) > OFF + rows)
+        place = ("artefact",) if c.derived else ("certificates", number)
+        yield Contradiction(place, what, remedy, abs(c.distance - there) > OFF + rows)
 
 
 def _off(dataset: Dataset, name: str) -> float:

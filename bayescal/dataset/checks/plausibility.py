@@ -9,6 +9,7 @@ import numpy as np
 
 from bayescal.arm.robot import Robot
 from bayescal.dataset.checks.certified import contradictions
+from bayescal.dataset.checks.conventions import explanation
 from bayescal.dataset.checks.misfit import OFF, contacts, nominal, seen
 from bayescal.dataset.checks.units import suspicion
 from bayescal.dataset.contacts import Contacts, residual, settled
@@ -27,6 +28,7 @@ MANY = 0.3
 LEVER = 0.3
 """m: arm of an angle's uncertainty when a target's place is judged."""
 
+LIKE = "look like"
 LOOKS_LIKE = (
     (180 / np.pi, "radians"),
     (np.pi / 180, "degrees converted twice"),
@@ -40,12 +42,13 @@ LOOKS_LIKE = (
 
 
 def check(dataset: Dataset, table: Table, document: Document) -> None:
-    """Refuse the first implausible row or target, with its line.
+    """Refuse the first implausible row or target, with its line; or the one change that explains all rows.
 
     The uncertainty of a target's pose is that of its prior; the frame of an instrument is unknown.
     """
     for problem in problems(dataset, table, document):
-        raise problem
+        known = LIKE in problem.what
+        raise problem if known else explanation(dataset, document) or problem
 
 
 def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[BayescalError]:
@@ -80,7 +83,7 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
             yield found
     for wrong in contradictions(dataset):
         if wrong.impossible:
-            where = document.where(("certificates", wrong.certificate))
+            where = document.where(wrong.place)
             yield BayescalError(f"{wrong.what}, as the rows on them are", where, wrong.remedy)
 
 
@@ -117,9 +120,7 @@ def _in_other_units(dataset: Dataset, table: Table) -> BayescalError | None:
     every = len(columns) == dataset.robot.n
     noun = "the joint readings" if every else f"the values of {', '.join(columns)}"
     like = next((word for factor, word in LOOKS_LIKE if np.isclose(factor, found.factor)), "another unit's")
-    what = (
-        f"{noun} look like {like}: a row is {1e3 * found.stated:.0f} mm off, and then {1e3 * found.other:.2g}"
-    )
+    what = f"{noun} {LIKE} {like}: a row is {1e3 * found.stated:.0f} mm off, and then {1e3 * found.other:.2g}"
     return table.error(0, what, f"these columns hold {unit}: convert them")
 
 
@@ -161,6 +162,7 @@ def _impossible(
         return BayescalError(what, document.where(("targets", target.name)), remedy)
     row = int(np.argmax(away))
     which = "reading" if KINDS[target.kind].noise == "point" else "contact"
-    what = f"impossible {which}: {1e3 * away[row]:.0f} mm off where the others put `{target.name}`"
+    others = "point of the other readings" if which == "reading" else "surface fitted to the other contacts"
+    what = f"impossible {which}: {1e3 * away[row]:.0f} mm from the {others} on `{target.name}`"
     more = f" ({bad.sum() - 1} more rows are as far off)" if bad.sum() > 1 else ""
     return table.error(at[row], what + more, "check target, tool and joint readings, or leave the row out")

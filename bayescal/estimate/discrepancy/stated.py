@@ -138,7 +138,7 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     ----------
     fitted : Estimate
     functions : sequence of Family, optional
-        Default: those of the fitted rows. Estimates from parts of one session are comparable if all have the
+        Default: those of the fitted data. Estimates from parts of one session are comparable if all have the
         functions of the whole.
     """
     model = fitted.model

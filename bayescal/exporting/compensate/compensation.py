@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from bayescal.exporting.compensate.table import (
     written,
 )
 from bayescal.exporting.compensate.targets import Corrected, Target
+from bayescal.exporting.compensate.tools import check_stated, tool_of
 from bayescal.exporting.fitted import FittedArm
 from bayescal.files import write_together
 from bayescal.reading import content_of
@@ -51,6 +53,7 @@ class Compensation:
     text: bytes
     positions: bytes | None = None
     notes: tuple[str, ...] = ()
+    warning: str = ""
 
     def save(self, out: Path) -> tuple[str, ...]:
         """Write the corrected file, and the table of a program's positions beside it; return their names.
@@ -77,9 +80,11 @@ def compensate_file(
     format_: str = "",
     frame: str | None = None,
     tool: str | None = None,
+    tcp: np.ndarray | None = None,
     payload: float = 0.0,
     time: float | None = None,
     row: str | None = None,
+    warning: str = "",
 ) -> Compensation:
     """Correct the positions of a file.
 
@@ -92,42 +97,56 @@ def compensate_file(
         One of `FORMATS`; by default, that of the file's name.
     frame : str, optional
         Of the poses: `base` (default), or a target of the session; needed where a program states another.
-    tool, time, row : optional
+    tool, tcp : optional
+        As of `compensated`; needed where a program states a tool whose pose it does not have.
+    time, row : optional
         As of `compensated`.
     payload : float
-        kg beyond the tool, of targets that state none.
+        additional payload, kg, of targets that state none.
+    warning : str
+        What speaks against the fit; it stands in the corrected file.
 
     Raises
     ------
     BayescalError
-        With the line, for a file that cannot be read as its format; for a program also if a position has no
-        solution.
+        With the line, for a file that cannot be read as its format; for a program also if a position that it
+        uses has no solution, or if it has another frame or tool.
     """
     content = _content(source)
     name = format_ or _format_of(source, content)
     if name not in FORMATS:
         raise BayescalError(f"there is no format `{name}`", "--format", f"known: {', '.join(FORMATS)}")
     n = arm.dataset.robot.n
+    state: dict[str, Any] = {"frame": frame or BASE, "tool": tool, "tcp": tcp, "time": time, "row": row}
     if name == TABLE:
         table = read_targets(source, n, payload)
-        found = compensated(arm, table.targets, frame=frame or BASE, tool=tool, time=time, row=row)
-        text = written(table, found, n).encode()
-        return Compensation(source.name, name, frame or BASE, table.targets, tuple(found), text)
+        found = compensated(arm, table.targets, **state)
+        content = written(table, found, n, warning).encode()
+        return Compensation(
+            source.name, name, frame or BASE, table.targets, tuple(found), content, warning=warning
+        )
     form, code = PROGRAMS[name], content.decode("latin-1")
     try:
         program = form.read(code, n)
+        _check(program, form, source, frame)
+        if program.tools:
+            check_stated(program.tools, tool_of(arm, tool, tcp))
     except BayescalError as error:
-        raise BayescalError(error.what, f"{source.name}, {error.where}", error.remedy) from None
-    _check(program, form, source, frame)
+        where = error.where if error.where.startswith(source.name) else f"{source.name}, {error.where}"
+        raise BayescalError(error.what, where, error.remedy) from None
     slots = [replace(s, target=replace(s.target, where=f"{source.name}, {s.target.where}", payload=payload))
              for s in program.slots]  # fmt: skip
     targets = [s.target for s in slots]
-    found = compensated(arm, targets, frame=frame or BASE, tool=tool, time=time, row=row, in_sequence=True)
-    text = rewritten(code, form, slots, found).encode("latin-1")
-    lines = [(s.name, line_of(code, s.spans[0][0])) for s in slots]
+    found = compensated(arm, targets, **state, in_sequence=True)
+    text = rewritten(code, form, slots, found)
+    if warning and form.remarked is not None:
+        text = form.remarked(text, warning.encode("latin-1", "replace").decode("latin-1"))
+    lines = [(s.name, line_of(code, s.place)) for s in slots]
+    unused = [f"{s.target.where}: not used by the program, and without solution; kept"
+              for s, own in zip(slots, found, strict=True) if own.reason]  # fmt: skip
     return Compensation(
-        source.name, name, frame or BASE, tuple(targets), tuple(found), text,
-        _positions(lines, found, n).encode(), program.notes,
+        source.name, name, frame or BASE, tuple(targets), tuple(found), text.encode("latin-1"),
+        _positions(lines, found, n, warning).encode(), (*unused, *program.notes), warning,
     )  # fmt: skip
 
 
@@ -159,14 +178,15 @@ def _check(program: Program, form: Format, source: Path, frame: str | None) -> N
         raise BayescalError(what, source.name, remedy)
 
 
-def _positions(lines: Sequence[tuple[str, int]], found: Sequence[Corrected], n: int) -> str:
+def _positions(lines: Sequence[tuple[str, int]], found: Sequence[Corrected], n: int, warning: str) -> str:
     """The table of a program's positions, in the order in which they are visited."""
     joints = joint_columns("deg", n)
 
     def rows() -> Iterator[list[str]]:
         for (name, line), own in zip(lines, found, strict=True):
-            assert own.nominal is not None
-            before = [f"{x:.{DEGREES}f}" for x in np.degrees(own.nominal)]
-            yield [name, str(line), *before, *cells(own, n)]
+            before = [""] * n
+            if own.nominal is not None:
+                before = [f"{x:.{DEGREES}f}" for x in np.degrees(own.nominal)]
+            yield [name, str(line), *before, *cells(own, n, warning)]
 
     return csv_text(["position", "line", *map(nominal, joints), *joints, *OUTPUT], rows())

@@ -12,7 +12,7 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid
 from bayescal.errors import BayescalError
-from bayescal.exporting.fitted import FittedArm, Poses
+from bayescal.exporting.fitted import FittedArm, Poses, padded, unit_errors
 from bayescal.model.block import Block
 
 BASE = "base"
@@ -30,28 +30,33 @@ class Frame:
     found: np.ndarray
     block: Block | None = None
     state: np.ndarray | None = None
-    values: np.ndarray | None = None
+    values: np.ndarray | None = None  # (P + K,)
+    units: np.ndarray | None = None  # (P + K,) of the errors in the columns of the block
+    excess: float = 0.0  # m, of every measurement of the target
 
-    def covariance(self, poses: Poses) -> np.ndarray:
-        """Covariance of tool points relative to the frame, (C, 3, 3), m2, in F0."""
+    def moved(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+        """Slopes (C, 3, P + K) of points relative to the frame, and the covariance (C, 3, 3), m2, of its own.
+
+        In F0. The target follows the errors that the arm had where it was measured.
+        """
         if self.block is None:
-            return poses.covariance
+            return poses.by_all, np.zeros((len(poses.points), 3, 3))
         by_arm, own = self._carried(poses.points)
-        by = poses.by_parameters - by_arm
-        return poses.spread_by(by) + own
+        return poses.by_all - by_arm, own
 
     def _carried(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives (C, 3, P) of points fixed to the target by the arm, and their own covariance."""
+        """Displacements (C, 3, P + K) of points fixed to the target by the arm, and their own covariance."""
         assert self.block is not None
         assert self.state is not None
         assert self.values is not None
+        assert self.units is not None
         b, x = self.block, self.state
         z = x[b.free] / b.sd
         _, by_arm, by_own = b.linearise(self.values, z)
-        sigma = np.tile(b.sigma, b.kind.rows)[:, None]
-        a, c = by_own / sigma, by_arm / sigma
+        sigma = np.tile(np.hypot(b.sigma, self.excess), b.kind.rows)[:, None]
+        a, c = by_own / sigma, by_arm * self.units / sigma
         information = a.T @ a + np.eye(b.size)
-        follows = -np.linalg.solve(information, a.T @ c)  # (size, P)
+        follows = -np.linalg.solve(information, a.T @ c)  # (size, P + K)
         local = np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(self.found).T
         moved = np.empty((len(points), 3, b.size))
         for k, at in enumerate(b.free):
@@ -87,11 +92,15 @@ def frame_of(arm: FittedArm, name: str) -> Frame:
         raise BayescalError("the fit did not locate this target", where, f"give one of: {fitted}")
     index, m = names.index(name), dataset.measurements
     rows = np.flatnonzero((m.target == index) & (m.role == "calibrate") & ~np.isin(m.ids, arm.rejected))
-    block = arm.model.block(index, rows)
+    wide = arm.beyond.widened(arm.model, arm.values)
+    block = wide.block(index, rows)
     state = arm.states[name]
     described = block.kind.describe(state)
     if not {"frame", "centre"} & set(described):
         kind = dataset.targets[index].kind
         raise BayescalError(f"a {kind} has no frame", where, "give an instrument, a sphere or a fixed point")
     nominal = pose_of(block.kind.describe(np.zeros(len(state))))
-    return Frame(nominal, pose_of(described), block, state, arm.values)
+    return Frame(
+        nominal, pose_of(described), block, state, padded(arm.values, wide),
+        unit_errors(wide, len(arm.values)), arm.beyond.excess,
+    )  # fmt: skip

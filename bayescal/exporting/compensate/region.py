@@ -2,7 +2,7 @@
 
 A target is inside if both hold:
 
-- its tool point is within the convex hull of the tool points of the session. Errors that the model lacks, and
+- its TCP is within the convex hull of the TCP positions of the session. Errors that the model lacks, and
   the effect of gravity, vary with the place of the arm, and were only seen there;
 - each reading is within the range of the readings of the session. Errors of encoders and gears vary with the
   angle of a joint, and an arm can reach a probed place with angles that were never seen.
@@ -29,7 +29,7 @@ STIFF = 1e3  # weight of the sum of the weights, 1/m
 
 @dataclass(frozen=True)
 class Region:
-    """Tool points (N, 3), m, and readings (N, n), rad, of a session."""
+    """TCP positions (N, 3), m, and readings (N, n), rad, of a session."""
 
     points: np.ndarray
     readings: np.ndarray

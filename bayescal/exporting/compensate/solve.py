@@ -15,14 +15,13 @@ from bayescal.arm.inverse import descend, poses_apart, to_poses
 from bayescal.arm.nominal import NominalArm
 from bayescal.arm.robot import Robot
 from bayescal.arm.solutions import beyond_limits, nearest, solutions, without_solution
-from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Tool
-from bayescal.errors import BayescalError
 from bayescal.exporting.compensate.frames import BASE, Frame, frame_of
+from bayescal.exporting.compensate.position import uncertainty
 from bayescal.exporting.compensate.region import Region
 from bayescal.exporting.compensate.targets import Corrected, Target
+from bayescal.exporting.compensate.tools import Working, axes_of, tool_of
 from bayescal.exporting.fitted import FittedArm, Poses
-from bayescal.exporting.lost_motion import lost_motion
 
 MOVED = np.radians(0.01)
 """rad: a joint that moves less keeps its direction, as its lost motion is not crossed (assumed)."""
@@ -36,6 +35,7 @@ def compensated(
     *,
     frame: str = BASE,
     tool: str | None = None,
+    tcp: np.ndarray | None = None,
     time: float | None = None,
     row: str | None = None,
     in_sequence: bool = False,
@@ -51,6 +51,8 @@ def compensated(
         Of the poses: `base` (F0), or a target that was fitted.
     tool : str, optional
         Name of the tool where a target states none; needed if the session has several.
+    tcp : np.ndarray, shape (6,), optional
+        Pose of a working tool that the session does not have; see `tools.tool_of`.
     time, row : optional
         State of the arm; see `FittedArm.at`.
     in_sequence : bool
@@ -61,21 +63,23 @@ def compensated(
     BayescalError
         For a frame or tool that does not exist.
     """
+    each = {name: tool_of(arm, name, tcp) for name in dict.fromkeys(t.tool or tool for t in targets)}
+    tools = [each[t.tool or tool] for t in targets]
+    arm = next(iter(each.values())).arm if each else arm
     stand = frame_of(arm, frame)
-    tools = [_tool(arm, t.tool or tool) for t in targets]
-    arms = {t.name: nominal_arm(arm.dataset.robot, t) for t in tools}
-    own = [arms[t.name] for t in tools]
+    arms = {w.tool.name: nominal_arm(arm.dataset.robot, w.tool) for w in each.values()}
+    own = [arms[w.tool.name] for w in tools]
     goals = np.array([_goal(t, n, stand) for t, n in zip(targets, own, strict=True)]).reshape(-1, 4, 4)
     start = _nominal(arm, targets, own, goals, in_sequence)
     velocity = _velocities(targets, own, goals, [s.nominal for s in start])
     out = list(start)
     region = Region.of(arm)
     for name, nominal in arms.items():
-        mine = [k for k, s in enumerate(start) if not s.reason and tools[k].name == name]
+        mine = [k for k, s in enumerate(start) if not s.reason and tools[k].tool.name == name]
         if mine:
-            state = {"tool": name, "time": time, "row": row}
+            state = {"time": time, "row": row}
             payload = np.array([targets[k].payload for k in mine])
-            done = _fitted(arm, nominal, stand, region, [start[k] for k in mine],
+            done = _fitted(tools[mine[0]], nominal, stand, region, [start[k] for k in mine],
                            goals[mine], velocity[mine], payload, state)  # fmt: skip
             for k, one in zip(mine, done, strict=True):
                 out[k] = one
@@ -84,8 +88,7 @@ def compensated(
 
 def nominal_arm(robot: Robot, tool: Tool) -> NominalArm:
     """The nominal arm with a tool: its stated point, and its stated orientation or that of the flange."""
-    axes = np.eye(3) if tool.rpy is None else rpy_matrix(tool.rpy)
-    return NominalArm(robot, tool.centre, axes)
+    return NominalArm(robot, tool.centre, axes_of(tool))
 
 
 def _goal(target: Target, nominal: NominalArm, frame: Frame) -> np.ndarray:
@@ -94,16 +97,6 @@ def _goal(target: Target, nominal: NominalArm, frame: Frame) -> np.ndarray:
         return frame.found @ target.pose
     assert target.readings is not None, "a target has a pose or readings"
     return nominal.tool_poses(nominal.frames(target.readings[None]))[0]
-
-
-def _tool(arm: FittedArm, name: str | None) -> Tool:
-    tools = {t.name: t for t in arm.dataset.tools}
-    known = f"tools: {', '.join(tools)}"
-    if name is None and len(tools) > 1:
-        raise BayescalError("the session has several tools", "--tool", f"name one; {known}")
-    if name is not None and name not in tools:
-        raise BayescalError(f"there is no tool `{name}`", "--tool", known)
-    return next(iter(tools.values())) if name is None else tools[name]
 
 
 def _nominal(
@@ -189,7 +182,7 @@ def _end_of_line(arm: NominalArm, start: np.ndarray, goal: np.ndarray, readings:
 
 
 def _fitted(
-    arm: FittedArm,
+    working: Working,
     nominal: NominalArm,
     frame: Frame,
     region: Region,
@@ -200,9 +193,13 @@ def _fitted(
     state: Mapping[str, object],
 ) -> list[Corrected]:
     """Corrected targets of one tool, all with a nominal solution."""
+    arm = working.arm
 
-    def at(readings: np.ndarray, which: np.ndarray, more: np.ndarray | float = 0.0) -> Poses:
-        return arm.at(readings, payload_kg=payload[which], direction=velocity[which] + more, **state)  # type: ignore[arg-type]
+    def at(
+        readings: np.ndarray, which: np.ndarray, more: np.ndarray | float = 0.0, tool: str = working.tool.name
+    ) -> Poses:
+        way = velocity[which] + more
+        return arm.at(readings, tool=tool, payload_kg=payload[which], direction=way, **state)  # type: ignore[arg-type]
 
     def reached(readings: np.ndarray, which: np.ndarray) -> np.ndarray:
         poses = at(readings, which)
@@ -219,9 +216,9 @@ def _fitted(
                             np.maximum(high, begin.max(axis=0)))  # fmt: skip
     readings = nominal.readings_of(angles)
     poses = at(readings, every)
-    off = lost_motion(arm, at, readings, velocity, poses)
-    spread = frame.covariance(poses) + np.einsum("cji,cjk->cik", off, off)
-    inside = region.contains(poses.points, readings)
+    spread = uncertainty(working, frame, at, velocity, poses)
+    probed = working.probed(poses, lambda name: at(readings, every, tool=name))
+    inside = region.contains(probed, readings)
     error = np.linalg.norm(at(before, every).points - goals[:, :3, 3], axis=1)
     stated = np.linalg.inv(frame.nominal) @ nominal.tool_poses(nominal.frames(readings))
     out = []
@@ -229,9 +226,8 @@ def _fitted(
         if not found[k]:
             out.append(Corrected(_stuck(nominal, angles[k])))
             continue
-        u = float(np.sqrt(np.trace(spread[k])))
-        out.append(Corrected("", readings[k], stated[k], before[k], start[k].solutions, u, float(error[k]),
-                             bool(inside[k])))  # fmt: skip
+        out.append(Corrected("", readings[k], stated[k], before[k], start[k].solutions, float(spread.u[k]),
+                             float(error[k]), bool(inside[k]), float(spread.expanded[k])))  # fmt: skip
     return out
 
 

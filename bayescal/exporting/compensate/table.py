@@ -23,7 +23,7 @@ from bayescal.exporting.compensate.targets import Corrected, Target
 from bayescal.files import stem_of, unknown
 
 DEGREES = 7  # decimals of a reading in degrees
-OUTPUT = ("u_mm", "inside_probed_region", "reason", "error_mm", "solutions")
+OUTPUT = ("u_mm", "inside_probed_region", "reason", "error_mm", "solutions", "U_mm", "verdict")
 
 
 @dataclass(frozen=True)
@@ -103,22 +103,23 @@ def nominal(column: str) -> str:
     return f"{stem_of(column)[0]}_nominal_deg"
 
 
-def written(table: TargetTable, found: Sequence[Corrected], n: int) -> str:
-    """The table with corrected readings, its own readings as ``j1_nominal_deg`` ..."""
+def written(table: TargetTable, found: Sequence[Corrected], n: int, verdict: str) -> str:
+    """The table with corrected readings, its own readings as ``j1_nominal_deg`` ... and the verdict."""
     joints = joint_columns("deg", n)
     header = [nominal(c) if c in joints else c for c in table.header]
     return csv_text([*header, *joints, *OUTPUT], (
-        [*row, *cells(own, n)] for row, own in zip(table.rows, found, strict=True)
+        [*row, *cells(own, n, verdict)] for row, own in zip(table.rows, found, strict=True)
     ), table.newline)  # fmt: skip
 
 
-def cells(own: Corrected, n: int) -> list[str]:
+def cells(own: Corrected, n: int, verdict: str) -> list[str]:
     """Cells of a corrected target: readings, then the columns of `OUTPUT`."""
     if own.readings is None:
-        return [*[""] * n, "", "", own.reason, "", ""]
+        return [*[""] * n, "", "", own.reason, "", "", "", verdict]
     readings = [f"{x:.{DEGREES}f}" for x in np.degrees(own.readings)]
     inside = "true" if own.inside else "false"
-    return [*readings, f"{1e3 * own.u:.5f}", inside, "", f"{1e3 * own.error:.5f}", str(own.solutions)]
+    rest = [f"{1e3 * own.error:.5f}", str(own.solutions), f"{1e3 * own.expanded:.5f}", verdict]
+    return [*readings, f"{1e3 * own.u:.5f}", inside, "", *rest]
 
 
 def csv_text(header: Sequence[str], rows: object, newline: str = "\n") -> str:

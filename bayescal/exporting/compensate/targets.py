@@ -55,6 +55,7 @@ class Corrected:
     pose: np.ndarray | None = None  # (4, 4) in the frame of the targets: where the nominal model has these
     nominal: np.ndarray | None = None  # (n,) rad, of the nominal model
     solutions: int = 0  # of the nominal model, up to whole turns; 0 where the readings were given
-    u: float = np.nan  # m: standard uncertainty of the tool point, length of the vector
-    error: float = np.nan  # m: of the tool point at the nominal readings
+    u: float = np.nan  # m: standard uncertainty of the TCP, length of the vector
+    error: float = np.nan  # m: of the TCP at the nominal readings
     inside: bool = False  # the region that the session has probed
+    expanded: float = np.nan  # m: length that the error of the TCP does not exceed (95.45 %)

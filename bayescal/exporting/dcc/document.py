@@ -13,15 +13,16 @@ from bayescal.assess.budget import (
     Basis,
     Budget,
     budget,
-    certified_distances,
-    distance,
+    of_distances,
     parameter,
     volume,
 )
-from bayescal.assess.conformance import COVERAGE as TWO
 from bayescal.assess.iso9283 import Iso9283, iso9283
 from bayescal.exporting.dcc.entries import Entries
 from bayescal.exporting.dcc.xml import DCC, VERSION, XSI, add, contact, quantity, text
+
+TWO = 2.0
+"""k of figures of ISO 9283, whose u is of stated noise alone: normal."""
 
 
 def dcc(entries: Entries, basis: Basis, notes: Sequence[str] = ()) -> str:
@@ -104,7 +105,7 @@ def _results(parent: Element, lang: str, basis: Basis) -> None:
         text(method, "description", "differs from the standard: " + "; ".join(found.differs), "en")
         add(method, "norm", "ISO 9283:1998")
     results = add(parent, "results")
-    each = [budget(basis, distance(basis, pair)) for pair in certified_distances(basis)]
+    each = of_distances(basis).values()
     data = _result(results, "errors of distances")
     _expanded_alone(data, budget(basis, volume(basis)))
     for b in each:

@@ -37,7 +37,7 @@ class Content:
 
     @cached_property
     def circumstances(self) -> Circumstances:
-        """The circumstances of the session's fitted rows."""
+        """The circumstances of the session's fitted measurements."""
         scene = self.arm.model.scene
         c = scene.circumstances(scene.rows("calibrate"))
         own = next((s for s in c.sessions if s.rows[self.row]), None)

@@ -14,19 +14,20 @@ from bayescal.effects.bending import BENDING, across, ends
 from bayescal.effects.stand import tilts, vertical
 from bayescal.effects.vocabulary import Circumstances, Parameter
 from bayescal.errors import BayescalError
+from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.mjcf.content import Content
 from bayescal.exporting.mjcf.spring import Spring, linear, spring_of
 
 BEYOND = 2.0
 """A spring holds up to this multiple of the largest torque of the session; beyond, it is extrapolated."""
 LEAST = 0.05
-"""Share of the compliance without load below which a hardening is not extrapolated further."""
+"""Share of the compliance without load below which a nonlinear stiffness is not extrapolated further."""
 STEPS = 1500
 """Torques at which a characteristic is evaluated."""
 
 
 def joint_springs(content: Content) -> Mapping[int, Spring]:
-    """Springs about the axes of the joints, by their index: compliance, hardening and hysteresis together.
+    """Springs about the joint axes, by index: compliance, nonlinear stiffness and hysteresis together.
 
     Raises
     ------
@@ -84,6 +85,44 @@ def appended(c: Circumstances, torques: np.ndarray) -> Circumstances:
     moments, weights = (np.pad(own, [more, (0, 0), (0, 0)]) for own in (c.loads.moments, c.loads.weights))
     moments[-len(torques) :, 1:, 2] = torques
     return replace(c, loads=Loads(moments, weights))
+
+
+ELASTIC = ("torque", "bending moment", "base moment")
+"""Drivers of springs."""
+CROSS = "cross"
+"""The last word of a parameter that joins the tilts of the stand."""
+
+
+def springless(arm: FittedArm) -> np.ndarray:
+    """Parameters (P,) that no spring has: a negative compliance, and what else acts at its place.
+
+    A rigid joint or stand has no spring either: what acts beside its compliance is left out.
+    """
+    p = arm.model.parameters
+    total = np.array([own.nominal for own in p]) + arm.values
+    place = [(own.driver.kind, own.site, _spring(own)) for own in p]
+    known = {at: float(value) for own, at, value in zip(p, place, total, strict=True) if own.positive}
+    least = [
+        min((v for (*at, name), v in known.items() if at == [*here] and own in (name, CROSS)), default=1.0)
+        for *here, own in place
+    ]
+    return np.array([
+        own.driver.kind in ELASTIC and (least_ < 0 or (least_ == 0 and not own.positive))
+        for own, least_ in zip(p, least, strict=True)
+    ], bool)  # fmt: skip
+
+
+def sprung(arm: FittedArm) -> FittedArm:
+    """The arm without the parameters that no spring has."""
+    off = springless(arm)
+    return replace(arm, values=np.where(off, 0.0, arm.values)) if np.any(off) else arm
+
+
+def _spring(p: Parameter) -> str:
+    """What tells several springs at one site: the axis of a tilt of the stand, else the whole name."""
+    if p.driver.kind == "base moment":
+        return p.name.split()[-1]
+    return "" if p.driver.kind == "torque" else p.name
 
 
 def bearings(content: Content) -> Mapping[int, Spring]:
@@ -157,6 +196,8 @@ def stand_hinges(content: Content) -> tuple[StandHinge, ...]:
     weight = (masses + float(c.load_mass[content.row])) * c.gravity
     out = []
     for name, axis, slide, compliance in zip(names, axes, moved, np.diag(give).tolist(), strict=True):
+        if compliance == 0:  # rigid
+            continue
         spring = _positive(compliance, f"{e} {name}")
         pos = -np.cross(slide / compliance, axis)  # axis x (origin - pos) is the slide per radian
         # the moment that acts is that about the base's origin, not about the hinge
@@ -167,6 +208,6 @@ def stand_hinges(content: Content) -> tuple[StandHinge, ...]:
 
 def _positive(compliance: float, name: str) -> Spring:
     if compliance <= 0:
-        what = f"{name} is {1e6 * compliance:.3g} urad/(N m): no spring has a compliance that is not positive"
+        what = f"{name} is {1e6 * compliance:.3g} µrad/(N m): no spring has a compliance that is not positive"
         raise BayescalError(what, "export", "leave the effect out with --without")
     return linear(compliance)

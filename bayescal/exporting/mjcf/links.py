@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from bayescal.arm.transforms import rigid
-from bayescal.exporting.digits import number
+from bayescal.exporting.digits import number, numbers
 from bayescal.exporting.mjcf.mechanism import Body, Hinge, Load, Mechanism
 from bayescal.exporting.mjcf.text import DEFAULT, add, place
 
@@ -33,6 +33,8 @@ NEUTRAL = {
 """Attributes of added elements that have no effect."""
 MOST = 6
 """Largest number of hinges of a body in MuJoCo."""
+TIP = {"type": "sphere", "size": "0.004", "rgba": ".9 .2 .1 1", "group": "0"}
+"""Attributes of a site at the tip of a tool."""
 THIN = 0.02
 """Radius of the capsules that show the links, m."""
 
@@ -44,7 +46,6 @@ def defaults(root: ET.Element, shown: bool = True) -> None:
     add(own, "joint", type="hinge", limited="false", range="0 0", armature=1e-3, **NEUTRAL["joint"])
     add(own, "tendon", limited="false", range="0 0", **NEUTRAL["tendon"])
     add(own, "equality", **NEUTRAL["equality"])
-    add(own, "site", type="sphere", size=0.004, rgba=".9 .2 .1 1", group="0")
     if shown:
         add(
             own,
@@ -94,6 +95,8 @@ def inertial(element: ET.Element, body: Body) -> None:
 def hinge(element: ET.Element, h: Hinge) -> None:
     """Append a hinge with its spring."""
     own = add(element, "joint", **{"class": DEFAULT}, name=h.name, axis=h.axis, pos=h.pos)
+    if h.limits is not None:
+        own.attrib.update(limited="true", range=numbers(h.limits))
     if h.spring is not None:
         own.set("stiffness", number(h.spring.stiffness))
         own.set("damping", number(DAMPING * h.spring.slope))
@@ -131,4 +134,4 @@ def tool(flange: ET.Element, load: Load) -> None:
 def tips(flange: ET.Element, loads: tuple[Load, ...]) -> None:
     """Append the tips of all tools as sites."""
     for load in loads:
-        add(flange, "site", **{"class": DEFAULT}, name=load.name, pos=load.tip)
+        add(flange, "site", name=load.name, pos=load.tip, **TIP)

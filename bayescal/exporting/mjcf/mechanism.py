@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bayescal.arm.chain import Chain, displaced
-from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.dataset import Tool
 from bayescal.errors import BayescalError
+from bayescal.exporting.geometry import centre_in_frame
 from bayescal.exporting.mjcf.content import Content
 from bayescal.exporting.mjcf.elastic import (
     LinkHinge,
@@ -31,7 +31,8 @@ X, Y, Z = np.eye(3)
 class Hinge:
     """A hinge of a body: unit axis and a point of it (3,), m, in the body's frame at zero.
 
-    Without a spring it is a joint that the readings command. A spring has its zero at `rest`, rad.
+    Without a spring it is a joint that the readings command, with limits, rad. A spring has its zero at
+    `rest`, rad.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Hinge:
     pos: np.ndarray
     spring: Spring | None = None
     rest: float = 0.0
+    limits: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -99,14 +101,16 @@ def mechanism(content: Content, law: Law) -> Mechanism:
     foot, *places, flange = poses(content, law)
     bodies = [Body("base", foot, _stand(stand_hinges(content), foot, chain))]
     for j, (name, place) in enumerate(zip(robot.joint_names, places, strict=True)):
-        hinges = [Hinge(name, Z, 0.0 * Z)]
+        low, high = sorted((np.sign(robot.link_from_reading[j, j]) * robot.limits[j]).tolist())
+        hinges = [Hinge(name, Z, 0.0 * Z, limits=(low, high))]
         if wrong[j]:
             hinges.append(Hinge(error(name), Z, 0.0 * Z))
         if j in springs:
             hinges.append(Hinge(f"{name}_flex", Z, 0.0 * Z, springs[j]))
         hinges += _yielding(name, tilts.get(j), bends.get(j, ()), _moved(delta[j + 1], (1,)))
         mass = 0.0 if robot.masses is None else float(robot.masses[j])
-        bodies.append(Body(f"link{j + 1}", place, tuple(hinges), mass, _centre(robot, chain, delta, j + 1)))
+        centre = np.zeros(3) if robot.centres_of_mass is None else centre_in_frame(robot, chain, delta, j)
+        bodies.append(Body(f"link{j + 1}", place, tuple(hinges), mass, centre))
     return Mechanism(tuple(bodies), flange, loads(content), scene.dataset.gravity)
 
 
@@ -163,17 +167,6 @@ def _stand(hinges: tuple[StandHinge, ...], foot: np.ndarray, chain: Chain) -> tu
     turn = foot[:3, :3].T
     at = chain.base[:3, 3] - foot[:3, 3]
     return tuple(Hinge(h.name, turn @ h.axis, turn @ (at + h.pos), h.spring, h.rest) for h in hinges)
-
-
-def _centre(robot: Robot, chain: Chain, delta: np.ndarray, j: int) -> np.ndarray:
-    """Centre of mass of link j (from 1) in the frame of its body."""
-    if robot.centres_of_mass is None:
-        return np.zeros(3)
-    centre = robot.centres_of_mass[j - 1]
-    if robot.convention == "dh":
-        centre = chain.link[j, :3, :3] @ centre + chain.link[j, :3, 3]
-        centre = displaced(centre, np.where(np.arange(6) < 2, 0.0, delta[j]))
-    return centre
 
 
 def _load(content: Content, number: int, tool: Tool) -> Load:

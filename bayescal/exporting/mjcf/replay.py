@@ -16,7 +16,7 @@ from __future__ import annotations
 import csv
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,9 @@ SETTLING, STEPS, REST = 0.05, 600, 1e-10
 """Step, s, number of steps, and speed at which the arm is at rest."""
 HOLD = 1e10
 """Stiffness, N m/rad, of the springs that hold the joints of a scene."""
+
+HELD = 1e16
+"""Inertia, kg m2 and kg, of joints that carry the base."""
 
 
 class Replay:
@@ -87,9 +90,12 @@ class Simulated:
         self.mj, self.replay, self.table = mujoco, replay, replay.table
         self.model = mujoco.MjModel.from_xml_path(str(file))
         self.data = mujoco.MjData(self.model)
+        self.bodies = {self.model.body(k).name for k in range(self.model.nbody)}
         if not self.table["servos"]:  # a scene of the user: springs hold the joints in place of its actuators
             flags = mujoco.mjtDisableBit
             self.model.opt.disableflags |= flags.mjDSBL_ACTUATION | flags.mjDSBL_CONTACT
+            self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+            hold_base(mujoco, self.model, self.table["joints"])
             for name in self.table["joints"]:
                 self.model.joint(name).stiffness[0] = HOLD
 
@@ -99,7 +105,8 @@ class Simulated:
         """Tip of the tool (3,), m, of the arm at rest at readings (n,), rad, with a further mass, kg."""
         command = self.replay.command(readings, direction)
         self.mj.mj_resetData(self.model, self.data)
-        self.model.body("payload").mass[0] = self.table["payload_factor"] * payload
+        if self.table["payload_body"] in self.bodies:  # a rigid arm carries none
+            self.model.body(self.table["payload_body"]).mass[0] = self.table["payload_factor"] * payload
         angles = self.replay.nominal @ command
         for name, sign, angle in zip(self.table["joints"], self.table["signs"], angles, strict=True):
             self.data.joint(name).qpos[0] = sign * angle
@@ -114,6 +121,22 @@ class Simulated:
         self.model.opt.timestep = step
         self.mj.mj_kinematics(self.model, self.data)
         return self.data.site(self.table["tip"]).xpos.copy()
+
+
+def hold_base(mujoco: Any, model: Any, joints: Sequence[str]) -> None:
+    """Let the base of an arm on a vehicle or an axis stand still: its joints get an immense inertia.
+
+    Joints of an elastic stand are called stand_...: they stay as they are.
+    """
+    body = model.body(model.joint(joints[0]).bodyid[0]).parentid[0]
+    while body:
+        for j in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+            first = model.jnt_dofadr[j]
+            count = {0: 6, 1: 3}.get(int(model.jnt_type[j]), 1)
+            if not model.joint(j).name.startswith("stand_"):
+                model.dof_armature[first : first + count] = HELD
+        body = model.body_parentid[body]
+    mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
 def rows(path: Path, n: int) -> Iterator[tuple[np.ndarray, np.ndarray | None, float]]:

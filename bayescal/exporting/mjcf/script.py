@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,9 @@ PROBE = {
 SCRIPT, TABLE = "-replay.py", "-replay.json"
 
 
-def beside(content: Content, joints: Joints, servos: bool) -> dict[str, str]:
+def beside(
+    content: Content, joints: Joints, servos: bool, renamed: Mapping[str, Mapping[str, str]]
+) -> dict[str, str]:
     """Further files of an export: the script and its table.
 
     Parameters
@@ -31,12 +34,16 @@ def beside(content: Content, joints: Joints, servos: bool) -> dict[str, str]:
         Of the file.
     servos : bool
         Whether its actuators command the readings, by the names of the joints.
+    renamed : mapping
+        Names in the file of added parts that are called otherwise there, by kind.
     """
-    table = json.dumps(replay_table(content, joints, servos), indent=1, allow_nan=False) + "\n"
+    table = json.dumps(replay_table(content, joints, servos, renamed), indent=1, allow_nan=False) + "\n"
     return {SCRIPT: Path(replay.__file__).read_text(encoding="utf-8"), TABLE: table}
 
 
-def replay_table(content: Content, joints: Joints, servos: bool) -> dict[str, Any]:
+def replay_table(
+    content: Content, joints: Joints, servos: bool, renamed: Mapping[str, Mapping[str, str]]
+) -> dict[str, Any]:
     """The table of a script; arguments as of `beside`."""
     law, dataset = law_of(content), content.arm.dataset
     tool = dataset.tools[int(dataset.measurements.tool[content.row])].name
@@ -50,7 +57,8 @@ def replay_table(content: Content, joints: Joints, servos: bool) -> dict[str, An
         "joints": list(joints.names),
         "signs": joints.signs.tolist(),
         "servos": list(joints.names) if servos else [],
-        "tip": tool,
+        "tip": renamed.get("site", {}).get(tool, tool),
+        "payload_body": renamed.get("body", {}).get("payload", "payload"),
         "payload_factor": next(load.factor for load in loads(content) if load.name == tool),
         "nominal": law.nominal.tolist(),
         "exact": law.exact.tolist(),

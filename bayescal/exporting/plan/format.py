@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from bayescal.errors import BayescalError
 from bayescal.planning.result import Plan
 
 PASS, STOP, APPROACH, CONTACT, RETRACT, MEASURE = "pass", "stop", "approach", "contact", "retract", "measure"
@@ -32,14 +33,60 @@ class Motion:
     readings: np.ndarray
 
 
+BEYOND = 5e-3
+"""m beyond the expected surface where a guarded motion ends (assumed)."""
+MOST_BEYOND = 50e-3
+"""m: more is no search for a surface."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """How a controller notices a contact, and how far it searches.
+
+    Attributes
+    ----------
+    input : str
+        Digital input as the controller names it; "" for the first of the format.
+    force : float or None
+        N: change of the force at the tool from which on it is a contact, in place of the input.
+    beyond : float
+        m beyond the expected surface where the guarded motion ends.
+    """
+
+    input: str = ""
+    force: float | None = None
+    beyond: float = BEYOND
+
+    def __post_init__(self) -> None:
+        """Refuse what is no threshold and no length."""
+        if self.force is not None and not (np.isfinite(self.force) and self.force > 0):
+            raise BayescalError(f"a force of {self.force:g} N", "--probe-force-n", "give a positive number")
+        if self.force is not None and self.input:
+            what = "either the input or the force states a contact"
+            raise BayescalError(what, "--probe-force-n", "remove it or --probe-input")
+        if not 0 < self.beyond <= MOST_BEYOND:
+            what = f"a search {1e3 * self.beyond:g} mm beyond the surface"
+            raise BayescalError(what, "--probe-beyond-mm", f"give more than 0, to {1e3 * MOST_BEYOND:g}")
+
+
 @dataclass(frozen=True)
 class Format:
-    """A format of planned motions: its name, the file in the run folder, its text, and what is in it."""
+    """A format of planned motions.
+
+    Attributes
+    ----------
+    name, summary : str
+        In options, and what is in it.
+    files : callable
+        Texts of a plan by the names of their files in the run folder; only programs depend on the probe.
+    check : callable
+        Refuses a probe that the format cannot use, before a plan is made.
+    """
 
     name: str
-    file: str
-    text: Callable[[Plan], str]
+    files: Callable[[Plan, Probe], Mapping[str, str]]
     summary: str
+    check: Callable[[Probe], None] = lambda probe: None
 
 
 def motions(plan: Plan) -> Iterator[Motion]:
@@ -68,7 +115,7 @@ def motions(plan: Plan) -> Iterator[Motion]:
 
 
 def closed(plan: Plan, row: int) -> bool:
-    """Whether no way free of collisions to a contact was found from the contact before (`Plan.by_hand`)."""
+    """Whether no collision-free path to a contact was found from the contact before (`Plan.by_hand`)."""
     return bool(plan.by_hand) and bool(plan.by_hand[row])
 
 

@@ -1,1 +1,1 @@
-"""A written file in its simulator: against the fitted arm, and against the measured rows."""
+"""A written file in its simulator: against the fitted arm, and against the measurements."""

@@ -1,4 +1,4 @@
-"""Validation rows replayed in the simulator: its difference from the machine, before and after."""
+"""Validation measurements replayed in the simulator: its difference from the machine, before and after."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def simulated_gap(
     after: Callable[[np.ndarray], np.ndarray],
     reported: Reported,
 ) -> Gap | None:
-    """Replay the validation rows; None if the session has none.
+    """Replay the validation measurements; None if the session has none.
 
     Parameters
     ----------
     arm : FittedArm
     before, after : callable
-        Tool points (C, 3), m, in rows (C,) of the session: of another arm, and of the written file.
+        TCP positions (C, 3), m, in rows (C,) of the session: of another arm, and of the written file.
     reported : Reported
         By the run.
     """
@@ -84,7 +84,7 @@ def before_estimate(arm: FittedArm, baseline: tuple[str, ...]) -> Estimate:
 
 
 def in_simulator(arm: FittedArm, file: File, rows: np.ndarray, state: int) -> np.ndarray:
-    """Tool points (C, 3), m, of an arm in its file; where it changes in time, in the state of each row."""
+    """TCP positions (C, 3), m, of an arm in its file; where it changes in time, in the state of each row."""
     machine = Machine.of(arm, state, file.place)
     simulator = machine.simulator(file.text, file.folder, file.name)
     if not file.place.own and any(p.driver.kind in STATE[1:] for p in arm.model.parameters):

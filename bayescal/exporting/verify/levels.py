@@ -18,7 +18,7 @@ POSES = 100
 
 @dataclass(frozen=True)
 class Level:
-    """One model level: differences of C tool points, m, and the limit of the largest."""
+    """One model level: differences of C TCP positions, m, and the limit of the largest."""
 
     name: str
     differences: np.ndarray  # (C,)

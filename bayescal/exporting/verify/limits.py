@@ -23,7 +23,7 @@ LIMITS = {
     "hardening": 5e-7,
     "backlash": 2e-6,
 }
-"""Maximum difference of the tool points, m, that each effect of a model adds; others add none."""
+"""Maximum difference of the TCP positions, m, that each effect of a model adds; others add none."""
 TOGETHER, TOGETHER_RMS = 3e-6, 1e-6
 """Maximum and RMS difference, m, of any model."""
 

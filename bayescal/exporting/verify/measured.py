@@ -1,4 +1,4 @@
-"""Validation rows replayed in a simulator: the difference between the simulator and the machine."""
+"""Validation measurements replayed in a simulator: the difference between the simulator and the machine."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Residuals:
 
 @dataclass(frozen=True)
 class Measured:
-    """Errors of an arm in validation rows: residuals of targets, and errors of certified distances, m."""
+    """Errors of an arm in validation data: residuals of targets, and errors of certified distances, m."""
 
     residuals: tuple[Residuals, ...]
     pairs: tuple[tuple[str, str], ...]
@@ -68,7 +68,7 @@ def validation_rows(arm: FittedArm) -> np.ndarray:
 
 
 def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mapping[str, float]) -> Measured:
-    """Errors of validation rows, for tool points (C, 3), m, of a simulator in these rows.
+    """Errors of validation measurements, for TCP positions (C, 3), m, of a simulator in these rows.
 
     A target that was not fitted is located from its own rows, with these points. Effects of the probe are
     those of the arm's model. Rows whose tool no fitted row used are left out.
@@ -99,7 +99,7 @@ def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mappin
 
 
 def _located(block: Block, arm: FittedArm, p: np.ndarray, noise: float) -> np.ndarray:
-    """State of a target by its own rows, from tool points (3, C), m."""
+    """State of a target by its own rows, from TCP positions (3, C), m."""
     kind = block.touched(arm.values)
     at, _ = locate(block.target, kind, p, np.tile(noise * block.sigma, (kind.rows, 1)), strict=False)
     return np.asarray(at.x[0])

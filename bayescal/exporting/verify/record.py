@@ -30,6 +30,7 @@ def record(v: Verification) -> dict[str, Any]:
         "rms_difference_um": {level.name: 1e6 * level.rms for level in v.levels},
         "limit_um": {level.name: 1e6 * level.limit for level in v.levels},
         "not_in_file_rms_um": {name: 1e6 * size for name, size in v.missing.items()},
+        "use": v.arm.use.record(),
         "passed": v.passed,
         "measured": None,
     }
@@ -57,12 +58,13 @@ def report(v: Verification) -> RenderableType:
     title = f"{v.path.name} in {v.software}, {len(v.levels[-1].differences)} poses of {v.arm.dataset.name}"
     parts: list[RenderableType] = [Text(title, style="bold"), _levels(v)]
     if v.gap is None:
-        parts.append(Text("The session has no validation rows: no gap is measured."))
+        parts.append(Text("The session has no validation measurements: no gap is measured."))
     else:
         parts.append(_gap(v))
     if v.missing:
         sizes = ", ".join(f"{name} ({um(size)} µm RMS)" for name, size in v.missing.items())
         parts.append(Text(f"not in the file, and part of the gap after: {sizes}"))
+    parts += [Text(remark, style="yellow") for remark in v.arm.use.remarks]
     worst = next((level for level in v.levels if not level.passed), None)
     if worst is None:
         rest = " without these effects" if v.missing else ""
@@ -85,7 +87,7 @@ def _gap(v: Verification) -> FigureTable:
     g = v.gap
     assert g is not None
     table = FigureTable(
-        "simulator against measured rows: RMS (µm)", "count", f"before ({g.before_is})", "after",
+        "simulator against measurements: RMS (µm)", "count", f"before ({g.before_is})", "after",
         "run: before", "run: after",
     )  # fmt: skip
     for kind in g.after:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ class Place:
     world: np.ndarray
     own: bool = False
     script: bool = False
+    renamed: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, arm: FittedArm, sidecar: Mapping[str, Any]) -> Place:
@@ -42,7 +43,7 @@ class Place:
         if "root_in_f0" not in sidecar:
             return cls(Joints.of(arm.dataset.robot.joint_names), np.eye(4), script=script)
         joints = Joints(tuple(sidecar["joints"].values()), np.array(sidecar["signs"]))
-        return cls(joints, np.array(sidecar["root_in_f0"]), True, script)
+        return cls(joints, np.array(sidecar["root_in_f0"]), True, script, sidecar.get("renamed", {}))
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,8 @@ class Machine:
 
     def simulator(self, text: str, folder: Path, where: str) -> Simulator:
         """The simulator of a file of this machine."""
-        return Simulator(text, folder, self.place.joints, self.law.nominal, not self.place.own, where)
+        own, renamed = self.place.own, self.place.renamed
+        return Simulator(text, folder, self.place.joints, self.law.nominal, not own, where, renamed)
 
     def sense(self, velocity: np.ndarray | None, count: int) -> np.ndarray:
         """Places (C, n) of gears in their lost motion after a velocity (C, n); the middle without one."""
@@ -96,7 +98,7 @@ class Machine:
 def replayed(
     simulator: Simulator, machine: Machine, arm: FittedArm, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Readings reached (C, n), rad, and tool points (C, 3), m, in rows of the session.
+    """Readings reached (C, n), rad, and TCP positions (C, 3), m, in rows of the session.
 
     Each pose is approached in the direction in which the arm moved, with the tool and the payload of the row.
     """
@@ -125,7 +127,7 @@ def replayed(
 
 
 def modelled(arm: FittedArm, rows: np.ndarray, reached: np.ndarray, state: int) -> np.ndarray:
-    """Tool points (C, 3), m, of the fitted arm at readings reached (C, n) in rows, in the state of a row."""
+    """TCPs (C, 3), m, of the fitted arm at readings reached (C, n) in rows, in the state of a row."""
     m = arm.dataset.measurements
     out = np.empty((len(rows), 3))
     names = [t.name for t in arm.dataset.tools]

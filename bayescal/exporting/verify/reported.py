@@ -1,4 +1,4 @@
-"""What a run reports of its validation rows: RMS errors before and after."""
+"""What a run reports of its validation measurements: RMS errors before and after."""
 
 from __future__ import annotations
 

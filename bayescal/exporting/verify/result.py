@@ -12,6 +12,7 @@ import numpy as np
 from bayescal.errors import BayescalError
 from bayescal.exporting.engine import mujoco
 from bayescal.exporting.fitted import FittedArm, open_run, refitted
+from bayescal.exporting.mjcf.elastic import sprung
 from bayescal.exporting.rows import state_row
 from bayescal.exporting.sidecar import AGAIN, read_sidecar, sidecar_of
 from bayescal.exporting.verify.gap import Gap, in_simulator, simulated_gap
@@ -69,6 +70,7 @@ def _mjcf(
     arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, reported: Reported,
     notify: Notify,
 ) -> Verification:  # fmt: skip
+    arm = sprung(arm)
     file = File(text, path.parent, str(path), Place.of(arm, sidecar))
     software = f"MuJoCo {mujoco().__version__}"
     found = levels(arm, file, state, lambda share: notify("levels", share))

@@ -15,6 +15,7 @@ from bayescal.exporting.engine import mujoco
 from bayescal.exporting.mjcf.into.scene_file import compiled
 from bayescal.exporting.mjcf.mechanism import Load
 from bayescal.exporting.mjcf.readings import STIFF, Joints
+from bayescal.exporting.mjcf.replay import hold_base
 from bayescal.robots.markup import parse_markup
 
 RAMP = 120
@@ -29,7 +30,7 @@ REST = 1e-10
 
 @dataclass(frozen=True)
 class Stood:
-    """C poses in the simulator: readings that were reached (C, n), rad, and tool points (C, 3), m."""
+    """C poses in the simulator: readings that were reached (C, n), rad, and TCP positions (C, 3), m."""
 
     readings: np.ndarray
     points: np.ndarray
@@ -53,6 +54,8 @@ class Simulator:
         stiff springs hold the joints in place of the file's actuators.
     where : str
         For messages.
+    renamed : mapping, optional
+        Names in the file of added parts that are called otherwise there, by kind.
 
     Raises
     ------
@@ -61,12 +64,15 @@ class Simulator:
     """
 
     def __init__(
-        self, text: str, folder: Path, joints: Joints, nominal: np.ndarray, servos: bool, where: str
-    ) -> None:
+        self, text: str, folder: Path, joints: Joints, nominal: np.ndarray, servos: bool, where: str,
+        renamed: Mapping[str, Mapping[str, str]] | None = None,
+    ) -> None:  # fmt: skip
         self.mj: Any = mujoco()
-        self.model = compiled(parse_markup(text.encode(), where), folder, where)
+        parse_markup(text.encode(), where)
+        self.model = compiled(text, folder, where)
         self.data = self.mj.MjData(self.model)
         self.joints, self.nominal, self.servos, self.where = joints, nominal, servos, where
+        self.renamed = renamed or {}
         self.timestep = self.model.opt.timestep
         kinds = ("ACTUATOR", "SENSOR") if servos else ("JOINT",)
         for name in joints.names:
@@ -76,6 +82,8 @@ class Simulator:
         if not servos:
             flags = self.mj.mjtDisableBit
             self.model.opt.disableflags |= flags.mjDSBL_ACTUATION | flags.mjDSBL_CONTACT
+            self.model.opt.integrator = self.mj.mjtIntegrator.mjINT_DISCRETE
+            hold_base(self.mj, self.model, joints.names)
             for name in joints.names:
                 joint = self._id("JOINT", name)
                 self.model.jnt_stiffness[joint], self.model.jnt_stiffnesspoly[joint] = STIFF, 0.0
@@ -107,6 +115,7 @@ class Simulator:
         return np.linalg.solve(self.nominal, self.joints.signs * angles)
 
     def _id(self, kind: str, name: str) -> int:
+        name = self.renamed.get(kind.lower(), {}).get(name, name)
         return int(self.mj.mj_name2id(self.model, getattr(self.mj.mjtObj, f"mjOBJ_{kind}"), name))
 
     def carry(self, load: Load, payload: float) -> None:
@@ -116,6 +125,8 @@ class Simulator:
             ("payload", load.factor * payload, np.zeros(3)),
         ):
             body = self._id("BODY", name)
+            if body < 0:  # a rigid arm in a file of the user has no mass of the tool
+                continue
             self.model.body_mass[body] = mass
             if name == "tool":
                 self.model.body_ipos[body] = centre

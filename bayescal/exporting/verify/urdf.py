@@ -32,7 +32,7 @@ def held(arm: FittedArm) -> FittedArm:
 
 
 def tool_points(arm: FittedArm, poses: Poses, sidecar: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:
-    """Tool points (C, 3), m, in F0, in rows of the session."""
+    """TCP positions (C, 3), m, in F0, in rows of the session."""
     m = arm.dataset.measurements
     angles = m.readings[rows] @ np.array(sidecar["joint_from_reading"]).T
     flange = np.array(sidecar["root_in_f0"]) @ poses(angles) @ np.array(sidecar["flange_in_tip"])

@@ -31,7 +31,7 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
 
     The first intervention, `AGAIN`, repeats the poses without a change. All except those from a cold start
     are at the end of the session. They stay within its times and temperatures, whose range defines drifts.
-    Their role is not to calibrate, so that results from the fitted rows do not change.
+    Their role is not to calibrate, so that results from the fitted measurements do not change.
     """
     m = scene.dataset.measurements
     late = {k: getattr(m, k)[-1] for k in ("time", "temperature") if getattr(m, k) is not None}

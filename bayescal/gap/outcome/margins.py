@@ -95,7 +95,7 @@ def holm(p: np.ndarray) -> np.ndarray:
 def residuals(
     estimate: Estimate, held: ValidationErrors, noise: float | None = None, noise_dof: float | None = None
 ) -> Residuals:
-    """All lengths of calibration rows, and of validation rows where there are any; as for `margins`."""
+    """All lengths of calibration rows, and of validation data where there are any; as for `margins`."""
     model, blocks = estimate.model, length_blocks(estimate.model)
     weights = replace(estimate.weights, row={k: np.ones_like(w) for k, w in estimate.weights.row.items()})
     linear, factor = linearise(model, estimate.z, weights), root(estimate.covariance)

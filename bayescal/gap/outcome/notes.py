@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from bayescal.assess.findings import negative
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import Driver
@@ -40,14 +39,14 @@ def play_or_late(alone: tuple[CellFit, ...], pool: Pool, credible: tuple[str, ..
             continue
         apart = by_sign - by_speed
         if apart > OUTCOME.apart:
-            says = f"its sign fits {apart:.0f} nats better than its speed: backlash, not unsettled readings"
+            says = f"its sign fits {apart:.0f} nats better than its speed: backlash, not a settling error"
         elif apart < -OUTCOME.apart:
             says = (
-                f"its speed fits {-apart:.0f} nats better than its sign: unsettled or commanded readings, "
-                "not backlash"
+                f"its speed fits {-apart:.0f} nats better than its sign: a settling error or commanded "
+                "readings, not backlash"
             )
         else:
-            says = "backlash (sign) and unsettled readings (speed) are not distinguishable"
+            says = "backlash (sign) and a settling error (speed) are not distinguishable"
         out.append(
             (max(by_sign, by_speed), f"the error of {site} depends on its direction of motion; {says}")
         )
@@ -133,18 +132,17 @@ def warnings(
     if last is not first:
         out += increased(first, last)
     if first.how == LEFT_OUT:
-        out.append("too few validation rows: leave-one-out cross-validation is used instead")
+        out.append("too few validation measurements: leave-one-out cross-validation is used instead")
     if gross := len(np.unique(first.rows[~fair])):
         every = len(np.unique(first.rows))
         was = "were" if gross > 1 else "was"
         out.append(
-            f"{gross} of {every} validation rows {was} excluded as gross under both models; "
+            f"{gross} of {every} validation measurements {was} excluded as gross under both models; "
             "a fit counts them in its validation errors"
         )
     if count := len(after.rejected):
         was = "rows were excluded as outliers" if count > 1 else "row was excluded as an outlier"
         out.append(f"{count} calibration {was}")
-    out += negative(after)
     out += [u.words for u in lacking if u.matters]
     if not before.model.knows_length:
         out.append(

@@ -24,7 +24,7 @@ def shrinkage(
     seed: int = 0,
     noise_dof: float = float("inf"),
 ) -> tuple[Shrinkage, ...]:
-    """Compare two models on the same validation rows.
+    """Compare two models on the same validation measurements.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def expects(before: np.ndarray, after: np.ndarray, sd: np.ndarray) -> tuple[floa
 
     If the refitted model b is correct, the mean square error of the baseline a is
     E (y - a)^2 = (b - a)^2 + sd^2, for y ~ N(b, sd^2). The measured values cancel in b - a, the difference
-    of the residuals, to first order: both terms depend on fitted rows only.
+    of the residuals, to first order: both terms depend on fitted measurements only.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ def unaliased(parameters: Sequence[Parameter], c: Circumstances) -> list[bool]:
 
     A parameter with more than two periods per revolution is a ripple. At angles on a raster, or at a few
     angles, it has the values of a low harmonic (sampling theorem); within a small range it is slow.
-    It is aliased if a straight line and the harmonics explain nearly all of it at the fitted rows.
+    It is aliased if a straight line and the harmonics explain nearly all of it at the fitted measurements.
     """
     out = [True] * len(parameters)
     ripples: dict[int, list[int]] = {}

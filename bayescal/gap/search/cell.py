@@ -23,7 +23,7 @@ class Cell:
     site: Site
     driver: Driver
     sets: tuple[tuple[Parameter, ...], ...]
-    known: bool = False  # whether an effect of the vocabulary has this same function
+    known: bool = False  # whether a known effect has this same function
     clusters: np.ndarray | None = None  # (N,) int, equal for rows that share a random error
 
 

@@ -1,4 +1,4 @@
-"""Generic cells: a smooth function of one coordinate at one site, for effects outside the vocabulary.
+"""Generic cells: a smooth function of one coordinate at one site, for effects that are not known.
 
 They locate the gap independently of its cause. Together they are the hypothesis 'unknown'. A cell has the
 same form as an effect: a site is displaced by parameters times drivers.

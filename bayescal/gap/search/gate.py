@@ -174,7 +174,7 @@ def share(less: ValidationErrors, more: ValidationErrors) -> Share:
     """Regression of the residuals without a name on the change that the name predicts.
 
     A true effect removes what it predicts. A name that fits other errors of the calibration rows predicts
-    changes that have nothing to do with the residuals of the validation rows. Unlike log densities, this
+    changes that have nothing to do with the residuals of the validation data. Unlike log densities, this
     does not depend on the size of the noise: other unmodelled errors only widen its uncertainty, which is
     that of clustered rows (sandwich estimator).
 

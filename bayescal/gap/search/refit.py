@@ -43,8 +43,8 @@ def _setting(setting: Setting) -> str | None:
 
 def still_without(without: Sequence[Part], members: Sequence[Member]) -> tuple[Part, ...]:
     """Parts that stay nominal: those that no member is."""
-    named = {Part(m.effect, site) for m in members for site in m.variant.sites}
-    return tuple(part for part in without if part not in named)
+    named = {(m.effect, site) for m in members for site in m.variant.sites}
+    return tuple(part for part in without if (part.effect, part.site) not in named)
 
 
 def refit(

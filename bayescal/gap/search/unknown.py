@@ -39,7 +39,7 @@ class Pool:
 
     @cached_property
     def log_prior(self) -> np.ndarray:
-        """Log prior of every cell as an unmodelled effect, (cells,): -inf for a form of the vocabulary."""
+        """Log prior of every cell as an unmodelled effect, (cells,): -inf for a form of a known effect."""
         kinds = [cell.site.kind for cell in self.cells]
         known = np.array([cell.known for cell in self.cells])
         weight = np.array([UNKNOWN.sites.get(k, UNKNOWN.faces) / kinds.count(k) for k in kinds])
@@ -106,7 +106,7 @@ class CellFit:
     gain: float
     best: int  # index of the set in the pool
     scale: float
-    rival: bool = True  # False for a form of the vocabulary
+    rival: bool = True  # False for a form of a known effect
 
 
 def gains(state: State, pool: Pool) -> list[CellFit]:

@@ -8,12 +8,13 @@ import numpy as np
 
 from bayescal.reporting.figures.palette import ACCENT, GREY, INK, MARKED, SERIES
 from bayescal.reporting.figures.sheet import Entry, Panel
+from bayescal.reporting.shared.body import View, outlines, posed
 
 if TYPE_CHECKING:
     from bayescal.effects.location import Site
 
 Json = dict[str, Any]
-AZIMUTH, ELEVATION = np.radians(-62.0), np.radians(18.0)
+VIEW = View.of(np.radians(-62.0), np.radians(18.0))
 """Direction of view: an oblique view without perspective."""
 AXIS = 60.0
 """Half the length of the line that marks the axis of a joint, mm."""
@@ -25,35 +26,9 @@ FLOOR = 9.0
 """Room below the arm for the scale and the directions of F0, mm."""
 POSITIVE, NEGATIVE, LENGTH = "^", "v", "o"
 ROUND = {"solid_capstyle": "round", "solid_joinstyle": "round"}
+BODIES = {"arm": "#e6ebf0", "tool": "#ccd5dd"}
+"""Colours of the bodies; artefacts are grey."""
 WIDE: dict[str, Any] = {"color": INK, "lw": 2.5, "alpha": 0.8, **ROUND}
-
-
-def posed(arm: Json, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the arm (n + 2, 3), mm, and axes of its joints (n, 3) in F0, at link angles (n,), rad.
-
-    From the arm at angles of zero: a product of rotations about its axes.
-    """
-    links, axes = np.array(arm["links_mm"], float), np.array(arm["axes"], float)
-    turn, shift = np.eye(3), np.zeros(3)
-    points, turned = [links[0]], []
-    for at, axis, angle in zip(links[1:-1], axes, angles, strict=True):
-        points.append(turn @ at + shift)
-        turned.append(turn @ axis)
-        x, y, z = axis
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        own = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-        shift = turn @ (at - own @ at) + shift
-        turn = turn @ own
-    return np.array([*points, turn @ links[-1] + shift]), np.array(turned)
-
-
-def seen(points: np.ndarray) -> np.ndarray:
-    """Points (..., 3) in the plane of the figure, (..., 2), mm."""
-    right = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
-    up = np.array([
-        -np.sin(ELEVATION) * np.cos(AZIMUTH), -np.sin(ELEVATION) * np.sin(AZIMUTH), np.cos(ELEVATION)
-    ])  # fmt: skip
-    return np.stack([points @ right, points @ up], axis=-1)
 
 
 def errors(record: Json) -> tuple[np.ndarray, np.ndarray, bool]:
@@ -132,17 +107,21 @@ def _draw(
     line_of, turned = posed(record["arm"], np.radians(record["rows"]["angle_deg"][row]))
     arm = np.vstack([line_of, tip])
     strokes = np.stack([line_of[1:-1] - AXIS * turned, line_of[1:-1] + AXIS * turned], axis=1)
-    drawn = seen(arm)
-    axes.plot(*drawn.T, zorder=2, **WIDE)
+    drawn = VIEW.seen(arm)
+    bodies = outlines(record["arm"], np.radians(record["rows"]["angle_deg"][row]), VIEW)
+    for o in bodies:
+        shade = BODIES[o.kind] if o.kind != "artefact" else str(0.72 + 0.22 * o.shade)
+        axes.fill(*o.polygon.T, facecolor=shade, edgecolor=GREY, lw=0.5, zorder=1)
+    axes.plot(*drawn.T, zorder=2, **(WIDE | ({"lw": 0.8} if bodies else {})))
     axes.plot(*drawn[0], marker="s", ms=7, color=GREY, zorder=2)
-    for k, stroke in enumerate(seen(strokes), start=1):
+    for k, stroke in enumerate(VIEW.seen(strokes), start=1):
         mine = site is not None and site.kind == "joint" and site.number == k
         colour, thick = (MARKED, 4.5) if mine else (ACCENT, 2.2)
         axes.plot(*stroke.T, color=colour, lw=thick, zorder=3 + mine)
     if site:
-        _mark(axes, record, site, drawn, at, seen(points))
+        _mark(axes, record, site, drawn, at, VIEW.seen(points))
     area = SMALLEST + (LARGEST - SMALLEST) * np.minimum(np.abs(error) / edge, 1.0)
-    flat = seen(points)
+    flat = VIEW.seen(points)
     every = [(error >= 0, POSITIVE, SERIES[1]), (error < 0, NEGATIVE, SERIES[0])]
     parts = every if signed else [(np.ones(len(error), bool), LENGTH, SERIES[1])]
     for which, marker, colour in parts:
@@ -155,7 +134,7 @@ def _draw(
             zorder=5,
             rasterized=len(at) > MANY,
         )
-    _frame(axes, np.vstack([drawn, flat, seen(strokes).reshape(-1, 2)]))
+    _frame(axes, np.vstack([drawn, flat, VIEW.seen(strokes).reshape(-1, 2), *(o.polygon for o in bodies)]))
 
 
 MANY = 1500
@@ -194,7 +173,7 @@ def _frame(axes: Any, content: np.ndarray) -> None:
     axes.plot([start, start + length], [bottom + 1.0 * per_mm] * 2, color=INK, lw=1.2, solid_capstyle="butt")
     axes.text(start, bottom + 1.8 * per_mm, f"{length:g} mm", color=INK, va="bottom", ha="left")
     corner = np.array([middle[0] + 0.5 * per_mm * wide - 9.0 * per_mm, bottom + 1.5 * per_mm])
-    for name, way in zip("xyz", seen(np.eye(3)), strict=True):
+    for name, way in zip("xyz", VIEW.seen(np.eye(3)), strict=True):
         tip = corner + 4.5 * per_mm * way
         axes.plot(*np.array([corner, tip]).T, color=GREY, lw=1.0)
         to = corner + (4.5 * way + 1.6 * way / max(float(np.hypot(*way)), 0.2)) * per_mm

@@ -74,7 +74,7 @@ def _residuals_gap(record: Json) -> Content:
     ]
     if np.any(after.target != ""):
         rows.append([residuals.targets_panel(after, edge)])
-    return ["Residuals of the fitted rows" + ("" if same else ", before and after the refit")], rows
+    return ["Residuals of the fitted measurements" + ("" if same else ", before and after the refit")], rows
 
 
 def _distances(record: Json) -> Content:

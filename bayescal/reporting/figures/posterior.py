@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.palette import ACCENT, GREY, INK, SERIES
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
-from bayescal.reporting.shared.text import unit_label
 
 if TYPE_CHECKING:
     pass

@@ -69,7 +69,7 @@ class Errors:
 
 
 def of_fit(record: Json) -> Errors:
-    """Errors of a fit: fitted, validation and rejected rows of the targets in the model."""
+    """Errors of a fit: fitted, validation and rejected measurements of the targets in the model."""
     rows = record["rows"]
     value = np.array([np.nan if v is None else v for v in rows["residual_um"]], float)
     kind = np.where(np.array(rows["role"]) == "validate", "validation", "fitted")
@@ -79,7 +79,7 @@ def of_fit(record: Json) -> Errors:
 
 
 def of_gap(record: Json, when: str) -> Errors:
-    """Errors of the fitted rows of a diagnosis; `when` is "before" or "after" the refit."""
+    """Errors of the fitted measurements of a diagnosis; `when` is "before" or "after" the refit."""
     own, rows = record["residuals"], record.get("rows")
     ids = list(dict.fromkeys(own["id"]))
     index = {name: k for k, name in enumerate(ids)}
@@ -125,9 +125,9 @@ def edge_of(*series: Errors) -> float:
 def time_panel(e: Errors, edge: float, title: str, share: float = 1.0) -> Panel:
     """Errors over time or row; the band is twice the noise."""
     kinds = [k for k in KINDS if np.any(e.kind == k)]
-    key = [Entry(f"{k} rows", {"ls": "", **KINDS[k]}) for k in kinds] if len(kinds) > 1 else []
+    key = [Entry(f"{k} measurements", {"ls": "", **KINDS[k]}) for k in kinds] if len(kinds) > 1 else []
     beyond = int(np.sum(np.abs(e.value) > edge))
-    note = f"{beyond} rows outside the axis are marked at its edge" if beyond else ""
+    note = f"{beyond} measurements are off scale and marked at the edge" if beyond else ""
 
     def draw(axes: Any, inner: float) -> None:
         _band(axes, e, across=False)
@@ -202,7 +202,7 @@ def targets_panel(e: Errors, edge: float) -> Panel:
     }
     names = sorted(rms, key=lambda t: -rms[t])
     shown = names[:MOST_TARGETS]
-    rows = [Row(t, f"RMS {rms[t]:.1f} µm, {int(np.sum(used & (e.target == t)))} rows") for t in shown]
+    rows = [Row(t, f"RMS {rms[t]:.1f} µm, {int(np.sum(used & (e.target == t)))} measurements") for t in shown]
     note = (
         f"{len(names) - len(shown)} targets with smaller errors are not shown"
         if len(names) > len(shown)
@@ -227,4 +227,4 @@ def rms_of(e: Errors) -> str:
     """RMS of the rows that are not rejected, as text."""
     value = e.value[e.kind != "rejected"]
     what = "" if e.signed else " error length"
-    return f"RMS{what} {np.sqrt(np.mean(value**2)):.1f} µm" if len(value) else "no rows"
+    return f"RMS{what} {np.sqrt(np.mean(value**2)):.1f} µm" if len(value) else "no measurements"

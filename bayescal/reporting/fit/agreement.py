@@ -11,7 +11,8 @@ from rich.table import Table
 
 from bayescal.assess.agreement import Agreement, Pair
 from bayescal.effects import UNITS
-from bayescal.reporting.shared.text import facts, plain_table, unit_label, with_u
+from bayescal.effects.vocabulary import unit_label
+from bayescal.reporting.shared.text import facts, plain_table, with_u
 
 MOST = 12  # parameters shown, those that differ most
 FAR = 3.0  # standard deviations from which on a parameter is named as the one that differs

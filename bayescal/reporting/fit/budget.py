@@ -14,9 +14,10 @@ from bayescal.assess.budget import COVERAGE, MOST_DOF, Basis, Budget, Component
 from bayescal.assess.budget.measurand import PARAMETER
 from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
+from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.shared.origin import origin
 from bayescal.reporting.shared.plain import plain
-from bayescal.reporting.shared.text import facts, percent, plain_table, size, two_digits, unit_label
+from bayescal.reporting.shared.text import facts, percent, plain_table, size, two_digits
 
 SCHEMA = "bayescal-budget/1"
 LIBRARIES = ("numpy", "scipy")
@@ -201,5 +202,5 @@ def _sums(budget: Budget) -> list[tuple[str, str, str]]:
 def _priors(budget: Budget) -> list[tuple[str, str, str]]:
     if budget.prior_share < PRIORS:
         return []
-    words = f"by the rows: {percent(budget.prior_share)} of the variance is that of priors"
+    words = f"by the measurements: {percent(budget.prior_share)} of the variance is that of priors"
     return [("not determined", words, "yellow")]

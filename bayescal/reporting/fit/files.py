@@ -22,9 +22,9 @@ from bayescal.reporting.fit.posterior import fit_draws, parameter_draws
 from bayescal.reporting.fit.record import fit_record
 from bayescal.reporting.page.build import PAGES, write_page
 
-FIT = "fit.json"
+FIT, ROBOT = "fit.json", "robot.yaml"
 BUDGET, BUDGET_CSV = "budget.json", "budget.csv"
-WRITTEN = (FIT, PAGES["fit"], "posterior.nc", BUDGET, BUDGET_CSV, "robot.yaml", ARM_FILE, COPY)
+WRITTEN = (FIT, PAGES["fit"], "posterior.nc", BUDGET, BUDGET_CSV, ROBOT, ARM_FILE, COPY)
 """Names of all that `write_fit` writes, without the figures."""
 
 
@@ -55,20 +55,24 @@ def write_fit(
     Returns
     -------
     tuple of str
-        Names of the files and of the folder of the dataset.
+        Names of the files and of the folder of the dataset. An arm that is not to be used has no robot.yaml.
     """
-    robot = robot_text(fit.final.estimate.model, fit.final.estimate.arm, FIT)
+    arm = of_fit(fit)
     contents = fit_contents(fit, compared)
     names = list(WRITTEN)
     with whole(folder, FIT) as stage:
         drawn = begun(contents, parameter_draws(fit)) if pictures else dict
         (stage / FIT).write_text(indented(contents) + "\n", encoding="utf-8")
         save(fit_draws(fit), stage / "posterior.nc")
-        (stage / "robot.yaml").write_text(robot, encoding="utf-8")
+        if arm.use.allowed:
+            robot = robot_text(arm.model, arm.values, FIT)
+            (stage / ROBOT).write_text(robot, encoding="utf-8")
+        else:
+            names.remove(ROBOT)
         budgets = usual(fit.basis)
         (stage / BUDGET).write_text(json_text(budget_record(budgets, fit.basis, fit.seed)), encoding="utf-8")
         (stage / BUDGET_CSV).write_text(budget_csv(budgets), encoding="utf-8")
-        write_arm(of_fit(fit), stage)
+        write_arm(arm, stage)
         for name, content in drawn().items():
             (stage / name).write_bytes(content)
             names.append(name)

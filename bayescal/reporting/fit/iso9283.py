@@ -33,7 +33,7 @@ def iso9283_table(found: Iso9283) -> RenderableType:
     """The figures, and what differs from the procedure of the standard."""
     if not found.figures:
         return Group()
-    table = plain_table("ISO 9283 (validation rows)", "number", "mean (µm)", "u", "max (µm)", "u")
+    table = plain_table("ISO 9283 (validation measurements)", "number", "mean (µm)", "u", "max (µm)", "u")
     for f in found.figures:
         of_mean, of_max = ("-" if u is None else um2(u) for u in (f.u, f.u_max))
         table.add_row(f"{f.symbol}: {f.words}", str(f.count), um(f.mean), of_mean, um(f.maximum), of_max)

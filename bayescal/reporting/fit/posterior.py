@@ -30,8 +30,8 @@ Labelled = dict[str, tuple[tuple[str, ...], np.ndarray]]
 
 
 def variable(name: str) -> str:
-    """A parameter's name as a variable's: no blanks."""
-    return name.replace(" ", "_")
+    """A parameter's name as a variable's: no blanks, and no slash, which divides groups in the file."""
+    return name.replace(" ", "_").replace("/", "\N{DIVISION SLASH}")
 
 
 def fit_draws(fit: Fit) -> Record:

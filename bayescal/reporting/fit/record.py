@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from bayescal.assess.conformance import COVERAGE
+from bayescal.assess.budget import COVERAGE, Budget
 from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.undetermined import Undetermined
 from bayescal.calibration import Fit, ModelLevel
 from bayescal.estimate import Estimate
+from bayescal.exporting import gate
 from bayescal.model import Block
 from bayescal.predict import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
 from bayescal.reporting.fit.iso9283 import iso9283_record
 from bayescal.reporting.fit.verdict import tolerance_record, verdict_record
+from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import origin
-from bayescal.reporting.shared.rows import arm_drawing, rows_record
+from bayescal.reporting.shared.rows import rows_record
 from bayescal.reporting.shared.text import MDEG, MM, UM
 
 SCHEMA = "bayescal-fit/1"
@@ -31,6 +34,7 @@ def fit_record(fit: Fit) -> dict[str, Any]:
     return {
         **origin(SCHEMA, fit.dataset, fit.seed, LIBRARIES),
         "verdict": verdict_record(fit.acceptance, fit.dataset),
+        "use": gate.of_fit(fit).record(),
         "acceptance": None if fit.tolerance is None else tolerance_record(fit.tolerance),
         "model": list(level.effects),
         "prior_width": fit.prior_width,
@@ -63,7 +67,7 @@ def fit_record(fit: Fit) -> dict[str, Any]:
         },
         "sampler": _sampler(fit),
         "iso9283": iso9283_record(iso9283(fit.basis)),
-        "validation": validation_record(fit.levels[0].validation, level.validation),
+        "validation": validation_record(fit.levels[0].validation, level.validation, fit.budgets),
         "ladder": [_level(r) for r in fit.levels],
         "findings": [{"code": f.code, "severity": f.severity, "text": f.text} for f in fit.findings],
         "warnings": list(fit.warnings),
@@ -196,12 +200,14 @@ def _forecast(forecast: Forecast) -> dict[str, Any]:
             "over": d.over,
             "count": d.count,
             "lengths_mm": [MM * d.shortest, MM * d.longest],
-            "predicted_rms_um": UM * d.rms,
-            "expanded_U_um": UM * COVERAGE * d.rms,
+            "predicted_rms_um": UM * d.u,
+            "expanded_U_um": UM * d.expanded,
+            "k": d.k,
+            "coverage": COVERAGE,
             "predicted_interval95_um": [UM * end for end in d.interval],
             "measured_rms_um": None if d.measured is None else UM * d.measured,
         }
-        for d in (*forecast.checked, forecast.workspace)
+        for d in forecast.every
     ]
     return {
         **every[0],
@@ -245,8 +251,13 @@ def ends(predicted: np.ndarray, factor: float) -> list[float]:
     return [float(factor * low), float(factor * high)]
 
 
-def validation_record(nominal: Validation, calibrated: Validation) -> dict[str, Any]:
-    """``validation`` of the contract: validation rows under the nominal and the calibrated arm."""
+def validation_record(
+    nominal: Validation, calibrated: Validation, budgets: Mapping[tuple[str, str], Budget]
+) -> dict[str, Any]:
+    """``validation`` of the contract: validation measurements under the nominal and the calibrated arm.
+
+    The standard uncertainty of the error of a distance is that of its budget.
+    """
     planes = [
         {
             "target": p.target,
@@ -268,7 +279,7 @@ def validation_record(nominal: Validation, calibrated: Validation) -> dict[str, 
                 "certified_mm": MM * d.certified,
                 "nominal_error_um": UM * n.error,
                 "calibrated_error_um": UM * d.error,
-                "predicted_sd_um": UM * float(np.std(d.predicted)),
+                "predicted_sd_um": UM * budgets[d.between].u,
                 "predicted_interval95_um": ends(d.predicted, UM),
                 "inside95": bool(inside95(d.error, d.predicted)),
             }
@@ -330,7 +341,7 @@ def _points(nominal: tuple[PointCheck, ...], calibrated: tuple[PointCheck, ...])
 
 
 def _turns(checks: tuple[TurnCheck, ...]) -> dict[str, Any]:
-    """Angles between measured and predicted orientations of validation rows, of all targets."""
+    """Angles between measured and predicted orientations of validation measurements, of all targets."""
     if not checks:
         return {"count": 0}
     angles = np.concatenate([np.linalg.norm(c.residuals, axis=0) for c in checks])

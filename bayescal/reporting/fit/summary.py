@@ -8,15 +8,18 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from bayescal.assess.acceptance import SHARED, Acceptance
-from bayescal.assess.conformance import COVERAGE, FAIL, PASS, Tolerance
+from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
+from bayescal.assess.conformance import FAIL, PASS, Tolerance
 from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.calibration import Fit
 from bayescal.estimate.discrepancy import MASSES
+from bayescal.exporting import gate
+from bayescal.exporting.gate import STEPS, Use
 from bayescal.predict import DistanceErrors, Validation, inside95
 from bayescal.reporting.fit.iso9283 import iso9283_table
 from bayescal.reporting.fit.tables import distance_table, level_table, parameter_table, tolerance_table
+from bayescal.reporting.shared.origin import filed_lines
 from bayescal.reporting.shared.text import MDEG, MM, UM, facts, percent, um, um2
 
 MOST_REASONS = 4
@@ -24,11 +27,9 @@ MOST_REASONS = 4
 SAME_ROWS = 0.5
 """Share of a cause's rows from which on another cause has told of them."""
 MOST_ROWS = 6
-"""Rejected rows named without --verbose."""
+"""Rejected measurements named without --verbose."""
 MOST_FAMILIES = 3
 """Families of the discrepancy that are named."""
-MEASURE = ("directions", "prior", "no_length", "contrast", "not_identifiable")
-"""Findings after which more is to be measured."""
 STYLES = {PASS: "bold green", FAIL: "bold red"}
 
 Facts = Iterable[tuple[str, str, str]]
@@ -38,8 +39,9 @@ def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
     """Verdict, prediction, validation and parameters; with `verbose` all distances, targets, directions."""
     v = fit.final.validation
     title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
-    parts: list[RenderableType] = [title, facts([*_verdict(fit.acceptance), *_predicted(fit)])]
-    parts.append(facts([*_tolerance(fit.tolerance), *_next(fit), *_findings(fit)]))
+    use = gate.of_fit(fit)
+    parts: list[RenderableType] = [title, facts([*_verdict(fit.acceptance, use), *_predicted(fit)])]
+    parts.append(facts([*_tolerance(fit.tolerance), *_next(fit, use), *_findings(fit)]))
     if v.planes or v.distances or v.points or v.turns:
         parts += ["", level_table(fit.levels)]
     if v.distances:
@@ -54,10 +56,12 @@ def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
     return Group(*parts)
 
 
-def _verdict(tests: Acceptance) -> Facts:
-    style = "bold red" if not tests.explains else "bold green" if tests.usable else "bold yellow"
+def _verdict(tests: Acceptance, use: Use) -> Facts:
+    good = tests.usable and use.allowed
+    style = "bold red" if not tests.explains else "bold green" if good else "bold yellow"
     yield "verdict", tests.verdict, style
-    failed = [c.words for c in sorted(tests.failed, key=lambda c: c.p_value) if c.test != SHARED]
+    failed = [c.words for c in sorted(tests.failed, key=lambda c: (c.test != PLANNED, c.p_value))
+              if c.test != SHARED]  # fmt: skip
     causes: list[SharedCause] = []
     for cause in tests.causes:  # further ones where they are not the same rows again
         if not any(np.mean(np.isin(cause.rows, other.rows)) > SAME_ROWS for other in causes):
@@ -67,50 +71,52 @@ def _verdict(tests: Acceptance) -> Facts:
 
 
 def _predicted(fit: Fit) -> Facts:
-    """The distance error to expect, its interval, and the maximum errors of validation rows."""
+    """The distance error to expect, its interval, and the maximum errors of validation measurements."""
     lead, space = fit.forecast.lead, fit.forecast.workspace
-    rests = "" if fit.acceptance.determined else ", from priors: not determined by these rows"
+    rests = "" if fit.acceptance.determined else ", from priors: not determined by these measurements"
+    if fit.acceptance.unmade:
+        yield "", "not valid, because contacts were not made:", "red"
     yield "distance error", _expected(lead) + (rests if lead is space else ""), "bold"
     yield "", _over(lead), "dim"
     if fit.forecast.checked:
         yield "probed volume", _expected(space) + rests, ""
         yield "", _over(space), "dim"
-    for k, words in enumerate(_measured(fit.final.validation, lead)):
+    for k, words in enumerate(_measured(fit.levels[0].validation, fit.final.validation)):
         yield "" if k else "validation", words, "" if k else "bold"
 
 
 def _expected(d: DistanceErrors) -> str:
     low, high = d.interval
-    expanded = um2(COVERAGE * d.rms)
-    return f"predicted {um2(d.rms)} µm RMS (95 %: {um2(low)} to {um2(high)}); U = {expanded} µm, k = 2"
+    expanded = f"U = {um2(d.expanded)} µm, k = {d.k:.2f}"
+    return f"predicted {um2(d.u)} µm RMS (95 %: {um2(low)} to {um2(high)}); {expanded}"
 
 
 def _over(d: DistanceErrors) -> str:
-    return f"{d.count} of {MM * d.shortest:.0f} to {MM * d.longest:.0f} mm between {d.over}"
+    return f"{d.count} distances, {MM * d.shortest:.0f} to {MM * d.longest:.0f} mm, between {d.over}"
 
 
-def _measured(v: Validation, lead: DistanceErrors) -> list[str]:
-    """Maximum errors of validation rows: distances, points, contacts, orientations."""
+def _measured(nominal: Validation, v: Validation) -> list[str]:
+    """Errors of validation measurements, nominal and calibrated, of each kind."""
+
+    def change(what: str, before: np.ndarray, after: np.ndarray) -> str:
+        (was, most_was), (now, most) = ((np.sqrt(np.mean(e**2)), np.max(np.abs(e))) for e in (before, after))
+        return f"{what} error {um(was)} -> {um(now)} µm RMS, maximum {um(most_was)} -> {um(most)}"
+
     out = []
     if v.distances:
+        before, after = (np.array([d.error for d in part.distances]) for part in (nominal, v))
         within = sum(bool(inside95(d.error, d.predicted)) for d in v.distances)
-        rms = float(np.sqrt(np.mean([d.error**2 for d in v.distances])))
-        out.append(
-            f"maximum distance error {um(v.maximum_distance_error)} µm, RMS {um(rms)}; "
-            f"{within} of {len(v.distances)} within 95 %"
-        )
-    elif lead.measured is not None:
-        out.append(f"distance error {um(lead.measured)} µm RMS")
+        out.append(f"{change('distance', before, after)}; {within} of {len(v.distances)} within 95 %")
     if v.points:
-        length = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])
-        out.append(f"maximum point error {um(length.max())} µm, mean {um(length.mean())}")
+        pairs = [[np.linalg.norm(p.residuals, axis=0) for p in part.points] for part in (nominal, v)]
+        out.append(change("point", *map(np.concatenate, pairs)))
     if v.planes:
-        r = np.abs(np.concatenate([p.residuals for p in v.planes]))
-        out.append(f"maximum contact error {um(r.max())} µm, RMS {um(np.sqrt(np.mean(r**2)))}")
+        pairs = [[p.residuals for p in part.planes] for part in (nominal, v)]
+        out.append(change("contact", *map(np.concatenate, pairs)))
     if v.turns:
         angle = MDEG * np.concatenate([np.linalg.norm(t.residuals, axis=0) for t in v.turns])
-        out.append(f"maximum orientation error {angle.max():.2g} mdeg, mean {angle.mean():.2g} mdeg")
-    return out or ["none: no rows with role validate"]
+        out.append(f"orientation error maximum {angle.max():.2g} mdeg, mean {angle.mean():.2g} mdeg")
+    return out or ["none: no measurements with role validate"]
 
 
 def _tolerance(decided: Tolerance | None) -> Facts:
@@ -125,21 +131,19 @@ def _tolerance(decided: Tolerance | None) -> Facts:
     yield "", f"probability {percent(decided.probability)} for a distance in the probed volume", ""
 
 
-def _next(fit: Fit) -> Facts:
-    if not fit.acceptance.explains:
-        folders = [str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,))]
-        yield "next", f"bayescal gap {' '.join(folders)}", "bold"
-    elif not fit.acceptance.validated:
-        words = "measure rows with role validate, best on spheres at certified distances"
-        yield "next", words, "bold"
-    elif any(f.code in MEASURE for f in fit.findings if f.severity != "note"):
-        yield "next", "measure what the warnings below say is missing; then fit again", "bold"
-    else:
-        yield "next", "use robot.yaml of the run folder", "bold"
+def _next(fit: Fit, use: Use) -> Facts:
+    for k, reason in enumerate(use.against):
+        yield "" if k else "not to be used", reason, "red"
+    if use.against:
+        yield "", "no robot.yaml is written; export, compensate and certificates need --force", ""
+    words = STEPS[use.next]
+    if use.next == "gap":
+        words = f"bayescal gap {' '.join(str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,)))}"
+    yield "next", words, "bold"
 
 
 def _findings(fit: Fit) -> Facts:
-    told = {check.test for check in fit.acceptance.failed}
+    told = {*(check.test for check in fit.acceptance.failed), "negative"}
     for finding in fit.findings:
         if finding.code not in told:
             yield finding.severity, finding.text, "" if finding.severity == "note" else "yellow"
@@ -152,7 +156,7 @@ def _details(fit: Fit, verbose: bool) -> Facts:
     targets = len(found.model.states)
     yield (
         "fitted",
-        f"{', '.join(level.effects)}: {len(found.model.parameters)} arm parameters from {count} rows "
+        f"{', '.join(level.effects)}: {len(found.model.parameters)} arm parameters from {count} measurements "
         f"on {targets} target{'s' if targets > 1 else ''}",
         "",
     )
@@ -176,13 +180,14 @@ def _details(fit: Fit, verbose: bool) -> Facts:
     if verbose:
         yield from _identifiable(fit)
     yield "posterior", _sampler(fit), ""
+    yield from filed_lines(fit.dataset)
 
 
 def _discrepancy(fit: Fit) -> Facts:
     """How much of the stated uncertainty is from stated masses, and from model discrepancy by family."""
     shares, what = dict(fit.stated.parameter_shares), "of the variance of a distance in the probed volume"
     if of_masses := shares.pop(MASSES, 0.0):
-        yield "masses in error", f"{percent(fit.forecast.masses_share)} {what}", ""
+        yield "u from masses", f"{percent(fit.forecast.masses_share)} {what}", ""
         yield "", f"{percent(of_masses)} of that of a parameter, in the mean", ""
     if shares:
         named = ", ".join(f"{name} {percent(share)}" for name, share in [*shares.items()][:MOST_FAMILIES])

@@ -1,4 +1,4 @@
-"""Tables of a fit: model levels against validation rows, distances, parameters with uncertainties."""
+"""Tables of a fit: model levels against validation measurements, distances, parameters with uncertainties."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from rich.text import Text
 
 from bayescal.assess.conformance import FAIL, PASS, Tolerance
 from bayescal.calibration import Fit, ModelLevel
+from bayescal.effects.vocabulary import unit_label
 from bayescal.estimate.flatness import FORM
 from bayescal.predict import PlaneCheck, PointCheck, TurnCheck, Validation, inside95, interval95
 from bayescal.reporting.shared.table import FigureTable
@@ -20,8 +21,10 @@ from bayescal.reporting.shared.text import (
     parameter_notes,
     percent,
     plain_table,
+    signed,
     um,
-    unit_label,
+    um2,
+    unsigned_zero,
     with_u,
 )
 
@@ -31,7 +34,7 @@ DECISIONS = {PASS: "green", FAIL: "red"}
 
 
 def level_table(levels: Sequence[ModelLevel]) -> FigureTable:
-    """Errors of validation rows by model level."""
+    """Errors of validation measurements by model level."""
     v = levels[-1].validation
     headings = ["contacts RMS"] * bool(v.planes)
     headings += ["distances RMS", "maximum", "95 % predicted"] * bool(v.distances)
@@ -46,7 +49,7 @@ def level_table(levels: Sequence[ModelLevel]) -> FigureTable:
         if v.distances:
             low, high = interval95(np.concatenate([d.predicted for d in v.distances]))
             cells.append(um(np.sqrt(np.mean([d.error**2 for d in v.distances]))))
-            cells += [um(v.maximum_distance_error), f"{UM * low:+.0f} .. {UM * high:+.0f}"]
+            cells += [um(v.maximum_distance_error), f"{signed(UM * low)} .. {signed(UM * high)}"]
         if v.points:
             length = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in v.points])
             cells += [um(np.sqrt(np.mean(length**2))), um(np.mean(length)), um(np.max(length))]
@@ -58,7 +61,7 @@ def level_table(levels: Sequence[ModelLevel]) -> FigureTable:
 
 
 def _within(v: Validation) -> str:
-    """How many values of validation rows lie within their 95 % prediction intervals."""
+    """How many values of validation measurements lie within their 95 % prediction intervals."""
     hits = [np.atleast_1d(inside95(d.error, d.predicted)) for d in v.distances]
     checks: list[PlaneCheck | PointCheck | TurnCheck] = [*v.planes, *v.points, *v.turns]
     hits += [inside95(check.residuals, check.predicted).ravel() for check in checks]
@@ -79,9 +82,9 @@ def distance_table(v: Validation, nominal: Validation, every: bool) -> FigureTab
         table.add_row(
             " - ".join(d.between),
             f"{MM * d.certified:.3f}",
-            f"{UM * n.error:+.0f}",
-            f"{UM * d.error:+.1f}",
-            f"{UM * low:+.1f} .. {UM * high:+.1f}",
+            signed(UM * n.error),
+            signed(UM * d.error, 1),
+            f"{signed(UM * low, 1)} .. {signed(UM * high, 1)}",
             Text("within", style="green") if within else Text("outside", style="yellow"),
         )
     if len(shown) < len(order):
@@ -91,12 +94,13 @@ def distance_table(v: Validation, nominal: Validation, every: bool) -> FigureTab
 
 def tolerance_table(decided: Tolerance) -> FigureTable:
     """Decision on each certified distance."""
-    table = plain_table("tolerance", "error (µm)", "U (µm), k = 2", "probability within", "decision")
+    table = plain_table("tolerance", "error (µm)", "U = k u (µm)", "k", "probability within", "decision")
     for d in decided.distances:
         table.add_row(
             " - ".join(d.between),
-            f"{UM * d.error:+.1f}",
-            um(d.expanded),
+            signed(UM * d.error, 1),
+            um2(d.expanded),
+            f"{d.k:.2f}",
             percent(d.probability),
             Text(d.decision, style=DECISIONS.get(d.decision, "yellow")),
         )
@@ -122,7 +126,7 @@ def parameter_table(fit: Fit, every: bool) -> FigureTable:
         decimals = len(number.partition("(")[0].partition(".")[2])
         table.add_row(
             name,
-            f"{nominal:.{decimals}f}",
+            unsigned_zero(f"{nominal:.{decimals}f}"),
             number,
             unit_label(units[k]),
             f"{float(f'{prior[k]:.2g}'):.9g}",

@@ -1,11 +1,12 @@
-"""The verdict of a fit in fit.json: tests, what rejected rows share, decisions on a tolerance."""
+"""The verdict of a fit in fit.json: tests, what rejected measurements share, decisions on a tolerance."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from bayescal.assess.acceptance import Acceptance, Check
-from bayescal.assess.conformance import COVERAGE, Tolerance
+from bayescal.assess.budget import COVERAGE
+from bayescal.assess.conformance import Tolerance
 from bayescal.dataset import Dataset
 from bayescal.reporting.shared.text import MM, UM
 
@@ -45,7 +46,8 @@ def tolerance_record(decided: Tolerance) -> dict[str, Any]:
     return {
         "rule": "ISO 14253-1: PASS where abs(error) + U <= tolerance, FAIL where abs(error) - U > tolerance",
         "tolerance_mm": MM * decided.tolerance,
-        "k": COVERAGE,
+        "k": decided.k,
+        "coverage": COVERAGE,
         "decision": decided.decision,
         "why": decided.why,
         "volume": {"probability": decided.probability, "U_um": UM * decided.expanded},
@@ -54,6 +56,7 @@ def tolerance_record(decided: Tolerance) -> dict[str, Any]:
                 "between": list(d.between),
                 "error_um": UM * d.error,
                 "U_um": UM * d.expanded,
+                "k": d.k,
                 "probability": d.probability,
                 "decision": d.decision,
             }

@@ -9,8 +9,9 @@ import numpy as np
 
 from bayescal.effects.location import Site
 from bayescal.effects.sizes import DEVIATION
+from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import Amplitude, Gap
-from bayescal.reporting.shared.text import amplitude, unit_label, with_u
+from bayescal.reporting.shared.text import amplitude, with_u
 
 
 def told(gap: Gap, effect: str) -> tuple[Amplitude, ...]:
@@ -98,7 +99,7 @@ def records(gap: Gap) -> list[dict[str, Any]]:
 
 
 def _gains(gap: Gap) -> dict[str, tuple[float, float]]:
-    """Change of the log predictive density of validation rows at the model level that adds each effect."""
+    """Change of the log predictive density of validation data at the model level that adds each effect."""
     last = gap.levels[-len(gap.verdict.named) :] if gap.verdict.named else ()
     pairs = zip(gap.verdict.named, last, strict=False)
     return {n.effect: (step.delta_elpd, step.delta_elpd_se) for n, step in pairs}

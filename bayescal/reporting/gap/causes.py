@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from bayescal.dataset import Dataset
+from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import Amplitude, Place
-from bayescal.reporting.shared.text import amplitude, unit_label, with_u
+from bayescal.reporting.shared.text import amplitude, with_u
 
 
 @dataclass(frozen=True)

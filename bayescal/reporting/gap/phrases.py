@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from bayescal.effects import EFFECTS
-from bayescal.gap.result import Gap, Named, Place
+from bayescal.effects.location import Site
+from bayescal.exporting import gate
+from bayescal.gap.result import Gap, Named, Place, Verdict
+from bayescal.gap.settings import VERDICT
 from bayescal.model.orientations import posed
 from bayescal.reporting.gap.amplitudes import sites
 from bayescal.reporting.gap.causes import PLAIN, sentence
-from bayescal.reporting.shared.further import possible
 from bayescal.reporting.shared.text import listed, probability, rival
 
-OUTSIDE = "an unmodelled effect outside the vocabulary"
 NO_PLACE = "at no single location"
 LOOSE = 4.0
 """Expected validation error over noise from which on a null verdict means only: too few contacts."""
 MOST = 0.5
 """Share of the parameters that is not identifiable from which on a null verdict means only: too few poses."""
-POSSIBLE = 0.05
-"""Least probability of the noise-only model to list it."""
 
 
 def place(where: Place) -> str:
@@ -30,19 +32,27 @@ def place(where: Place) -> str:
 def named(effect: Named, gap: Gap) -> str:
     """A named effect: ``joint 3 has lost motion on reversal (backlash, probability 0.97)``.
 
-    Of an effect at all its sites, the sites with a significant amplitude.
+    With several significant sites: ``backlash in joints 1 and 3 (each has lost motion ...)``.
     """
     who, does = EFFECTS[effect.effect].phrase
     clear, everywhere = sites(gap, effect.effect)
+    told: tuple[Site, ...] = ()
     if effect.sites or (who.startswith("every ") and not everywhere):
-        told = [site.text for site in effect.sites or clear]
-        who = (
-            f"each of {listed(told)}"
-            if len(told) > 1
-            else "".join(told) or who.replace("every", "at least one")
-        )
-    setting = f", {effect.setting}" if effect.setting else ""
-    return f"{who} {does}{setting} ({effect.effect}, probability {probability(effect.probability)})"
+        told = effect.sites or clear
+        who = together(told) if told else who.replace("every", "at least one")
+    words = f"{does}, {effect.setting}" if effect.setting else does
+    p = f"probability {probability(effect.probability)}"
+    if len(told) > 1:
+        return f"{effect.effect} in {who} (each {words}; {p})"
+    return f"{who} {words} ({effect.effect}, {p})"
+
+
+def together(each: Sequence[Site]) -> str:
+    """Sites as text: ``joint 3``; ``joints 1, 3 and 6``; ``cube.+x and cube.-y``."""
+    kinds = {site.kind for site in each}
+    if len(each) > 1 and len(kinds) == 1 and each[0].number:
+        return f"{kinds.pop()}s {listed(str(site.number) for site in each)}"
+    return listed(site.text for site in each)
 
 
 def unexplained(gap: Gap) -> Place | None:
@@ -55,39 +65,59 @@ def headline(gap: Gap) -> list[str]:
     verdict = gap.verdict
     at = unexplained(gap)
     there = f"at {place(at)}" if at else NO_PLACE
+    likely = [
+        f"More likely than not, but not named: {rival(n)} (probability {probability(verdict.probability[n])})"
+        for n in unnamed(verdict)
+    ]
     if verdict.kind == "null":
-        size = gap.magnitude.measured[:1]
-        loose = bool(size) and size[0].predicted_rms > LOOSE * gap.magnitude.noise
-        odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
-        if odd:
-            why = "; these contacts do not show why" if loose else ""
-            return [f"No effect found, but errors of {listed(odd)} are larger than the model predicts{why}"]
-        if loose:
-            return ["No effect found: with these contacts the model is too uncertain to show any"]
-        left = sum(u.combinations for u in gap.undetermined if u.matters)
-        if gap.arm is not None and left > MOST * len(gap.arm.model.parameters):
-            of = f"{left} of {len(gap.arm.model.parameters)} combinations of parameters"
-            return [f"No effect found, but {of} are not identifiable: these contacts show little of the arm"]
-        null = verdict.probability["null"]
-        if null >= max(verdict.probability.values()):
-            return ["No effect above noise: the model explains these data"]
-        return [f"No effect found: noise only is possible (probability {probability(null)})"]
-    if verdict.kind == "unknown":
-        p = probability(verdict.probability.get("unknown", float("nan")))
-        return [f"Unmodelled effect outside the vocabulary, {there} (probability {p})", *_cause(at, gap)]
-    if verdict.kind == "ambiguous":
-        largest = next((w for w in gap.where if w.family_p_value < PLAIN), None)
-        noise = [n for n in ("null",) if verdict.probability.get(n, 0.0) > POSSIBLE]
-        rivals = dict.fromkeys((*verdict.credible_set90, *noise))
-        lines = [f"Ambiguous: these data do not distinguish {listed(map(rival, rivals))}"]
-        return lines + ([f"Largest location: {place(largest)}"] if largest else [])
+        return [_nothing(gap), *likely]
     lines = [f"Effect found: {named(n, gap)}" for n in verdict.named[:1]]
     lines += [f"Also found: {named(n, gap)}" for n in verdict.named[1:]]
+    if verdict.kind == "unknown":
+        p = probability(verdict.probability["unknown"])
+        lines += [
+            f"Unmodelled effect not in the list of known effects, {there} (probability {p})",
+            *_cause(at, gap),
+        ]
+    if verdict.kind == "ambiguous":
+        largest = next((w for w in gap.where if w.family_p_value < PLAIN), None)
+        lines.append("Ambiguous: these data do not distinguish the effects of the 90 % set")
+        lines += [f"Largest location: {place(largest)}"] if largest else []
     if verdict.kind == "named+unexplained":
-        names = possible(verdict.probability, verdict.credible_set90, {n.effect for n in verdict.named})
-        further = f"a further effect ({listed(names, 'or')})" if names else OUTSIDE
-        lines += [f"Also: {further}, {there}", *_cause(at, gap)]
-    return lines
+        lines += [f"Also: a further effect, {there}", *_cause(at, gap)]
+    return [*lines, *likely]
+
+
+def unnamed(verdict: Verdict) -> tuple[str, ...]:
+    """What is as likely as not, without what the verdict, its names and its footnotes state already.
+
+    With these the headline and its footnotes have every effect of such a probability, and no other.
+    """
+    told = {"null", *(n.effect for n in verdict.named)}
+    told |= {"unknown"} if verdict.kind in ("unknown", "named+unexplained") else set()
+    told |= {note.partition(" ")[0].rstrip(":") for note in verdict.footnotes}
+    return tuple(n for n, p in verdict.probability.items() if p >= VERDICT.sure and n not in told)
+
+
+def _nothing(gap: Gap) -> str:
+    """The headline of a diagnosis that names no effect and sees no unmodelled one."""
+    verdict = gap.verdict
+    size = gap.magnitude.measured[:1]
+    loose = bool(size) and size[0].predicted_rms > LOOSE * gap.magnitude.noise
+    odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
+    if odd:
+        why = "; these contacts do not show why" if loose else ""
+        return f"No effect found, but errors of {listed(odd)} are larger than the model predicts{why}"
+    if loose:
+        return "No effect found: with these contacts the model is too uncertain to show any"
+    left = sum(u.combinations for u in gap.undetermined if u.matters)
+    if gap.arm is not None and left > MOST * len(gap.arm.model.parameters):
+        of = f"{left} of {len(gap.arm.model.parameters)} combinations of parameters"
+        return f"No effect found, but {of} are not identifiable: these contacts show little of the arm"
+    null = verdict.probability["null"]
+    if null >= max(verdict.probability.values()):
+        return "No effect above noise: the model explains these data"
+    return f"No effect found: noise only is possible (probability {probability(null)})"
 
 
 def _cause(at: Place | None, gap: Gap) -> list[str]:
@@ -97,9 +127,12 @@ def _cause(at: Place | None, gap: Gap) -> list[str]:
 
 
 def warnings(gap: Gap) -> tuple[str, ...]:
-    """What limits the results, and which rows the lengths leave out."""
+    """What limits the results and the use of the arm, and which rows the lengths leave out."""
+    told = gap.warnings
+    if gap.arm is not None:
+        told = (*replace(gate.of_gap(gap), warnings=()).remarks, *told)  # the headline has the verdict
     turns = int(np.sum(posed(gap.dataset)))
     if not turns:
-        return gap.warnings
+        return told
     used = "the diagnosis uses it, but figures in µm are of the points alone"
-    return (*gap.warnings, f"{turns} rows also measure an orientation: {used}")
+    return (*told, f"{turns} measurements are also of an orientation: {used}")

@@ -6,14 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.exporting import gate
 from bayescal.gap.result import Advice, BlindSpot, Gap, Magnitude, Margin, Place, Shrinkage, Verdict
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap import amplitudes, causes, contacts, undecided
 from bayescal.reporting.gap.lengths import as_lengths, length, main
 from bayescal.reporting.gap.phrases import headline, place, warnings
+from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import origin
 from bayescal.reporting.shared.plain import plain
-from bayescal.reporting.shared.rows import arm_drawing, rows_record
+from bayescal.reporting.shared.rows import rows_record
 from bayescal.reporting.shared.text import UM, amplitude
 
 SCHEMA = "bayescal-gap/1"
@@ -57,6 +59,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
             }
             for n in verdict.named
         ],
+        "use": None if gap.arm is None else gate.of_gap(gap).record(),
         "amplitudes": amplitudes.records(gap),
         "refit": {"model": ",".join(gap.refit), "without": list(gap.still_without)},
         "credible_set90": list(verdict.credible_set90),

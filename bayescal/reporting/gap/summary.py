@@ -15,6 +15,7 @@ from bayescal.reporting.gap.causes import cause
 from bayescal.reporting.gap.contacts import first_contacts
 from bayescal.reporting.gap.lengths import as_lengths, length, main, per_residual
 from bayescal.reporting.gap.phrases import headline, place, unexplained, warnings
+from bayescal.reporting.shared.origin import filed_lines
 from bayescal.reporting.shared.text import (
     NEVER,
     facts,
@@ -23,7 +24,9 @@ from bayescal.reporting.shared.text import (
     p_value,
     plain_table,
     probability,
+    reduction,
     rival,
+    signed,
     size,
     um,
 )
@@ -88,7 +91,7 @@ def _size(gap: Gap) -> Facts:
     yield "noise", f"{size(m.noise)} µm per {each}, {low} to {high} (95 %, from {_noise_from(gap)})", ""
     low, high = map(size, m.excess_interval95)
     if not np.all(np.isfinite(m.excess_interval95)):
-        yield "excess", f"{size(m.excess)} µm; no interval: the validation rows have one pose", "bold"
+        yield "excess", f"{size(m.excess)} µm; no interval: the validation measurements have one pose", "bold"
     elif m.excess_interval95[0] == 0 and gap.verdict.kind == "null":
         yield "excess", f"none above noise; at most {high} µm (95 %)", ""
     else:
@@ -122,7 +125,7 @@ def _where(gap: Gap) -> Table:
     shown = gap.where[:PLACES]
     if gap.verdict.kind == "named+unexplained" and all(w.explained_by for w in shown):
         shown = (*shown[:-1], *[w for w in gap.where[PLACES - 1 :] if not w.explained_by][:1])
-    excess = any(w.share > 0 for w in gap.where)  # none in the fitted rows: no share is defined
+    excess = any(w.share > 0 for w in gap.where)  # none in the fitted measurements: no share is defined
     for w in shown:
         table.add_row(
             place(w),
@@ -195,8 +198,6 @@ def _shrinkage(gap: Gap) -> Table:
     headings = ("count", "before", "after", "expected", "limit", "removed", "95 %")
     table = plain_table("refit: RMS (µm)", *headings)
     for s in map(as_lengths, gap.shrinkage):
-        low, high = s.removed_interval95
-        shown = s.claimed and np.isfinite(s.removed)
         table.add_row(
             s.what,
             str(s.count),
@@ -204,8 +205,7 @@ def _shrinkage(gap: Gap) -> Table:
             um(s.after) if s.claimed else "not claimed",
             f"{um(s.predicted_before)} -> {um(s.predicted)}",
             um(s.floor),
-            f"{100 * s.removed:.0f} %" if shown else "-",
-            f"{100 * low:.0f} .. {100 * high:.0f} %" if shown and np.isfinite(low) else "-",
+            *reduction(s.removed, s.removed_interval95, s.claimed),
         )
     return table
 
@@ -234,7 +234,7 @@ def _levels(gap: Gap) -> Table:
         cells = [um(length(main(gap), step.validation_rms))]
         cells += [um(step.distance_rms)] if distances else []
         cells += [um(length("points", step.point_rms))] if points else []
-        gain = f"{step.delta_elpd:+.0f}" if k and np.isfinite(step.delta_elpd) else ""
+        gain = signed(step.delta_elpd) if k and np.isfinite(step.delta_elpd) else ""
         gain += f" ± {step.delta_elpd_se:.0f}" if gain and np.isfinite(step.delta_elpd_se) else ""
         table.add_row(level_label(step.model, before), *cells, gain)
         before = step.model
@@ -276,3 +276,4 @@ def _remarks(gap: Gap) -> Facts:
         yield "" if k else "note", note, ""
     for k, warning in enumerate(warnings(gap)):
         yield "" if k else "warning", warning, "yellow"
+    yield from filed_lines(gap.dataset)

@@ -1,8 +1,9 @@
-"""The arm as a drawing: a pose from the axes of a record, the sites to mark, a projection as SVG."""
+"""The arm as a drawing: the sites to mark, the bodies of a record and its contacts, as SVG."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,43 +12,20 @@ from markupsafe import Markup, escape
 from bayescal.effects.location import Site
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.run import Run
+from bayescal.reporting.shared.body import Outline, View, outlines, posed
 
 SIGNIFICANT = 0.01
 """Largest family-wise p-value of a location that is marked."""
 ELEVATION = np.radians(18.0)
 VIEWS = np.radians(np.arange(0, 180, 15))
 """Directions of view that are tried: the one with the widest arm is drawn."""
-WIDTH, HEIGHT = 360.0, 300.0
+WIDTH, HEIGHT = 380.0, 330.0
+"""Largest size; a drawing is no larger than what it shows."""
+MARGIN = 12.0
 LABELS = 74.0
 """Width at the right that labels take."""
 LINE = 15.0
 """Least distance of two labels."""
-
-
-def pose(arm: Mapping[str, Any], angles: np.ndarray) -> np.ndarray:
-    """Base, joints and flange at link angles.
-
-    Parameters
-    ----------
-    arm : mapping
-        ``arm`` of a record: `links_mm` and `axes` at angles of zero.
-    angles : np.ndarray, shape (n,), rad
-
-    Returns
-    -------
-    np.ndarray, shape (n + 2, 3), mm
-        In F0. Each joint rotates what follows it about its axis (product of exponentials; Lynch and Park,
-        Modern Robotics, 2017, 4.1).
-    """
-    links, axes = np.array(arm["links_mm"]), np.array(arm["axes"])
-    turn, shift, out = np.eye(3), np.zeros(3), [links[0]]
-    for at, (x, y, z), angle in zip(links[1:-1], axes, angles, strict=True):
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        own = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-        out.append(turn @ at + shift)
-        shift = turn @ (at - own @ at) + shift
-        turn = turn @ own
-    return np.array([*out, turn @ links[-1] + shift])
 
 
 def typical(rows: Mapping[str, Any]) -> int:
@@ -91,29 +69,41 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
     sites = marked_sites(run)
     row = typical(rows)
     points = np.array(rows["point_mm"], float)
-    chain = np.vstack([pose(arm, np.radians(rows["angle_deg"][row])), points[row]])
-    every = np.vstack([chain, [[*chain[0, :2], 0.0]], *([points] if contacts else [])])
-    flat = _projected(every)
-    line = flat[: len(chain)]
-    parts = []
+    angles = np.radians(rows["angle_deg"][row])
+    chain = np.vstack([posed(arm, angles)[0], points[row]])
+    view = _view(np.vstack([chain, points] if contacts else [chain]))
+    bodies = outlines(arm, angles, view)
+    flat = view.seen(np.vstack([chain, *([points] if contacts else [])]))
+    shown = bodies if contacts else [o for o in bodies if o.kind != "artefact"]
+    sheet = _Sheet.of(np.vstack([flat, *(o.polygon for o in shown)]))
+    line = sheet.at(flat[: len(chain)])
+    joints, links = numbers(sites, "joint"), numbers(sites, "link")
+    kinds = {s.kind for s in sites}
+    tip = bool(kinds & {"tool", "probe"})
+
+    def marked(o: Outline) -> bool:
+        if o.kind == "tool":
+            return tip
+        return o.kind == "arm" and (o.joint in links or (o.joint == 0 and "base" in kinds))
+
+    parts = [
+        svg.polygon(sheet.at(o.polygon), f"{o.kind} shade{min(int(3 * o.shade), 2)}" + " marked" * marked(o))
+        for o in shown
+    ]
+    parts.append(svg.line(line, "arm axis" if bodies else "arm"))
     if contacts:
         residual = np.array([np.nan if r is None else r for r in rows["residual_um"]], float)
         edge = float(np.nanquantile(np.abs(residual), 0.97)) if np.any(np.isfinite(residual)) else 1.0
         shade = np.clip(np.nan_to_num(np.abs(residual) / (edge or 1.0)), 0, 1)
-        for (x, y), s in zip(flat[len(chain) + 1 :], shade, strict=True):
+        for (x, y), s in zip(sheet.at(flat[len(chain) :]), shade, strict=True):
             style = f"contact level{int(4 * min(s, 0.999))}"
             parts.append(f'<circle class="{style}" cx="{x:.1f}" cy="{y:.1f}" r="{1.4 + 1.8 * s:.1f}"/>')
-    parts.append(svg.line(line, "arm"))
-    joints, links = numbers(sites, "joint"), numbers(sites, "link")
-    for k in links:
-        parts.append(svg.line(line[k : k + 2], "arm marked"))
-    kinds = {s.kind for s in sites}
-    if kinds & {"tool", "probe"}:
-        parts.append(svg.line(line[-2:], "arm marked"))
-    foot, style = line[0], "base marked" if "base" in kinds else "base"
-    parts.append(
-        f'<rect class="{style}" x="{foot[0] - 16:.1f}" y="{foot[1] - 3:.1f}" width="32" height="9"/>'
-    )
+    if not bodies:  # a record of an earlier version
+        ends = [*((k, k + 2) for k in links), *([(len(line) - 2, len(line))] if tip else [])]
+        parts += [svg.line(line[first:last], "arm marked") for first, last in ends]
+        style = "base marked" if "base" in kinds else "base"
+        x, y = line[0] - [16, 3]
+        parts.append(f'<rect class="{style}" x="{x:.1f}" y="{y:.1f}" width="32" height="9"/>')
     names = [(str(name), line[k], k in joints) for k, name in enumerate(arm["joints"], start=1)]
     for k, (_, (x, y), hit) in enumerate(names, start=1):
         style, r = ("joint marked", 8) if hit else ("joint", 4.5)
@@ -124,40 +114,53 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
     labels = [(f"J{k}", at, hit) for k, (_, at, hit) in enumerate(names, start=1)]
     labels += [(f"link {k}", line[k : k + 2].mean(axis=0), True) for k in links]
     labels += [(s.text, line[-1], True) for s in sites if s.kind in ("tool", "probe")]
-    labels += [("base", foot, True)] if "base" in kinds else []
-    parts += _labels(labels)
+    labels += [("base", line[0], True)] if "base" in kinds else []
+    parts += _labels(labels, sheet)
     told = ", ".join(s.text for s in sites)
     words = f"The arm {escape(arm['robot'])} in a typical pose" + (f"; marked: {told}" if told else "")
-    return svg.drawing(WIDTH, HEIGHT, parts, words)
+    return svg.drawing(sheet.width, sheet.height, parts, words)
 
 
-def _projected(points: np.ndarray) -> np.ndarray:
-    """Points (N, 3) as coordinates (N, 2) of an SVG, from the side where they are widest."""
-    centred = points - 0.5 * (points.min(axis=0) + points.max(axis=0))
-    best = max(VIEWS, key=lambda a: float(np.ptp(centred[:, :2] @ [-np.sin(a), np.cos(a)])))
-    across = np.array([-np.sin(best), np.cos(best), 0.0])
-    toward = np.array([np.cos(best) * np.cos(ELEVATION), np.sin(best) * np.cos(ELEVATION), np.sin(ELEVATION)])
-    up = np.cross(toward, across)
-    flat = np.stack([centred @ across, -(centred @ up)], axis=1)
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    room = np.array([WIDTH - LABELS - 30, HEIGHT - 30])
-    scale = float(np.min(room / np.maximum(high - low, 1e-9)))
-    middle = np.array([(WIDTH - LABELS) / 2, HEIGHT / 2])
-    return (flat - 0.5 * (low + high)) * scale + middle
+def _view(points: np.ndarray) -> View:
+    """The view from the side where points (N, 3) are widest."""
+    views = [View.of(azimuth, ELEVATION) for azimuth in VIEWS]
+    return max(views, key=lambda v: float(np.ptp(points @ v.right)))
 
 
-def _labels(labels: Sequence[tuple[str, np.ndarray, bool]]) -> list[str]:
+@dataclass(frozen=True)
+class _Sheet:
+    """Coordinates of a view, mm, in an SVG that is as large as its content; labels stand at its right."""
+
+    width: float
+    height: float
+    scale: float
+    corner: np.ndarray  # mm, upper left
+
+    @classmethod
+    def of(cls, content: np.ndarray) -> _Sheet:
+        low, high = content.min(axis=0), content.max(axis=0)
+        size = np.maximum(high - low, 1e-9)
+        scale = float(np.min(np.array([WIDTH - LABELS, HEIGHT]) / size))
+        width, height = scale * size + 2 * MARGIN
+        return cls(width + LABELS, height, scale, np.array([low[0], high[1]]))
+
+    def at(self, seen: np.ndarray) -> np.ndarray:
+        """Points (..., 2) of a view in the SVG."""
+        return MARGIN + self.scale * (seen - self.corner) * [1.0, -1.0]
+
+
+def _labels(labels: Sequence[tuple[str, np.ndarray, bool]], sheet: _Sheet) -> list[str]:
     """Labels in a column at the right, in the order of height, with lines to what they name."""
     order = sorted(labels, key=lambda item: float(item[1][1]))
     heights: list[float] = []
     for _, at, _ in order:
         heights.append(max(float(at[1]), heights[-1] + LINE if heights else 12.0))
-    over = heights[-1] - (HEIGHT - 6) if heights else 0.0
+    over = heights[-1] - (sheet.height - 6) if heights else 0.0
     for k in range(len(heights) - 1, -1, -1):
-        top = HEIGHT - 6 if k == len(heights) - 1 else heights[k + 1] - LINE
+        top = sheet.height - 6 if k == len(heights) - 1 else heights[k + 1] - LINE
         heights[k] = min(heights[k], top) if over > 0 else heights[k]
     out = []
-    x = WIDTH - LABELS + 4
+    x = sheet.width - LABELS + 4
     for (words, at, hit), y in zip(order, heights, strict=True):
         out.append(svg.line(np.array([[at[0] + 9, at[1]], [x - 12, y], [x - 3, y]]), "leader"))
         out.append(svg.text(x, y + 4, words, "name marked" if hit else "name", "start"))

@@ -16,6 +16,7 @@ from bayescal.reporting.page.pdf import browser, is_ours, pdf_of
 from bayescal.reporting.page.render import GENERATOR, page
 from bayescal.reporting.page.rows import interactive
 from bayescal.reporting.page.run import Run, read_run
+from bayescal.reporting.shared.origin import filed
 
 SECTIONS = {"fit": fit.SECTIONS, "gap": gap.SECTIONS}
 PAGES = {"fit": "report.html", "gap": "gap.html"}
@@ -29,7 +30,7 @@ def run_page(run: Run, scripts: bool = True) -> str:
     model = run.record["model"] if run.kind == "fit" else run.record["baseline"]
     subtitle = f"{TITLES[run.kind]} of {run.robot or 'the arm'}; model: {', '.join(model) or 'nominal'}"
     data = interactive(run) if scripts else None
-    return page(run.name, subtitle, [s for s in some if s is not None], foot(run), data)
+    return page(run.name, subtitle, [s for s in some if s is not None], foot(run), data, headers(run))
 
 
 def runs_page(runs: Sequence[Run]) -> str:
@@ -38,6 +39,13 @@ def runs_page(runs: Sequence[Run]) -> str:
     subtitle = ", ".join(dict.fromkeys(run.name for run in runs))
     title = f"Comparison of {len(runs)} runs"
     return page(title, subtitle, [s for s in some if s is not None], (f"bayescal {__version__}",))
+
+
+def headers(run: Run) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
+    """What a filed report states first, of each session: its name where there are several, its entries."""
+    sessions = run.record["dataset"].get("sessions") or ()
+    parts = [(s["name"], s.get("record") or {}) for s in sessions] or [("", run.record.get("record") or {})]
+    return tuple((name, own) for name, part in parts if (own := filed(part)))
 
 
 def foot(run: Run) -> tuple[str, ...]:

@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import VALIDATION_CONTACTS
 from bayescal.predict.forecast import CENTRES
 from bayescal.reporting.page.numbers import MISSING, length, measured, uncertainty
 from bayescal.reporting.page.rows import inputs
 from bayescal.reporting.page.run import Run
 from bayescal.reporting.page.section import Bar, Facts, Section, Sheet, Text, blocks
-from bayescal.reporting.shared.text import model_label, probability, rival, unit_label
+from bayescal.reporting.shared.text import model_label, probability, rival
 
 FAR = 2.0
 """Differences above this multiple of their u are marked (k = 2)."""
 LEAST = 0.01
 """Least probability, in any run, of an effect that is listed."""
 
-NONE = (None, None, None, None)
 ERRORS = {
     "contacts": ("heldout_planes_rms_um", "heldout_rms_um"),
     "distances": ("distance_rms_um",),
@@ -63,34 +63,29 @@ def verdicts(runs: Runs) -> Section | None:
 
 
 def distances(runs: Runs) -> Section | None:
-    """Distance errors, expected and measured."""
+    """Distance errors, expected and measured; U of a fit alone, whose budget states it."""
     entries = []
-    cells: tuple[float | None, float | None, float | None, int | None]
-    over = MISSING
     for label, run in zip(labels(runs), runs, strict=True):
         if run.kind == "fit":
-            expected, checked = run.record["predicted_distance"], run.record["validation"]["distances"]
+            e, checked = run.record["predicted_distance"], run.record["validation"]["distances"]
             largest = max((abs(d["calibrated_error_um"]) for d in checked), default=None)
-            over = expected["over"]
-            cells = (expected["predicted_rms_um"], expected["measured_rms_um"], largest, expected["count"])
+            over, measured = e["over"], e["measured_rms_um"]
         else:
-            found = {m["what"]: m for m in run.record["gap"]["measured"]}.get("sphere distances")
-            cells = (found["predicted_rms_um"], found["rms_um"], None, found["count"]) if found else NONE
-            over = CENTRES if found else MISSING
-        rms_expected, rms, largest, count = cells
+            e = {m["what"]: m for m in run.record["gap"]["measured"]}.get("sphere distances") or {}
+            over, largest, measured = CENTRES if e else MISSING, None, e.get("rms_um")
         entries.append(
             (
                 label,
                 over,
-                uncertainty(rms_expected),
-                uncertainty(None if rms_expected is None else 2.0 * rms_expected),
-                length(rms),
+                uncertainty(e.get("predicted_rms_um")),
+                uncertainty(e.get("expanded_U_um")),
+                length(measured),
                 length(largest),
-                str(count or MISSING),
+                str(e.get("count", MISSING)),
             )
         )
     headings = (
-        "between", "expected RMS (µm)", "U, k = 2 (µm)", "measured RMS (µm)", "maximum (µm)", "distances",
+        "between", "expected RMS (µm)", "U = k u (µm)", "measured RMS (µm)", "maximum (µm)", "distances",
     )  # fmt: skip
     return blocks("distances", "Distance errors", Sheet("run", headings, tuple(entries), words=(1,)))
 
@@ -195,7 +190,7 @@ def levels(runs: Runs) -> Section | None:
         entries.append((model_label(model), *cells))
     numbers = range(1, len(runs) + 1)
     headings = tuple(f"{what}, {k}" for what in shown for k in numbers)
-    caption = "RMS of validation rows, µm; of points the length of the error vector"
+    caption = "RMS of validation measurements, µm; of points the length of the error vector"
     return blocks("levels", "Model levels", Sheet("model", headings, tuple(entries), caption))
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.page import rows, svg
 from bayescal.reporting.page.fit_first import first
 from bayescal.reporting.page.numbers import MISSING, interval, length, measured, share, uncertainty
@@ -23,7 +24,7 @@ from bayescal.reporting.page.section import (
     blocks,
     texts,
 )
-from bayescal.reporting.shared.text import model_label, parameter_notes, unit_label
+from bayescal.reporting.shared.text import model_label, parameter_notes, signed, unsigned_zero
 
 ARM = ("target", "plane-form")
 """Effects whose parameters are not those of the arm."""
@@ -34,7 +35,7 @@ LEVELS = {"determined": "yes", "partly": "weakly", "prior_only": "no"}
 
 
 def levels(run: Run) -> Section | None:
-    """Errors of validation rows by model level."""
+    """Errors of validation measurements by model level."""
     columns = (
         ("contacts RMS", "heldout_planes_rms_um"),
         ("distances RMS", "distance_rms_um"),
@@ -55,7 +56,7 @@ def level_sheet(levels: Any, columns: tuple[tuple[str, str], ...], names: tuple[
             every = [s.get(shown[0][1]) for s in levels]
             cells[0] = Bar(log_fraction(every[k], every), cells[0], marked=k == len(levels) - 1)
         sheet_rows.append((names[k] if names else model_label(step["model"]), *cells))
-    caption = "Errors of validation rows, µm; bars are logarithmic"
+    caption = "Errors of validation measurements, µm; bars are logarithmic"
     return Sheet("model", tuple(h for h, _ in shown), tuple(sheet_rows), caption)
 
 
@@ -78,8 +79,8 @@ def distances(run: Run) -> Section | None:
             (
                 " – ".join(d["between"]),
                 f"{d['certified_mm']:.3f}",
-                f"{d['nominal_error_um']:+.0f}",
-                f"{d['calibrated_error_um']:+.1f}",
+                signed(d["nominal_error_um"]),
+                signed(d["calibrated_error_um"], 1),
                 uncertainty(d["predicted_sd_um"]),
                 _ends(d["predicted_interval95_um"]),
                 "within" if d["inside95"] else "outside",
@@ -107,7 +108,15 @@ def distances(run: Run) -> Section | None:
     )
     predicted = Sheet(
         "distances between",
-        ("number", "lengths (mm)", "expected RMS (µm)", "U, k = 2 (µm)", "95 % (µm)", "measured RMS (µm)"),
+        (
+            "number",
+            "lengths (mm)",
+            "expected RMS (µm)",
+            "U = k u (µm)",
+            "k",
+            "95 % (µm)",
+            "measured RMS (µm)",
+        ),
         tuple(
             (
                 d["over"],
@@ -115,6 +124,7 @@ def distances(run: Run) -> Section | None:
                 "{:.0f} to {:.0f}".format(*d["lengths_mm"]),
                 uncertainty(d["predicted_rms_um"]),
                 uncertainty(d["expanded_U_um"]),
+                f"{d.get('k', 2.0):.2f}",
                 interval(d["predicted_interval95_um"]),
                 length(d["measured_rms_um"]),
             )
@@ -126,7 +136,7 @@ def distances(run: Run) -> Section | None:
 
 
 def iso9283(run: Run) -> Section | None:
-    """Figures of ISO 9283 from validation rows, and what differs from the procedure of the standard."""
+    """Figures of ISO 9283 from validation data, and what differs from the procedure of the standard."""
     found = run.record.get("iso9283")
     if not found or not found["figures"]:
         return None
@@ -144,14 +154,14 @@ def iso9283(run: Run) -> Section | None:
             )
             for f in found["figures"]
         ),
-        "Figures of ISO 9283 from validation rows; u: standard uncertainty of the measurement",
+        "Figures of ISO 9283 from validation measurements; u: standard uncertainty of the measurement",
     )
     lines = ("What differs from the procedure of the standard:", *found["differs_from_norm"])
     return blocks("iso9283", "ISO 9283", table, *texts(lines, "quiet"))
 
 
 def _ends(ends: list[float]) -> str:
-    return f"{ends[0]:+.1f} to {ends[1]:+.1f}"
+    return f"{signed(ends[0], 1)} to {signed(ends[1], 1)}"
 
 
 def by_target(run: Run) -> Sheet:
@@ -187,7 +197,7 @@ def parameters(run: Run) -> Section | None:
         prior = (p.get("prior_mean", p["nominal"]), p["prior_sd"])
         return (
             p["name"],
-            f"{p['nominal']:.{decimals}f}",
+            unsigned_zero(f"{p['nominal']:.{decimals}f}"),
             text,
             unit_label(p["unit"]),
             f"{float(format(p['prior_sd'], '.2g')):.9g}",
@@ -200,8 +210,8 @@ def parameters(run: Run) -> Section | None:
     other = [p for p in run.record["parameters"] if p["effect"] in ARM]
     notes = (
         *parameter_notes(p["effect"] for p in own),
-        "band: prior, two standard deviations; line and dot: 95 % interval and estimate, at the edge where "
-        "beyond three",
+        "band: prior, two standard deviations; line and dot: 95 % interval and estimate, clipped at "
+        "±3 prior standard deviations",
     )
     caption = ". ".join(note[:1].upper() + note[1:] for note in notes)
     weak = [f"Weakly identifiable: {d['words']}" for d in known["weak_directions"]]
@@ -230,7 +240,7 @@ def correlations(run: Run) -> Section | None:
     table = Sheet(
         "parameter",
         ("parameter", "correlation"),
-        tuple((p["a"], p["b"], f"{p['r']:+.3f}") for p in pairs),
+        tuple((p["a"], p["b"], signed(p["r"], 3)) for p in pairs),
         "The strongest correlations: only their combination is well known",
         words=(1,),
         shown=PAIRS,
@@ -262,14 +272,16 @@ def sampler(run: Run) -> Section | None:
 
 
 def outliers(run: Run) -> Section | None:
-    """Rejected rows and what they share, noise, tests."""
+    """Rejected measurements and what they share, noise, tests."""
     record, noise = run.record, run.record["noise"]
     rejected = record["rejected"]
     words = (
-        f"{len(rejected)} rows were rejected: {', '.join(rejected)}" if rejected else "No row was rejected."
+        f"{len(rejected)} measurements were rejected: {', '.join(rejected)}"
+        if rejected
+        else "No measurement was rejected."
     )
     causes = [
-        f"Rejected rows share {c['label']}: {c['rejected']} of {c['rows_in_group']} rows (p {c['p']:.1g})"
+        f"Rejected measurements share {c['label']}: {c['rejected']} of {c['rows_in_group']} (p {c['p']:.1g})"
         for c in record["verdict"]["shared_causes"]
     ]
     repeats = noise["repeats_um"]

@@ -23,7 +23,7 @@ from bayescal.reporting.page.gap_first import (
 from bayescal.reporting.page.numbers import MISSING, length, quantity, share
 from bayescal.reporting.page.run import Run
 from bayescal.reporting.page.section import Bar, Block, Section, Sheet, Text, blocks, texts
-from bayescal.reporting.shared.text import NEVER, level_label, p_value, probability, rival
+from bayescal.reporting.shared.text import NEVER, level_label, p_value, probability, reduction, rival, signed
 
 SIGNIFICANT = 0.01
 MARGINS = ("target", "joint", "region", "time", "direction")
@@ -61,7 +61,7 @@ def effects(run: Run) -> Section | None:
         ("probability", "size (u)", "location", "share of the excess", "detectable from"),
         tuple(entries),
         "Dark bars: the 90 % set. Effects may be present together. 'noise only': the model as it is explains "
-        "the data; 'unmodelled effect': none of the vocabulary does",
+        "the data; 'unmodelled effect': none of the known effects does",
         words=(2, 3),
         shown=max(shown, 5),
     )
@@ -79,11 +79,12 @@ def effects(run: Run) -> Section | None:
             (
                 " + ".join(map(rival, h["effects"])) or rival(NULL),
                 Bar(h["probability"], probability(h["probability"])),
-                MISSING if h["log_evidence"] is None else f"{h['log_evidence']:+.1f}",
+                MISSING if h["log_evidence"] is None else signed(h["log_evidence"], 1),
             )
             for h in record["hypotheses"]
         ),
-        "Sets of effects, the most probable first; log evidence relative to noise only",
+        "Sets of effects, the most probable first; log evidence relative to noise only; 1 nat is a factor "
+        "of e = 2.7 in probability",
         shown=6,
     )
     notes = texts([*record["footnotes"], *record["notes"]], "quiet")
@@ -176,7 +177,7 @@ def levels(run: Run) -> Section | None:
     for step in steps:
         gain, se = step["delta_elpd"], step["delta_elpd_se"]
         spread = "" if se is None else f" ± {se:.0f}"
-        step["gain"] = f"{gain:+.0f}{spread}" if gain else MISSING
+        step["gain"] = f"{signed(gain)}{spread}" if gain else MISSING
     names = tuple(
         level_label(tuple(step["model"]), tuple(steps[k - 1]["model"]) if k else ())
         for k, step in enumerate(steps)
@@ -206,8 +207,6 @@ def _reductions(record: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]
 def _improved(what: str, s: Mapping[str, Any], of: Mapping[str, Any] | None) -> tuple[str, ...]:
     as_length = of or s
     ratio = as_length["before_rms_um"] / s["before_rms_um"] if s["before_rms_um"] else 1.0
-    removed = s["removed_interval95"] or (None, None)
-    claimed = s["claimed"] and s["removed"] is not None
     return (
         what,
         str(s["count"]),
@@ -215,8 +214,7 @@ def _improved(what: str, s: Mapping[str, Any], of: Mapping[str, Any] | None) -> 
         length(as_length["after_rms_um"]) if s["claimed"] else "not claimed",
         length(ratio * s["predicted_rms_um"]),
         length(as_length["floor_um"]),
-        share(s["removed"]) if claimed else MISSING,
-        f"{share(removed[0])} to {share(removed[1])}" if claimed and None not in removed else MISSING,
+        *reduction(s["removed"], s["removed_interval95"], s["claimed"]),
     )
 
 
@@ -239,7 +237,7 @@ def blind(run: Run) -> Section | None:
         )
     table = Sheet(
         "may be missed",
-        ("plausible", "detectable from", "distance error until then"),
+        ("plausible", "detectable from", "distance error if undetected"),
         tuple(entries),
         "Blind spots: effects whose plausible amplitude these contacts would not show",
         shown=8,

@@ -1,4 +1,4 @@
-"""The first screen of gap.html: verdict, distance error with U, effects with their sizes, next commands."""
+"""The first screen of gap.html: verdict, distance error, effects with their sizes, next commands."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import Site
 from bayescal.reporting.page.arm import draw_arm, marked_sites
-from bayescal.reporting.page.numbers import MISSING, interval, length, measured, share, uncertainty
+from bayescal.reporting.page.numbers import MISSING, interval, length, measured, share
 from bayescal.reporting.page.run import Run
 from bayescal.reporting.page.section import Fault, Section
 from bayescal.reporting.shared.further import possible
@@ -26,12 +26,11 @@ VERDICTS = {
 UNMODELLED = ("unknown", "named+unexplained")
 """Verdicts that state an unmodelled effect."""
 UNKNOWN = (
-    "No effect of the vocabulary explains the error. Inspect the location first: bolts, cables and hoses "
+    "No known effect explains the error. Inspect the location first: bolts, cables and hoses "
     "that pull, covers that touch, the mounting. Then measure the contacts that are proposed."
 )
 LINES = 3
 """Lines of the verdict that are seen at once; the effects of all follow with their sizes."""
-COVERAGE = 2.0
 NULL, OTHER = "null", "unknown"
 VALIDATION_POINTS, DISTANCES = "validation points", "sphere distances"
 COORDINATES = 3
@@ -39,7 +38,7 @@ COORDINATES = 3
 
 
 def first(run: Run) -> Section:
-    """Verdict, distance error with U, effects with size and location, remedies, next commands."""
+    """Verdict, distance error before and after, effects with size and location, remedies, next commands."""
     record = run.record
     tone, sign, word = VERDICTS[record["verdict"]]
     if record["verdict"] == "null" and record["words"][0].startswith("No effect found"):
@@ -58,13 +57,15 @@ def first(run: Run) -> Section:
         "arm_caption": "Marked: " + ", ".join(s.text for s in sites),
         "next": _next(run),
         "warnings": record["warnings"],
+        "notes": (),
     }
     return Section("result", "", "first.html.j2", context)
 
 
 def _lines(word: str, words: Sequence[str]) -> list[str]:
     """The verdict without what its word says already: ``Effect found: joint 3 has ...`` after the first."""
-    rest = words[0].removeprefix(f"{word.partition(',')[0].partition(':')[0]}: ")
+    said = word.partition(",")[0].partition(":")[0]
+    rest = words[0].removeprefix(f"{said}: ").removeprefix(f"{said} ")
     return [rest[:1].upper() + rest[1:], *words[1:]]
 
 
@@ -105,7 +106,7 @@ def _faults(record: Mapping[str, Any]) -> list[Fault]:
 
 
 def _further(record: Mapping[str, Any]) -> tuple[str, ...]:
-    """Effects of the vocabulary of which one is probable beside the named ones."""
+    """Known effects of which one is probable beside the named ones."""
     if record["verdict"] != "named+unexplained":
         return ()
     return possible(record["probability"], record["credible_set90"], record["effects"])
@@ -173,25 +174,20 @@ def _keys(record: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     measured_now = {m["what"]: m for m in record["gap"]["measured"]}
     better = record["shrinkage"].get("distances")
     now = measured_now.get(DISTANCES)
-    if better and record["verdict"] == "named":
-        value = f"U = {uncertainty(COVERAGE * better['predicted_rms_um'])} µm (k = 2)"
-        after = f", {length(better['after_rms_um'])} µm after" if better["claimed"] else ""
+    if better and record["named"]:
+        before, after = length(better["before_rms_um"]), length(better["after_rms_um"])
+        value = f"{before} → {after} µm RMS" if better["claimed"] else f"{before} µm RMS"
         detail = (
-            f"with the named effects in the model; measured RMS {length(better['before_rms_um'])} µm before"
-            f"{after}, {better['count']} distances"
+            f"{better['count']} certified distances, before and after the refit with the named effects, "
+            f"which expects {length(better['predicted_rms_um'])} µm"
         )
+        detail += "" if better["claimed"] else "; no improvement is claimed"
         out.append(("Distance error", value, detail))
     elif now:
-        trusted = record["verdict"] == "null" and now["rms_um"] <= now["predicted_interval95_um"][1]
-        rms, expected = length(now["rms_um"]), length(now["predicted_rms_um"])
-        expanded = uncertainty(COVERAGE * now["predicted_rms_um"])
-        value = f"U = {expanded} µm (k = 2)" if trusted else f"{rms} µm RMS"
-        detail = f"measured {rms} µm RMS over {now['count']} distances, expected {expected} µm"
-        if not trusted:
-            detail += f"; U = {expanded} µm (k = 2) holds only without the effect"
-        out.append(("Distance error", value, detail))
+        detail = f"{now['count']} certified distances; the model expects {length(now['predicted_rms_um'])} µm"
+        out.append(("Distance error", f"{length(now['rms_um'])} µm RMS", detail))
     else:
-        out.append(("Distance error", "not measured", "no certified distances in the validation rows"))
+        out.append(("Distance error", "not measured", "no certified distances in the validation data"))
     of = record["lengths"]
     kind = "point (length)" if of["of"] == VALIDATION_POINTS else "contact"
     low, high = record["gap"]["excess_um"]["interval95"]
@@ -220,7 +216,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
         model = shlex.quote(record["refit"]["model"])
         less = record["refit"]["without"]
         without = f" --without {shlex.quote(','.join(less))}" if less else ""
-        words = "Correct the machine as above and measure again; or keep the effects in the model:"
+        words = "Repair the machine as described above and measure again; or keep the effects in the model:"
         out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
     if unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))

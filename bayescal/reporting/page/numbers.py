@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bayescal.reporting.shared.text import um, um2, unit_label, with_u
+from bayescal.effects.vocabulary import unit_label
+from bayescal.reporting.shared.text import um, um2, with_u
 
 MISSING = "-"
 

@@ -57,6 +57,7 @@ def page(
     sections: Sequence[Section],
     foot: Sequence[str],
     data: Mapping[str, Any] | None = None,
+    headers: Sequence[tuple[str, Sequence[tuple[str, str]]]] = (),
 ) -> str:
     """A page as text.
 
@@ -69,6 +70,8 @@ def page(
         Lines at the end.
     data : mapping, optional
         What interactive figures draw, as JSON; without it the page has no scripts.
+    headers : sequence of (str, sequence of (str, str)), optional
+        What a filed report states below its title: a heading or "", names and values.
     """
     templates = environment()
     packed, allowed, script = "", "'none'", ""
@@ -84,6 +87,7 @@ def page(
         generator=Markup(GENERATOR),
         title=title,
         subtitle=subtitle,
+        headers=headers,
         bodies=bodies,
         foot=foot,
         style=Markup(asset("page.css")),

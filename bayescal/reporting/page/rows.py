@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.arm import draw_arm, marked_sites, numbers, typical
 from bayescal.reporting.page.numbers import MISSING, length, share
 from bayescal.reporting.page.run import FIGURES, Run
 from bayescal.reporting.page.section import Bar, Block, Facts, Figures, Section, Sheet, Text, blocks
-from bayescal.reporting.shared.text import two_digits, unit_label
+from bayescal.reporting.shared.text import two_digits
 
 LARGEST, MOST = 12, 200
 """Rows that the table of residuals shows unfolded, and at most."""
@@ -58,7 +59,7 @@ def interactive(run: Run) -> dict[str, Any] | None:
         },
         "arm": run.record["arm"],
         "typical": typical(rows),
-        "eye": {"x": 1.5 * np.cos(angle), "y": 1.5 * np.sin(angle), "z": 0.65},
+        "eye": {"x": 1.15 * np.cos(angle), "y": 1.15 * np.sin(angle), "z": 0.5},
         "marks": {
             "joints": numbers(sites, "joint"),
             "links": numbers(sites, "link"),
@@ -92,7 +93,7 @@ def residuals(run: Run, *tables: Block | None) -> Section | None:
 def _legend(run: Run) -> str:
     band = noise(run)
     grey = f" Grey band: twice the noise of {length(band)} µm." if band is not None else ""
-    return f"Blue: fitted rows; orange: validation rows; triangles: beyond the axis.{grey}"
+    return f"Blue: fitted measurements; orange: validation measurements; triangles: off scale.{grey}"
 
 
 def _drawings(run: Run) -> Figures:
@@ -234,7 +235,7 @@ def inputs(run: Run) -> Section | None:
     dataset = record["dataset"]
     lines = [("dataset", str(dataset["name"])), ("SHA-256", str(dataset["sha256"] or MISSING))]
     lines += [
-        (f"session {s['name']}", f"{s['rows']} rows, SHA-256 {s['sha256'] or MISSING}")
+        (f"session {s['name']}", f"{s['rows']} measurements, SHA-256 {s['sha256'] or MISSING}")
         for s in dataset.get("sessions", ())
     ]
     model = record["model"] if run.kind == "fit" else record["baseline"]

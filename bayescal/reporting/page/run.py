@@ -16,7 +16,7 @@ SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1"}
 """Record that identifies a run -> its schema."""
 BUDGET, BUDGET_SCHEMA = "budget.json", "bayescal-budget/1"
 FIGURES = {
-    "fit-distances.png": "Errors of validation rows, nominal and calibrated, with 95 % prediction intervals",
+    "fit-distances.png": "Errors of validation data, nominal and calibrated, with 95 % prediction intervals",
     "fit-posterior.png": "Posterior and prior of the least known parameters; draws of correlated pairs",
 }
 """Figures of a run folder that show what its page does not draw itself, and their text alternatives."""

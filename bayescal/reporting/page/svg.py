@@ -46,6 +46,12 @@ def line(points: np.ndarray, style: str) -> str:
     return f'<polyline class="{style}" points="{path}"/>'
 
 
+def polygon(points: np.ndarray, style: str) -> str:
+    """A closed shape with corners (N, 2)."""
+    path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    return f'<polygon class="{style}" points="{path}"/>'
+
+
 def ticks(low: float, high: float, count: int = TICKS) -> np.ndarray:
     """Round values within an interval, at most about `count`; zero has no sign."""
     if not high > low:
@@ -112,7 +118,7 @@ def scatter(
 def prior_posterior(prior: tuple[float, float], ends: tuple[float, float], at: float) -> Markup:
     """A small drawing: prior mean +- 2 standard deviations as a band, posterior 95 % interval and estimate.
 
-    The scale is that of the prior, three standard deviations either side; what lies beyond is at the edge.
+    The scale is that of the prior, three standard deviations either side; what lies beyond is clipped there.
     """
     mean, sd = prior
     width, height = 150.0, 16.0

@@ -15,7 +15,7 @@ from bayescal.reporting.plan import phrases, sheets
 STEPS = {
     "import": "Probe the contacts of plan.csv in their order, then import the log of the controller.",
     "fit": "Calibrate.",
-    "gap": "Diagnose what the model lacks.",
+    "gap": "Diagnose unmodelled effects.",
 }
 """What each command that follows is for."""
 
@@ -35,7 +35,7 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
     found = (
         _first(plan, commands),
         _contacts(plan, picture),
-        blocks("expected", "What to expect, if the model is right", sheets.expected(plan)),
+        blocks("expected", "What to expect, assuming the model is correct", sheets.expected(plan)),
         _detectable(plan),
         blocks("confusable", "Confusable effects", replace(sheets.confusable(plan), words=(3,))),
         blocks("parameters", "Parameters", replace(sheets.parameters(plan), words=(3,))),
@@ -71,6 +71,7 @@ def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
         "arm_caption": "",
         "next": [(STEPS[purpose], command) for purpose, command in commands],
         "warnings": [*plan.warnings, *(f"not separated: {line}" for line in phrases.not_separated(plan))],
+        "notes": (),
     }
     return Section("result", "", "first.html.j2", context)
 

@@ -1,4 +1,4 @@
-"""A plan in sentences, for the terminal and for the page: what it costs, what it buys, what it cannot do."""
+"""A plan in sentences, for the terminal and for the page: cost, benefit, limits."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from bayescal.planning.levers import NO_LEVER
 from bayescal.planning.result import BOTH, DISTANCES, GAP, Confusable, Plan
 from bayescal.reporting.plan.contacts import count, payloads
 from bayescal.reporting.plan.sheets import COVERAGE, PURPOSES, dropped, gain, over, strength
 from bayescal.reporting.shared.text import um2
 
 AIMS = {DISTANCES: "for distances", GAP: "for the gap", BOTH: "for distances and the gap"}
-IF_RIGHT = "if the model is right"
+IF_RIGHT = "assuming the model is correct"
 FURTHER = 20
 """Further contacts of `Plan.next_u`."""
 
@@ -28,7 +29,7 @@ def headline(plan: Plan) -> Iterator[str]:
     for e in plan.expected[:1]:
         yield f"Expected U = {um2(COVERAGE * e.u)} µm (k = 2) of {e.count} {over(e)}, {IF_RIGHT}"
         if np.isfinite(plan.equals_random):
-            yield f"Equals about {two_digits(plan.equals_random)} contacts chosen at random"
+            yield f"Equivalent to about {two_digits(plan.equals_random)} random contacts"
         else:
             yield "No number of the candidates, chosen at random, gives the same"
 
@@ -77,7 +78,12 @@ def detectability(plan: Plan) -> str:
 def not_separated(plan: Plan) -> tuple[str, ...]:
     """Pairs of effects that the plan does not separate, each with what would."""
     return tuple(
-        f"{pair(c)} (detectability {strength(c.after)}); would be separated by {c.intervention}"
+        f"{pair(c)} (detectability {strength(c.after)}); "
+        + (
+            f"{NO_LEVER} separates them"
+            if c.intervention == NO_LEVER
+            else f"would be separated by {c.intervention}"
+        )
         for c in plan.confusable
         if c.intervention
     )

@@ -28,7 +28,7 @@ FILLS = {DISTANCES: (ACCENT, ""), GAP: (SERIES[1], "////"), REPEAT: (GREY, "....
 ORDER = "viridis"
 """Colours by order of probing: lightness increases, also in grey and for colour-blind readers."""
 POSES = 4000
-"""Random readings whose tool points outline the reach."""
+"""Random readings whose TCP positions outline the reach."""
 AHEAD = 0.8
 """Cosine of the cone about the contacts in which the reach is shown."""
 MARGIN = 1.05
@@ -101,7 +101,7 @@ def outlined(shape: Shape, i: int, j: int) -> np.ndarray:
 
 
 def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Tool points (N, 3), the arm at a contact as a line (K, 3), points within reach (M, 3); mm, in F0."""
+    """TCP positions (N, 3), the arm at a contact as a line (K, 3), points within reach (M, 3); mm, in F0."""
     from bayescal.arm.nominal import NominalArm
 
     scene, robot = Scene(plan.session), plan.session.robot
@@ -187,7 +187,7 @@ def _curve(plan: Plan, axes: Any) -> None:
 
     first = plan.expected[0] if plan.expected else None
     drawn = [
-        (plan.curve, "o", "-", ACCENT, "chosen as this plan"),
+        (plan.curve, "o", "-", ACCENT, "optimised plan"),
         (plan.curve_random, "s", "--", SERIES[1], "random (median)"),
     ]
     for points, marker, line, colour, label in drawn:
@@ -209,6 +209,6 @@ def _curve(plan: Plan, axes: Any) -> None:
         axis.set_minor_locator(NullLocator())
     axes.set_xlabel("contacts")
     axes.set_ylabel("expected U (µm, k = 2)")
-    axes.set_title(f"{first.over if first else 'distances'}, if the model is right", loc="left")
+    axes.set_title(f"{first.over if first else 'distances'}, assuming the model is correct", loc="left")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(frameon=False, loc="best")

@@ -6,10 +6,11 @@ from collections import Counter
 
 import numpy as np
 
+from bayescal.effects.vocabulary import unit_label
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Detectable, ExpectedDistances, Plan
 from bayescal.reporting.page.section import Sheet
 from bayescal.reporting.plan.contacts import clearances, payloads
-from bayescal.reporting.shared.text import NEVER, percent, size, um2, unit_label
+from bayescal.reporting.shared.text import NEVER, percent, size, um2
 
 PURPOSES = {DISTANCES: "distances", GAP: "gap", REPEAT: "repeats", VALIDATE: "validation"}
 """Purposes of contacts, and their heading."""
@@ -57,7 +58,7 @@ def over(e: ExpectedDistances) -> str:
 
 
 def by_target(plan: Plan) -> Sheet:
-    """Contacts by target, purpose and payload; targets of validation contacts alone in one row."""
+    """Contacts by target, purpose and payload; validation targets contacts alone in one row."""
     m, names = plan.session.measurements, [t.name for t in plan.session.targets]
     purpose, payload = np.array(plan.purpose), payloads(plan.session)
     used = [p for p in PURPOSES if p in plan.purpose]
@@ -65,7 +66,7 @@ def by_target(plan: Plan) -> Sheet:
     alone = [k for k in np.unique(m.target) if set(purpose[m.target == k]) == {VALIDATE}]
     groups = [([k], names[k]) for k in np.unique(m.target) if k not in alone]
     if alone:
-        label = names[alone[0]] if len(alone) == 1 else f"{len(alone)} targets of validation"
+        label = names[alone[0]] if len(alone) == 1 else f"{len(alone)} validation targets"
         groups.append((alone, label))
     rows = []
     for members, label in (*groups, (list(range(len(names))), "all")):

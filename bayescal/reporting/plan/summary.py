@@ -1,4 +1,4 @@
-"""The terminal summary of a plan: what it buys, its contacts, what it can detect, and its limits."""
+"""The terminal summary of a plan: its benefit, its contacts, what it can detect, and its limits."""
 
 from __future__ import annotations
 

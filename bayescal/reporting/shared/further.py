@@ -1,4 +1,4 @@
-"""Which effects of the vocabulary may be the further one of a verdict `named+unexplained`."""
+"""Which known effects may be the further one of a verdict `named+unexplained`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of a session with their residuals, and the nominal arm: what pages and figures draw from a record."""
+"""Rows of a session with their residuals: what pages and figures draw from a record."""
 
 from __future__ import annotations
 
@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.arm import chain as reference
 from bayescal.estimate import Estimate
-from bayescal.model.scene import Scene
 from bayescal.reporting.shared.plain import plain
 from bayescal.reporting.shared.text import MM, UM
 
@@ -60,18 +58,3 @@ def _signs(velocity: np.ndarray) -> list[str]:
     """Directions of motion at joint velocities (N, n), a sign for each joint: ``+-0++-``."""
     moving = np.where(velocity > 0, "+", "-")
     return ["".join(row) for row in np.where(np.abs(velocity) < STANDSTILL, "0", moving).tolist()]
-
-
-def arm_drawing(scene: Scene) -> dict[str, Any]:
-    """``arm`` of fit.json and gap.json: the nominal arm at link angles of zero.
-
-    `links_mm` are the origins of the base, of the frame of each joint and of the flange in F0, and `axes` the
-    unit vectors of the joints. A pose follows by rotations about the axes, from the last joint to the first.
-    """
-    frames = reference.frames(scene.chain, np.zeros((1, scene.chain.n)))[0]
-    return {
-        "robot": scene.dataset.robot.name,
-        "joints": list(scene.dataset.robot.joint_names),
-        "links_mm": plain(np.round(MM * frames[:, :3, 3], 3)),
-        "axes": plain(np.round(frames[1:-1, :3, 2], 6)),
-    }

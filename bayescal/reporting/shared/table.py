@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from rich.cells import cell_len
-from rich.console import Console, ConsoleOptions, RenderResult
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -43,13 +43,20 @@ class FigureTable(Table):
     def _block(self, figures: list[Column], longest: int, width: int) -> Iterable[Table]:
         room = max(width - sum(GAP + _width(c) for c in figures), 1)
         table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, GAP, 0, 0))
-        table.add_column(self.columns[0].header, width=min(longest, room), overflow="fold")
+        table.add_column(_plain(self.columns[0].header), width=min(longest, room), overflow="fold")
         for column in figures:
-            table.add_column(column.header, justify=column.justify, width=_width(column), overflow="fold")
+            table.add_column(
+                _plain(column.header), justify=column.justify, width=_width(column), overflow="fold"
+            )
         columns = [list(c.cells) for c in (self.columns[0], *figures)]
         for row, cells in zip(self.rows, zip(*columns, strict=True), strict=True):
-            table.add_row(*cells, style=row.style)
+            table.add_row(*map(_plain, cells), style=row.style)
         yield table
+
+
+def _plain(cell: RenderableType) -> RenderableType:
+    """A cell whose text is no markup, whatever console prints it."""
+    return Text(cell) if isinstance(cell, str) else cell
 
 
 def _cells(column: Column) -> list[int]:

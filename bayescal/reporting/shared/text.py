@@ -11,6 +11,7 @@ from rich.text import Text
 from bayescal.effects import UNITS
 from bayescal.effects.location import words_of
 from bayescal.effects.selection import Selection
+from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.shared.table import FigureTable
 
 UM = 1e6
@@ -46,7 +47,7 @@ def um(value: float) -> str:
         return "-"
     if 5e-4 < abs(UM * value) < 0.05:
         return f"{UM * value:.1g}"
-    return f"{UM * value:.1f}" if abs(UM * value) < 100 else f"{UM * value:.0f}"
+    return unsigned_zero(f"{UM * value:.1f}") if abs(UM * value) < 100 else f"{UM * value:.0f}"
 
 
 def um2(value: float) -> str:
@@ -78,13 +79,6 @@ def two_digits(value: float) -> str:
     return f"{float(f'{value:.2g}'):.6g}"
 
 
-def unit_label(unit: str) -> str:
-    """A unit of the files in print: µ for u, nothing for a pure number."""
-    if unit == "1":
-        return ""
-    return ("µ" + unit[1:] if unit.startswith(("um", "urad")) else unit).replace("^2", "²")
-
-
 def percent(probability: float) -> str:
     """A probability in per cent, ``< 1 %`` and ``> 99 %`` at the ends."""
     if probability < 0.01:
@@ -92,14 +86,42 @@ def percent(probability: float) -> str:
     return "> 99 %" if probability > 0.99 else f"{100 * probability:.0f} %"
 
 
+def unsigned_zero(text: str) -> str:
+    """A number as text, without the sign of a value that is rounded to zero: ``-0.00`` is ``0.00``."""
+    return text if any(c in "123456789" for c in text.partition("e")[0]) else text.lstrip("+-")
+
+
+def signed(value: float | np.ndarray, decimals: int = 0) -> str:
+    """A number with its sign; zero has none."""
+    return unsigned_zero(f"{value:+.{decimals}f}")
+
+
+def reduction(
+    removed: float | None, ends: tuple[float | None, float | None] | None, claimed: bool
+) -> tuple[str, str]:
+    """Share of the excess variance removed, and its 95 % interval, as text.
+
+    An interval that holds zero does not determine the share; where no improvement is claimed none is stated.
+    """
+    if not claimed or removed is None or not np.isfinite(removed):
+        return "-", "-"
+    low, high = ends or (None, None)
+    if low is None or high is None or not np.isfinite(low + high):
+        return f"{100 * removed:.0f} %", "-"
+    if low <= 0.0:
+        return "not determined", "-"
+    return f"{100 * removed:.0f} %", f"{100 * low:.0f} to {100 * high:.0f} %"
+
+
 def with_u(value: float, u: float) -> str:
     """A value with its standard uncertainty, two digits of it: ``0.0244(10)``, ``12.3(1.4)``."""
     if not (np.isfinite(u) and u > 0):
-        return f"{value:.9g}"
+        return f"{value + 0.0:.9g}"
     decimals = 1 - int(np.floor(np.log10(u)))
     decimals = 1 - int(np.floor(np.log10(round(u, decimals))))  # 0.0996 has become 0.10
+    value = round(value, decimals) + 0.0  # no -0
     if decimals <= 0:
-        return f"{round(value, decimals):.0f}({round(u, decimals):.0f})"
+        return f"{value:.0f}({round(u, decimals):.0f})"
     digits = f"{u:.{decimals}f}" if round(u, decimals) >= 1.0 else f"{u * 10.0**decimals:.0f}"
     return f"{value:.{decimals}f}({digits})"
 
@@ -156,5 +178,5 @@ def parameter_notes(effects: Iterable[str]) -> list[str]:
     """Notes to a table of parameters of some effects: how u is written, and what it contains."""
     notes = ["value(u): standard uncertainty u in units of the last digits"]
     if "compliance" in effects:
-        notes.append("u contains errors of stated masses, not of measured torques")
+        notes.append("u includes the uncertainty of the stated masses, not of measured torques")
     return notes

@@ -38,7 +38,7 @@ def sick(cube):
 
 
 def test_without_a_discrepancy_the_uncertainty_is_the_plain_one(clean):
-    """But for the errors of masses, of which most unknowns have little."""
+    """Except for the errors of masses, of which most unknowns have little."""
     without = np.diag(clean.covariance) - clean.inputs.variances
     ratio = np.sqrt(without) / clean.plain.sd
     assert clean.families == ()

@@ -82,12 +82,9 @@ def test_script_leaves_errors_of_readings_out():
 
 
 REFUSALS = {
-    "include": ("<asset>", '<include file="other.xml"/><asset>', "<include>: its parts are in another file"),
-    "replicate": (
-        '<geom name="table"',
-        '<replicate count="2"><geom/></replicate><geom name="table"',
-        "<replicate>",
-    ),
+    "no include": ("<asset>", '<include file="other.xml"/><asset>', "other.xml.>: there is no such file"),
+    "included elsewhere": ("<asset>", '<include file="/etc/x.xml"/><asset>', "no relative path"),
+    "included itself": ("<asset>", '<include file="scene.xml"/><asset>', "included twice"),
     "another arm": (
         'pos="0 -0.131 0.425"',
         'pos="0 -0.131 0.45"',
@@ -96,10 +93,19 @@ REFUSALS = {
     "zeros": (
         '<body name="wrist_2_link"',
         '<body name="wrist_2_link" quat="0.9 0 0.4 0"',
-        "at zero readings the axis of shoulder_pan_joint",
+        "the zero of wrist_1_joint is 47.91 deg off",
     ),
     "a second joint": ('<geom name="cube"', '<joint/><geom name="cube"', "MuJoCo refuses the file"),
-    "masses of geoms": ('autolimits="true"', 'autolimits="true" inertiafromgeom="true"', "inertiafromgeom"),
+    "scaled masses": (
+        'autolimits="true"',
+        'autolimits="true" settotalmass="30"',
+        "settotalmass: MuJoCo changes",
+    ),
+    "a joint in a frame": (
+        '<joint name="elbow_joint" class="size3_limited"/>',
+        '<frame><joint name="elbow_joint" class="size3_limited"/></frame>',
+        "the joint of body forearm_link is in a <frame>",
+    ),
     "doctype": ("<mujoco ", '<!DOCTYPE x [<!ENTITY a "b">]><mujoco ', "DOCTYPE"),
     "name": ('name="table"', 'name="cube"', "MuJoCo refuses the file"),
 }

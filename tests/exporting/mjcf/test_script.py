@@ -1,4 +1,4 @@
-"""A light model with a script: the same tool points, as a user runs it, without this package."""
+"""A light model with a script: the same TCP positions, as a user runs it, without this package."""
 
 import csv
 import os
@@ -59,7 +59,7 @@ def test_contact_errors_are_those_of_the_model():
     from bayescal.exporting.mjcf.content import Content
     from bayescal.exporting.mjcf.readings import Joints
 
-    table = replay_table(Content(arm, 3), Joints.of(arm.dataset.robot.joint_names), True)
+    table = replay_table(Content(arm, 3), Joints.of(arm.dataset.robot.joint_names), True, {})
     replay, scene = Replay(table), arm.model.scene
     c = scene.circumstances(scene.rows("calibrate"))
     for block in arm.model.blocks:

@@ -4,11 +4,12 @@ import re
 import sys
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
+import mujoco
 import numpy as np
 import pytest
 
-pytest.importorskip("mujoco")
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
 from analysis.simulators import BASE, CASES, differences, drawn
@@ -18,7 +19,7 @@ from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.new_file import mjcf
 from bayescal.exporting.verify.levels import File
 from bayescal.exporting.verify.limits import limit
-from bayescal.exporting.verify.replay import Place
+from bayescal.exporting.verify.replay import Machine, Place, modelled, replayed
 from bayescal.model import with_parameters
 from bayescal.simulation import Options, simulate
 
@@ -103,3 +104,24 @@ def test_a_joint_without_torque_where_the_arm_stands_has_no_spring():
     model = with_parameters(scene, arm.model.effects, (*arm.model.parameters, upright))
     further = replace(arm, model=model, values=np.append(arm.values, 1e-4), covariance=np.zeros((1, 1)))
     assert mjcf(further, 0) == mjcf(arm, 0)
+
+
+def test_springs_and_friction_hold_the_largest_moments_of_the_session():
+    """At the poses of the largest torques, and friction of twice the largest torque of any joint."""
+    arm = drawn("universal-robots-ur5e", (*BASE, "hardening", "backlash"))
+    torques = np.abs(arm.model.scene.moments[:, 1:, 2])
+    rows = np.unique(np.argmax(torques, axis=0))
+    state = len(torques) - 1
+    text = mjcf(arm, state)
+    machine = Machine.of(arm, state)
+    reached, points = replayed(machine.simulator(text, Path(), "arm"), machine, arm, rows)
+    off = np.linalg.norm(points - modelled(arm, rows, reached, state), axis=1)
+    assert np.max(off) < limit((*BASE, "hardening", "backlash"))
+    model = mujoco.MjModel.from_xml_string(text)
+    held = [
+        model.tendon_stiffness[t] * float(e.get("springyield"))
+        for e in ElementTree.fromstring(text).iter("fixed")
+        if e.get("name").endswith("_friction")
+        for t in [model.tendon(e.get("name")).id]
+    ]
+    assert held == pytest.approx([max(30.0, 2.0 * torques.max())] * 6, rel=1e-12)

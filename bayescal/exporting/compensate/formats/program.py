@@ -14,6 +14,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.exporting.compensate.targets import Corrected, Target
+from bayescal.exporting.compensate.tools import ToolStatement
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 """A number as programs write it; FANUC leaves the zero before the point out."""
@@ -31,11 +32,22 @@ class Number:
 
 @dataclass(frozen=True)
 class Slot:
-    """A position in the text of a program: its target, its name, and where each of its numbers stands."""
+    """A position in the text of a program: its target, its name, and where each of its numbers stands.
+
+    `whole` is the expression that becomes a list of joints, where a pose cannot be written. A position that
+    the program does not use (`used`) may have no solution.
+    """
 
     target: Target
     name: str
     spans: tuple[tuple[int, int], ...]
+    whole: tuple[int, int] | None = None
+    used: bool = True
+
+    @property
+    def place(self) -> int:
+        """Where the position begins."""
+        return self.whole[0] if self.whole is not None else self.spans[0][0]
 
 
 @dataclass(frozen=True)
@@ -43,11 +55,13 @@ class Program:
     """Positions of a program in the order in which they are visited, and what was left as it is.
 
     `elsewhere`: what says that poses are not in the frame of the base, and its line; "" if nothing does.
+    `tools`: the tools that the program states.
     """
 
     slots: tuple[Slot, ...]
     notes: tuple[str, ...] = ()
     elsewhere: str = ""
+    tools: tuple[ToolStatement, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -62,19 +76,24 @@ class Format:
         Of files; small letters.
     read : callable
         Program of a text, for an arm of n joints.
-    pose, joints : callable
-        Numbers of a position in the order of its spans: of poses from (pose (4, 4), m; readings (n,), rad;
-        the numbers of the program), of joints from (readings (n,), rad).
+    joints : callable
+        Numbers of a joint position in the order of its spans, from readings (n,), rad.
     summary : str
         What is read.
+    pose : callable, optional
+        Numbers of a pose from (pose (4, 4), m; readings (n,), rad; the numbers of the program); without it
+        every pose has a `whole` that becomes a list of joints.
+    remarked : callable, optional
+        The program with a comment; without it the format has none.
     """
 
     name: str
     suffixes: tuple[str, ...]
     read: Callable[[str, int], Program]
-    pose: Callable[[np.ndarray, np.ndarray, Sequence[float]], Iterable[Number]]
     joints: Callable[[np.ndarray], Iterable[Number]]
     summary: str
+    pose: Callable[[np.ndarray, np.ndarray, Sequence[float]], Iterable[Number]] | None = None
+    remarked: Callable[[str, str], str] | None = None
 
 
 def line_of(text: str, at: int) -> int:
@@ -114,24 +133,60 @@ def lengths_of(pose: np.ndarray) -> list[Number]:
     return [Number(x, LENGTH) for x in (1e3 * pose[:3, 3]).tolist()]
 
 
+def after_line(pattern: str, prefix: str) -> Callable[[str, str], str]:
+    """Programs with a comment behind the first line that matches a pattern; at the top if none does."""
+
+    def remarked(text: str, comment: str) -> str:
+        match = re.search(pattern, text, re.IGNORECASE | re.MULTILINE)
+        at = 0 if match is None else text.find("\n", match.end()) + 1
+        return f"{text[:at]}{prefix}{comment}{newline_of(text)}{text[at:]}"
+
+    return remarked
+
+
+def newline_of(text: str) -> str:
+    """What ends the lines of a text."""
+    return "\r\n" if "\r\n" in text else "\n"
+
+
+def arguments(text: str, low: int, high: int) -> list[tuple[int, int]]:
+    """Places of the arguments of a call between two places: its commas outside of all brackets."""
+    depth, start, out = 0, low, []
+    for at in range(low, high):
+        depth += {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}.get(text[at], 0)
+        if text[at] == "," and depth == 0:
+            out.append((start, at))
+            start = at + 1
+    each = [(a, b, text[a:b]) for a, b in [*out, (start, high)] if text[a:b].strip()]
+    return [(b - len(own.lstrip()), a + len(own.rstrip())) for a, b, own in each]
+
+
 def rewritten(text: str, format_: Format, slots: Sequence[Slot], found: Sequence[Corrected]) -> str:
     """The text with corrected numbers in place.
 
     Raises
     ------
     BayescalError
-        If a position has no solution: a program with a part of its positions corrected is not written.
+        If a position that the program uses has no solution: a program with a part of its positions corrected
+        is not written.
     """
     pieces: list[tuple[int, int, str]] = []
     for slot, own in zip(slots, found, strict=True):
+        if own.reason and not slot.used:
+            continue
         if own.reason:
             remedy = "correct the position or leave it out; nothing is written"
             raise BayescalError(f"no solution: {own.reason}", slot.target.where, remedy)
         assert own.readings is not None
         assert own.pose is not None
+        if slot.whole is not None:
+            listed = ", ".join(digits(number) for number in format_.joints(own.readings))
+            pieces.append((*slot.whole, f"[{listed}]"))
+            continue
         if slot.target.pose is None:
             numbers = format_.joints(own.readings)
         else:
+            assert format_.pose is not None, "a format without poses has whole expressions"
             numbers = format_.pose(own.pose, own.readings, values_at(text, slot.spans))
         for (low, high), number in zip(slot.spans, numbers, strict=True):
             pieces.append((low, high, _written(number, text[low:high])))

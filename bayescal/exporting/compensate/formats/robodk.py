@@ -6,7 +6,6 @@ So are its tables of calibration targets and its lists of the joints of a progra
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from bayescal.errors import BayescalError
 from bayescal.exporting.compensate.formats.program import (
     NUMBER,
     Format,
-    Number,
     Program,
     Slot,
     degrees_of,
@@ -42,10 +40,4 @@ def _read(text: str, n: int) -> Program:
     return Program(tuple(slots))
 
 
-def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[Number]:
-    raise AssertionError("a table of joints has no poses")
-
-
-ROBODK = Format(
-    "robodk", (".csv",), _read, _pose, degrees_of, "RoboDK CSV: joints in degrees in the first columns"
-)
+ROBODK = Format("robodk", (".csv",), _read, degrees_of, "RoboDK CSV: joints in degrees in the first columns")

@@ -1,99 +1,152 @@
-"""The arm in a user's file: its joints from the world to the tip, and the elements of its bodies."""
+"""The arm in a user's file: its joints from its base to the tip, and the elements of its bodies."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import rigid
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, listed
 from bayescal.exporting.engine import mujoco
-from bayescal.exporting.mjcf.into.scene_file import SceneFile
-from bayescal.exporting.same_arm import FileArm
-
-FORBIDDEN = ("freejoint", "frame", "composite", "flexcomp")
-"""Elements that may not be among the bodies of the arm."""
+from bayescal.exporting.same_arm import FileArm, Match, match
 
 
 @dataclass(frozen=True)
 class FoundArm:
     """The joints of an arm and the bodies that they move, as elements and as compiled.
 
-    `file` is the arm at zero: frames with their origins on the axes of the joints. `anchors` (n, 3) are these
-    origins in the frames of the bodies, `references` (n,) the joints' values as the file is written, rad.
-    `steps` (n, 4, 4) stand in the file between the body of the joint before and the parent of each body.
-    `parents` are those of all elements.
+    `file` is the arm at zero: frames with their origins on the axes of the joints; `where` is its match.
+    `anchors` (n, 3) are these origins in the frames of the bodies, `references` (n,) the joints' values as
+    the file is written, rad. `steps` (n, 4, 4) stand in the file between the body of the joint before and the
+    frame in which each body is written; `written` (n, 4, 4) are these poses. `parents` are those of all
+    elements.
     """
 
     file: FileArm
+    where: Match
     bodies: tuple[ET.Element, ...]
     joints: tuple[ET.Element, ...]
     ids: tuple[int, ...]  # of the bodies
     anchors: np.ndarray
     references: np.ndarray
     steps: np.ndarray
+    written: np.ndarray
     parents: Mapping[ET.Element, ET.Element]
 
 
-def find_arm(scene: SceneFile, model: Any, robot: Robot, tip: str) -> FoundArm:
-    """Find the arm of a robot in a file.
+def find_arm(root: ET.Element, spec: Any, model: Any, robot: Robot, tip: str, where: str) -> FoundArm:
+    """Find the arm of a robot in a file: the chain of so many hinges that is this arm.
+
+    Joints before it carry its base, joints behind it belong to its tool.
 
     Parameters
     ----------
-    scene : SceneFile
-    model : MjModel
+    root : ET.Element
+    spec, model : MjSpec, MjModel
         Of the same file.
     robot : Robot
     tip : str
-        Name of its last body, or of one that this carries; "" for the longest chain of hinges.
+        Name of its last body, or of one that this carries; "" to look for it.
+    where : str
+        Name of the file.
 
     Raises
     ------
     BayescalError
-        If there is no such chain, or it is made of parts that cannot be patched.
+        If there is no such chain, or there are several, or it is made of parts that cannot be patched.
     """
+    chains = list(_chains(model, robot.n, _named(model, tip, where) if tip else -1))
+    found: dict[tuple[int, ...], tuple[FileArm, Match]] = {}
+    reasons = []
+    for chain in chains:
+        file = _file_arm(model, chain)
+        try:
+            found[chain] = file, match(robot, file, where)
+        except BayescalError as error:
+            reasons.append(error)
+    remedy = f"name the last body of the arm, as in --into {where}#wrist_3_link"
+    if len(found) > 1:
+        what = f"has several arms {robot.name}; they end at {listed([model.body(c[-1]).name for c in found])}"
+        raise BayescalError(what, where, remedy)
+    if not found and not chains:
+        raise _no_chain(model, robot, _named(model, tip, where) if tip else -1, where, remedy)
+    if not found:
+        raise reasons[0]
+    ids, (file, own) = next(iter(found.items()))
+    elements = _elements(root, model, ids, where)
+    joints = [next((e for e in body if e.tag == "joint"), None) for body in elements]
+    addresses = [int(model.body_jntadr[b]) for b in ids]
+    written = np.array([_written(spec, model.body(b).name) for b in ids])
+    compiled = np.array([_pose(model.body_pos[b], model.body_quat[b]) for b in ids])
+    framed = compiled @ np.linalg.inv(written)  # poses of elements <frame> around the bodies
+    return FoundArm(
+        file,
+        own,
+        elements,
+        tuple(_joint(e, model.body(b).name, where) for e, b in zip(joints, ids, strict=True)),
+        ids,
+        model.jnt_pos[addresses].copy(),
+        model.qpos0[model.jnt_qposadr[addresses]].copy(),
+        file.fixed @ framed,
+        written,
+        {child: e for e in root.iter() for child in e},
+    )
+
+
+def _chains(model: Any, n: int, tip: int) -> Iterator[tuple[int, ...]]:
+    """Bodies of n hinges in series: all that end before a tip, or, without one, all of the file."""
+    for end in [tip] if tip >= 0 else range(model.nbody):
+        chain = [b for b in above(model, end) if model.body_jntnum[b]]
+        if tip < 0 and (not chain or chain[-1] != end):
+            continue
+        for first in range(len(chain) - n, -1, -1) if tip >= 0 else [len(chain) - n]:
+            own = tuple(chain[max(first, 0) : first + n])
+            if len(own) == n and all(_hinge(model, b) for b in own):
+                yield own
+
+
+def _hinge(model: Any, body: int) -> bool:
+    kind = model.jnt_type[model.body_jntadr[body]]
+    return bool(model.body_jntnum[body] == 1 and kind == mujoco().mjtJoint.mjJNT_HINGE)
+
+
+def _no_chain(model: Any, robot: Robot, tip: int, where: str, remedy: str) -> BayescalError:
+    """Why there is no chain of hinges."""
+    if tip < 0:
+        return BayescalError(f"the file has no chain of {robot.n} joints", where, remedy)
+    chain = [b for b in above(model, tip) if model.body_jntnum[b]]
+    for b in chain[::-1]:
+        if not _hinge(model, b):
+            has = "several joints" if model.body_jntnum[b] > 1 else "a joint that is no hinge"
+            return BayescalError(f"body {model.body(b).name} has {has}", where, remedy)
+    what = f"{len(chain)} joints turn before the tip, the arm {robot.name} has {robot.n}"
+    return BayescalError(what, where, remedy)
+
+
+def _file_arm(model: Any, ids: tuple[int, ...]) -> FileArm:
+    """Joints of bodies, at zero; other joints of the file are where it has them."""
     mj = mujoco()
-    where = scene.path.name
-    named = {e.get("name"): e for e in scene.root.iter("body") if e.get("name")}
-    end = _end(model, robot, tip, where)
-    chain = [b for b in _above(model, end) if model.body_jntnum[b]]
-    for b in chain:
-        first, count = int(model.body_jntadr[b]), int(model.body_jntnum[b])
-        if count > 1 or model.jnt_type[first] != mj.mjtJoint.mjJNT_HINGE:
-            has = "several joints" if count > 1 else "a joint that is no hinge"
-            what = f"body {model.body(b).name} has {has}"
-            raise BayescalError(what, where, f"give the file of the arm {robot.name} on a fixed base")
-    ids = tuple(chain[: robot.n])
-    missing = [b for b in ids if model.body(b).name not in named]
-    if missing:
-        raise BayescalError("a body of the arm has no name", where, "name the bodies of the arm")
-    elements = tuple(named[model.body(b).name] for b in ids)
-    parents = {child: e for e in scene.root.iter() for child in e}
-    _check_parents(parents, elements, where)
     data = mj.MjData(model)
     addresses = [int(model.body_jntadr[b]) for b in ids]
-    data.qpos[[model.jnt_qposadr[j] for j in addresses]] = 0.0
+    data.qpos[model.jnt_qposadr[addresses]] = 0.0
     mj.mj_kinematics(model, data)
     pose = np.array([rigid(data.xmat[b].reshape(3, 3), data.xpos[b]) for b in range(model.nbody)])
-    anchors, axes = model.jnt_pos[addresses].copy(), model.jnt_axis[addresses].copy()
-    frames = np.array([pose[b] @ rigid(None, a) for b, a in zip(ids, anchors, strict=True)])
+    frames = np.array([pose[b] @ rigid(None, model.jnt_pos[j]) for b, j in zip(ids, addresses, strict=True)])
     steps = [
         np.linalg.inv(pose[before]) @ pose[int(model.body_parentid[b])]
         for before, b in zip((0, *ids[:-1]), ids, strict=True)
     ]
     names = tuple(model.joint(j).name for j in addresses)
-    file = FileArm(names, frames, axes, np.array(steps), np.linalg.inv(frames[-1]) @ pose[end])
-    joints = tuple(next(e for e in body if e.tag == "joint") for body in elements)
-    references = np.array([model.qpos0[model.jnt_qposadr[j]] for j in addresses])
-    return FoundArm(file, elements, joints, ids, anchors, references, np.array(steps), parents)
+    return FileArm(names, frames, model.jnt_axis[addresses].copy(), np.array(steps), np.eye(4))
 
 
-def _above(model: Any, body: int) -> list[int]:
+def above(model: Any, body: int) -> list[int]:
     """Bodies from the world to a body."""
     out = [body]
     while body:
@@ -102,28 +155,43 @@ def _above(model: Any, body: int) -> list[int]:
     return out
 
 
-def _end(model: Any, robot: Robot, tip: str, where: str) -> int:
-    """The body that ends the arm."""
+def _named(model: Any, tip: str, where: str) -> int:
     mj = mujoco()
-    if tip:
-        body = mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, tip)
-        if body < 0:
-            raise BayescalError(f"there is no body `{tip}`", where, "name the last body of the arm")
-        return int(body)
-    count = [sum(int(model.body_jntnum[a]) for a in _above(model, b)) for b in range(model.nbody)]
-    ends = [b for b in range(model.nbody) if count[b] == robot.n and model.body_jntnum[b]]
-    if len(ends) != 1:
-        what = f"{len(ends)} chains of {robot.n} joints" if ends else f"no chain of {robot.n} joints"
-        remedy = f"name the last body of the arm, as in --into {where}#wrist_3_link"
-        raise BayescalError(f"the file has {what}", where, remedy)
-    return ends[0]
+    body = mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, tip)
+    if body < 0:
+        raise BayescalError(f"there is no body `{tip}`", where, "name the last body of the arm")
+    return int(body)
 
 
-def _check_parents(
-    parent: Mapping[ET.Element, ET.Element], elements: tuple[ET.Element, ...], where: str
-) -> None:
-    """Refuse a frame element or a composite among the bodies of the arm."""
-    for element in elements:
-        if any(child.tag in FORBIDDEN for child in element) or parent[element].tag == "frame":
-            what = f"body {element.get('name')} is in or has a <frame>, or a part made by MuJoCo"
-            raise BayescalError(what, where, "write the poses of the bodies themselves")
+def _elements(root: ET.Element, model: Any, ids: tuple[int, ...], where: str) -> tuple[ET.Element, ...]:
+    """Elements of bodies, which must be written in the file itself."""
+    named = {e.get("name"): e for e in root.iter("body") if e.get("name")}
+    for b in ids:
+        if not model.body(b).name:
+            raise BayescalError("a body of the arm has no name", where, "name the bodies of the arm")
+        if model.body(b).name not in named:
+            what = f"body {model.body(b).name} of the arm is made by <attach> or <replicate>"
+            raise BayescalError(what, where, "write the bodies of the arm into the file: MjSpec.to_xml()")
+    return tuple(named[model.body(b).name] for b in ids)
+
+
+def _joint(element: ET.Element | None, body: str, where: str) -> ET.Element:
+    if element is None or not element.get("name"):
+        has = "is in a <frame>" if element is None else "has no name"
+        raise BayescalError(f"the joint of body {body} {has}", where, "write it in the body, with a name")
+    return element
+
+
+def _written(spec: Any, name: str) -> np.ndarray:
+    """Pose (4, 4) of a body as its element states it."""
+    body = spec.body(name)
+    quat = np.array(body.quat)
+    if body.alt.type != mujoco().mjtOrientation.mjORIENTATION_QUAT:
+        c = spec.compiler
+        quat = np.array(spec.resolve_orientation(c.degree, c.eulerseq, body.alt))
+    return _pose(np.array(body.pos), quat)
+
+
+def _pose(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
+    w, x, y, z = quat
+    return rigid(Rotation.from_quat((x, y, z, w)).as_matrix(), pos)

@@ -5,10 +5,14 @@
   const started = performance.now();
   const data = JSON.parse(document.getElementById("data").textContent);
   const rows = data.rows, arm = data.arm, count = rows.id.length;
-  const INK = "#22313f", QUIET = "#55616d", ACCENT = "#1b4f72", MARK = "#b03022", PALE = "#dfe5eb";
-  const COLOURS = ["#1b4f72", "#d68910", "#3a8f6b", "#8e5ea2", "#5b8db8", "#a0522d", "#22313f", "#7b8794"];
+  // colours of the style sheet, which has a light and a dark scheme
+  const scheme = matchMedia("(prefers-color-scheme: dark)");
+  const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  const INK = style("ink"), QUIET = style("quiet"), ACCENT = style("accent"), MARK = style("mark"), PALE = style("pale"), PAGE = style("page");
+  const COLOURS = [ACCENT, style("check"), style("good"), scheme.matches ? "#c39bd8" : "#8e5ea2", "#5b8db8", scheme.matches ? "#d08a5b" : "#a0522d", INK, "#7b8794"];
   const SYMBOLS = ["circle", "diamond", "square", "circle-open", "diamond-open", "square-open"];
   const CONFIG = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["resetCameraLastSave3d", "lasso2d", "select2d"] };
+  scheme.addEventListener("change", () => location.reload());
   const FONT = { family: "system-ui, 'DejaVu Sans', sans-serif", size: 12, color: INK };
 
   // Plotly reads a few tags in labels and hover texts: names from files are shown as they are
@@ -30,24 +34,68 @@
     return new Response(stream).text();
   }
 
-  // Points of the arm at link angles (deg): each joint turns what follows it about its axis.
-  function pose(angles) {
+  const times = (m, v) => m.map((row) => row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
+  const sum = (a, b) => a.map((v, k) => v + b[k]);
+  // What moves with the joints up to each, at link angles (deg): each joint turns what follows it about its axis.
+  function placed(angles) {
     let turn = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], shift = [0, 0, 0];
-    const times = (m, v) => m.map((row) => row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
     const product = (a, b) => a.map((row) => [0, 1, 2].map((j) => row[0] * b[0][j] + row[1] * b[1][j] + row[2] * b[2][j]));
-    const sum = (a, b) => a.map((v, k) => v + b[k]);
-    const out = [arm.links_mm[0]];
+    const maker = (m, d) => (point) => sum(times(m, point), d);
+    const out = [maker(turn, shift)];
     angles.forEach((angle, k) => {
       const [x, y, z] = arm.axes[k], c = Math.cos(radians(angle)), s = Math.sin(radians(angle)), v = 1 - c;
       const own = [[c + x * x * v, x * y * v - z * s, x * z * v + y * s],
         [y * x * v + z * s, c + y * y * v, y * z * v - x * s],
         [z * x * v - y * s, z * y * v + x * s, c + z * z * v]];
       const at = arm.links_mm[k + 1], moved = times(own, at);
-      out.push(sum(times(turn, at), shift));
       shift = sum(times(turn, at.map((a, i) => a - moved[i])), shift);
       turn = product(turn, own);
+      out.push(maker(turn, shift));
     });
-    out.push(sum(times(turn, arm.links_mm[arm.links_mm.length - 1]), shift));
+    return out;
+  }
+
+  // Points of the arm: the base, the joints, the flange.
+  function pose(move) {
+    return arm.links_mm.map((point, k) => move[Math.max(k - 1, 0)](point));
+  }
+
+  // A surface of rings about a segment; half spheres close its ends. Corners, and triangles of their numbers.
+  const SIDES = 14, CAPS = 4;
+  function capsule(a, b, radius) {
+    const along = b.map((v, k) => v - a[k]), long = Math.hypot(...along);
+    const z = long ? along.map((v) => v / long) : [0, 0, 1], first = Math.abs(z[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0];
+    const cross = (u, v) => [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    const unit = (v) => v.map((c) => c / Math.hypot(...v)), x = unit(cross(first, z)), y = cross(z, x);
+    const points = [], faces = [];
+    for (const [end, from] of [[a, -90], [b, 0]]) for (let k = 0; k <= CAPS; k++) {
+      const up = radians(from + 90 * k / CAPS), r = radius * Math.cos(up), h = radius * Math.sin(up);
+      for (let j = 0; j < SIDES; j++) {
+        const t = 2 * Math.PI * j / SIDES;
+        points.push(end.map((v, i) => v + h * z[i] + r * (Math.cos(t) * x[i] + Math.sin(t) * y[i])));
+      }
+    }
+    for (let k = 0; k < 2 * CAPS + 1; k++) for (let j = 0; j < SIDES; j++) {
+      const p = k * SIDES + j, q = k * SIDES + (j + 1) % SIDES;
+      faces.push([p, q, p + SIDES], [q, q + SIDES, p + SIDES]);
+    }
+    return { points, faces };
+  }
+
+  function box(centre, axes, half) {
+    const signs = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [k & 1 ? 1 : -1, k & 2 ? 1 : -1, k & 4 ? 1 : -1]);
+    const points = signs.map((sign) => centre.map((v, i) => v + sign.reduce((total, s, k) => total + s * half[k] * axes[k][i], 0)));
+    return { points, faces: [[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 3, 7], [1, 7, 5]] };
+  }
+
+  // Several surfaces as one trace.
+  function mesh(parts, color, flat) {
+    const out = { type: "mesh3d", x: [], y: [], z: [], i: [], j: [], k: [], color, flatshading: flat, lighting: { ambient: 0.65, diffuse: 0.6, specular: 0.05 }, hoverinfo: "skip", showlegend: false };
+    for (const { points, faces } of parts) {
+      const start = out.x.length;
+      for (const p of points) { out.x.push(p[0]); out.y.push(p[1]); out.z.push(p[2]); }
+      for (const f of faces) { out.i.push(f[0] + start); out.j.push(f[1] + start); out.k.push(f[2] + start); }
+    }
     return out;
   }
 
@@ -81,7 +129,7 @@
     if (NUMBERS[by]) {
       const { of, unit, top } = NUMBERS[by], values = all.map(of);
       const seen = drawn.filter((k) => values[k] !== null), rest = drawn.filter((k) => values[k] === null);
-      const marker = { size: shaped ? seen.map((k) => size * (0.75 + 0.75 * Math.min(Math.abs(rows.residual_um[k] ?? 0) / large, 1))) : size, color: seen.map((k) => values[k]), colorscale: "Cividis", reversescale: true,
+      const marker = { size: shaped ? seen.map((k) => size * (0.75 + 0.75 * Math.min(Math.abs(rows.residual_um[k] ?? 0) / large, 1))) : size, color: seen.map((k) => values[k]), colorscale: "Cividis", reversescale: !scheme.matches,
         symbol: seen.map(shape), line: { width: 0.5, color: QUIET }, colorbar: { title: { text: unit, side: "right" }, thickness: 12, len: 0.8 } };
       if (top) Object.assign(marker, { cmin: 0, cmax: top });
       const out = [{ ...base(seen), marker }];
@@ -91,7 +139,7 @@
     const groups = [...new Set(drawn.map(GROUPS[by]))];
     return groups.map((name, g) => {
       const some = drawn.filter((k) => GROUPS[by](k) === name), short = name.length > 28 ? name.slice(0, 27) + "…" : name;
-      return { ...base(some), name: plain(short), showlegend: true, marker: { size, color: COLOURS[g % COLOURS.length], symbol: SYMBOLS[g % SYMBOLS.length], line: { width: 0.5, color: "#fff" } } };
+      return { ...base(some), name: plain(short), showlegend: true, marker: { size, color: COLOURS[g % COLOURS.length], symbol: SYMBOLS[g % SYMBOLS.length], line: { width: 0.5, color: PAGE } } };
     });
   }
 
@@ -107,28 +155,31 @@
     slider.value = String(data.typical);
     const length = 0.05 * Math.max(...[0, 1, 2].map((a) => Math.max(...column(rows.point_mm, a)) - Math.min(...column(rows.point_mm, a))));
     const marked = (k) => data.marks.joints.includes(k);
+    const fixed = mesh((arm.artefacts ?? []).map((a) => a.half_mm ? box(a.centre_mm, a.axes, a.half_mm) : capsule(a.centre_mm, a.centre_mm, a.radius_mm)), style("mid"), true);
     const bodies = (k) => {
-      const line = [...pose(rows.angle_deg[k]), rows.point_mm[k]], joints = line.slice(1, -2);
-      const links = { type: "scatter3d", mode: "lines", x: column(line, 0), y: column(line, 1), z: column(line, 2), line: { width: 9, color: "#8f9ba7" }, hoverinfo: "skip", showlegend: false };
+      const move = placed(rows.angle_deg[k]), line = [...pose(move), rows.point_mm[k]], joints = line.slice(1, -2);
+      const capsules = arm.capsules ?? [], thin = capsules.length > 0;
+      const solid = mesh(capsules.map((c) => capsule(...c.ends_mm.map(move[c.joint]), c.radius_mm)), style("tool"), false);
+      const links = { type: "scatter3d", mode: "lines", x: column(line, 0), y: column(line, 1), z: column(line, 2), line: { width: thin ? 2 : 9, color: "#8f9ba7" }, hoverinfo: "skip", showlegend: false };
       const nodes = { type: "scatter3d", mode: "markers+text", x: column(joints, 0), y: column(joints, 1), z: column(joints, 2), text: joints.map((_, j) => marked(j + 1) ? `<b>J${j + 1}</b>` : `J${j + 1}`), hovertext: arm.joints.map((name, j) => `joint ${j + 1}: ${plain(name)}`), hoverinfo: "text",
         textposition: "top center", textfont: { size: 11, color: joints.map((_, j) => marked(j + 1) ? MARK : INK) }, showlegend: false,
-        marker: { size: joints.map((_, j) => marked(j + 1) ? 11 : 6), color: joints.map((_, j) => marked(j + 1) ? MARK : "#fff"), line: { width: 2, color: INK } } };
+        marker: { size: joints.map((_, j) => marked(j + 1) ? 11 : 6), color: joints.map((_, j) => marked(j + 1) ? MARK : PAGE), line: { width: 2, color: INK } } };
       const red = { type: "scatter3d", mode: "lines", x: [], y: [], z: [], line: { width: 14, color: MARK }, hoverinfo: "skip", showlegend: false };
       const pieces = [...data.marks.links.map((j) => line.slice(j, j + 2)), ...(data.marks.tip ? [line.slice(-2)] : []), ...(data.marks.base ? [[line[0].map((v, a) => a === 0 ? v - length : v), line[0].map((v, a) => a === 0 ? v + length : v)]] : [])];
       for (const piece of pieces) for (const p of [...piece, [null, null, null]]) { red.x.push(p[0]); red.y.push(p[1]); red.z.push(p[2]); }
-      return [links, nodes, red];
+      return [links, nodes, red, solid];
     };
-    const axis = (name) => ({ title: { text: `${name} (mm)` }, backgroundcolor: "#fff", gridcolor: PALE, zerolinecolor: PALE, showspikes: false, tickfont: { size: 10 } });
-    const layout = { font: FONT, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "same", legend: { orientation: "h", y: 0, yanchor: "bottom" }, hoverlabel: { bgcolor: "#fff", font: FONT, align: "left" },
+    const axis = (name) => ({ title: { text: `${name} (mm)` }, backgroundcolor: PAGE, gridcolor: PALE, zerolinecolor: PALE, showspikes: false, tickfont: { size: 10 } });
+    const layout = { font: FONT, paper_bgcolor: PAGE, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "same", legend: { orientation: "h", y: 0, yanchor: "bottom" }, hoverlabel: { bgcolor: PAGE, font: FONT, align: "left" },
       scene: { aspectmode: "data", xaxis: axis("x"), yaxis: axis("y"), zaxis: axis("z"), uirevision: "same", camera: { eye: data.eye, up: { x: 0, y: 0, z: 1 } } } };
     let row = data.typical;
-    const draw = () => Plotly.react(at, [...bodies(row), ...traces("scatter3d", { x: column(rows.point_mm, 0), y: column(rows.point_mm, 1), z: column(rows.point_mm, 2) }, colour.value, 5, true)], layout, CONFIG);
+    const draw = () => Plotly.react(at, [...bodies(row), fixed, ...traces("scatter3d", { x: column(rows.point_mm, 0), y: column(rows.point_mm, 1), z: column(rows.point_mm, 2) }, colour.value, 5, true)], layout, CONFIG);
     const move = (k) => {
       row = k;
       slider.value = String(k);
       shown.textContent = `${rows.id[k]}, ${said(k)}`;
       const parts = bodies(k);
-      for (const axis of ["x", "y", "z"]) Plotly.restyle(at, { [axis]: parts.map((p) => p[axis]) }, [0, 1, 2]);
+      for (const axis of ["x", "y", "z"]) Plotly.restyle(at, { [axis]: parts.map((p) => p[axis]) }, [0, 1, 2, 3]);
     };
     colour.addEventListener("change", draw);
     slider.addEventListener("input", () => move(Number(slider.value)));
@@ -149,9 +200,9 @@
     const draw = () => {
       const x = X[over.value], values = all.map(x.of), text = typeof values[0] === "string";
       const noise = data.noise_um;
-      const layout = { font: FONT, margin: { l: 60, r: 12, t: 8, b: text ? 90 : 48 }, hovermode: "closest", hoverlabel: { bgcolor: "#fff", font: FONT, align: "left" }, legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, plot_bgcolor: "#fff",
+      const layout = { font: FONT, paper_bgcolor: PAGE, margin: { l: 60, r: 12, t: 8, b: text ? 90 : 48 }, hovermode: "closest", hoverlabel: { bgcolor: PAGE, font: FONT, align: "left" }, legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, plot_bgcolor: PAGE,
         xaxis: { title: { text: x.unit }, gridcolor: PALE, zeroline: false, automargin: true, type: text ? "category" : "linear" }, yaxis: { title: { text: data.residual_label }, gridcolor: PALE, zerolinecolor: QUIET },
-        shapes: noise === null ? [] : [{ type: "rect", xref: "paper", x0: 0, x1: 1, y0: data.signed ? -2 * noise : 0, y1: 2 * noise, fillcolor: "#e3e9ef", line: { width: 0 }, layer: "below" }] };
+        shapes: noise === null ? [] : [{ type: "rect", xref: "paper", x0: 0, x1: 1, y0: data.signed ? -2 * noise : 0, y1: 2 * noise, fillcolor: style("band"), line: { width: 0 }, layer: "below" }] };
       return Plotly.react(at, traces("scatter", { x: values, y: rows.residual_um }, colour.value, 7, false), layout, CONFIG);
     };
     over.addEventListener("change", draw);

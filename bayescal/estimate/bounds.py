@@ -1,0 +1,221 @@
+"""The bound of positive parameters: a compliance below zero within its uncertainty is that of a rigid part.
+
+The prior of a compliance is normal (the model stays linear), so an estimate may be negative. Let v, S be the
+estimates and the covariance of all positive parameters. The most probable values that are not negative are
+
+    argmin over v' >= 0 of (v' - v)' S^-1 (v' - v),
+
+a non-negative least-squares problem (Lawson, Hanson 1974). The parameters that are zero there are fitted
+again at zero, and all others with them.
+
+Their uncertainty is not removed: the covariance is that of the model with them as unknowns. For a single
+parameter whose estimate is v <= 0, E[v'^2 | v' >= 0] <= u^2: the uncertainty stated about zero is not too
+small.
+
+A value that is significantly negative contradicts the model, and is left as it is: below -2 u of a single
+positive parameter; several share its probability (Bonferroni): below -2.6 u of five. So are all, where only
+together they are that improbable (chi-square of the bound).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import nnls
+from scipy.special import ndtr, ndtri
+
+from bayescal.distributions import chi2_isf
+from bayescal.effects import UNITS, Parameter
+from bayescal.estimate.discrepancy import stated
+from bayescal.estimate.estimate import Estimate, at_solution, estimate, smallest_noise
+from bayescal.model import ARM
+from bayescal.model.equilibrium import moved, standing_model, tool_points
+from bayescal.model.model import with_parameters
+
+CHANCE = float(ndtr(-2.0))
+"""Probability that a rigid part has an estimate below -2 u."""
+TIGHT = 1e-6
+"""Prior standard deviation of a parameter that is fitted at its bound, as a share of its own."""
+FITS = 8
+"""Most fits with gravity moments at the pose of the fit before, and with further parameters at zero."""
+AT_REST = 1e-2
+"""Displacement of the TCP by such a fit, in units of the smallest noise, at which they end."""
+CAUSE = "the model lacks an effect, or masses are wrong: run bayescal gap"
+"""What a value that is significantly negative comes from, and what to do."""
+NAMED = 2
+"""Negative values that the sentence names, the most significant first."""
+PAIRS = 400
+"""Pairs of poses whose distance is compared."""
+
+
+@dataclass(frozen=True)
+class Negative:
+    """A physically positive parameter with a negative value, SI."""
+
+    parameter: str
+    value: float
+    u: float
+    unit: str  # a key of UNITS
+    limit: float = 2.0  # u below zero from which on it is significant
+
+    @property
+    def significant(self) -> bool:
+        """Whether the value is not that of a rigid part with its uncertainty."""
+        return self.value < -self.limit * self.u
+
+    @property
+    def figures(self) -> str:
+        """Value and u in the unit of files."""
+        unit, factor = UNITS[self.unit]
+        return f"{factor * self.value:.3g} {unit.replace('urad', 'µrad')} (u {factor * self.u:.2g})"
+
+
+@dataclass(frozen=True)
+class Rigid:
+    """Parameters that a fit has at zero, and what that changes over the poses of the session, m."""
+
+    parameters: tuple[Negative, ...] = ()  # with their values without the bound
+    distance_rms: float = 0.0
+    distance_max: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """In a sentence; "" where no parameter is at its bound."""
+        if not self.parameters:
+            return ""
+        each = ", ".join(f"{n.parameter} {n.figures}" for n in self.parameters)
+        return (
+            f"set to rigid, because not distinguishable from 0: {each}; fitted again, distances over the "
+            f"poses of the session change by {_um(self.distance_rms)} RMS, {_um(self.distance_max)} at most"
+        )
+
+
+def _um(length: float) -> str:
+    """A length, m, in µm with two significant digits."""
+    return f"{float(f'{1e6 * length:.2g}'):.9g} µm"
+
+
+UNCHANGED = Rigid()
+"""Of a fit whose positive parameters are not negative."""
+
+
+def negative(parameters: Sequence[Parameter], deviations: np.ndarray, sd: np.ndarray) -> tuple[Negative, ...]:
+    """Physically positive parameters below zero, by deviations (P,) from nominal and their u (P,), SI."""
+    limit = float(-ndtri(CHANCE / max(sum(p.positive for p in parameters), 1)))
+    return tuple(
+        Negative(p.name, float(p.nominal + d), float(u), p.unit, limit)
+        for p, d, u in zip(parameters, deviations, sd, strict=True)
+        if p.positive and p.nominal + d < -TIGHT * p.sd
+    )
+
+
+def bounded(found: Estimate) -> tuple[Estimate, Rigid]:
+    """The estimate with positive parameters that are not negative, and what was changed.
+
+    The estimate is unchanged if none is negative, or if one contradicts the bound together with others.
+    """
+    model, count = found.model, len(found.model.parameters)
+    if not negative(model.parameters, found.arm, np.ones(count)):
+        return found, UNCHANGED
+    covariance = stated(found).limited[:count, :count]
+    below = negative(model.parameters, found.arm, np.sqrt(np.diag(covariance)) * model.sd)
+    kept = {n.parameter for n in below if n.significant}
+    free = [k for k, p in enumerate(model.parameters) if p.positive and p.name not in kept]
+    at_zero = _at_zero(found, free, covariance, below[0].limit)
+    out = found
+    for _ in range(len(free)):
+        if not at_zero:
+            return found, UNCHANGED
+        out = _fitted(found, at_zero)
+        more = {n.parameter for n in negative(model.parameters, out.arm, np.ones(count))} - kept
+        if not more:
+            break
+        at_zero = tuple(dict.fromkeys((*at_zero, *more)))
+    values = np.array([p.nominal for p in model.parameters]) + found.arm
+    u = np.sqrt(np.diag(covariance)) * model.sd
+    held = tuple(
+        Negative(p.name, float(v), float(own), p.unit)
+        for p, v, own in zip(model.parameters, values, u, strict=True)
+        if p.name in at_zero
+    )
+    return out, Rigid(held, *_changed(found, out))
+
+
+def not_physical(found: Estimate, covariance: np.ndarray) -> tuple[str, ...]:
+    """A sentence on positive parameters that a fit left below zero, by its stated covariance (D, D) of z."""
+    count = len(found.model.parameters)
+    sd = np.sqrt(np.diag(covariance)[:count]) * found.model.sd
+    below = negative(found.model.parameters, found.arm, sd)
+    clear = [n for n in below if n.significant] or below
+    if not clear:
+        return ()
+    together = "" if clear[0].significant else "together, "
+    clear = sorted(clear, key=lambda n: n.value / n.u)
+    what = ", ".join(f"{n.parameter} {n.figures}" for n in clear[:NAMED])
+    what += f" and {len(clear) - NAMED} more" if len(clear) > NAMED else ""
+    return (
+        f"negative by more than {clear[0].limit:.2g} u, {together}which is not physical: {what}; {CAUSE}",
+    )
+
+
+def _at_zero(found: Estimate, free: Sequence[int], covariance: np.ndarray, limit: float) -> tuple[str, ...]:
+    """Parameters, of those at `free`, that are zero at the most probable values that are not negative.
+
+    None, where the stated `covariance` (P, P) of z makes them improbable together.
+    """
+    if not free:  # of an empty matrix, nnls aborts the process
+        return ()
+    p = found.model.parameters
+    zero = np.array([-p[k].centre / p[k].sd for k in free])  # z of a part that is rigid
+    above = found.z[list(free)] - zero
+    own = found.covariance[np.ix_(free, free)]
+    factor = np.linalg.cholesky(np.linalg.inv(own)).T
+    best, _ = nnls(factor, factor @ above)
+    off = np.flatnonzero(best <= 0)
+    if not len(off):
+        return ()
+    wide = covariance[np.ix_(free, free)][np.ix_(off, off)]
+    if above[off] @ np.linalg.solve(wide, above[off]) > max(limit**2, chi2_isf(CHANCE, len(off))):
+        return ()
+    return tuple(p[free[int(k)]].name for k in off)
+
+
+def _fitted(found: Estimate, names: Sequence[str]) -> Estimate:
+    """The fit again, of the same rows, with some parameters at zero; they stay unknowns of its model."""
+    model, noise = found.model, smallest_noise(found)
+    here = np.array([p.name in names for p in model.parameters])
+    zero = np.array([-p.centre / p.sd for p in model.parameters])
+    z = found.z.copy()
+    z[: len(here)][here] = zero[here]
+    for _ in range(FITS):
+        before = model.deviations(z[model.slices[ARM]])
+        model = standing_model(model, before)
+        tight = tuple(
+            replace(p, sd=TIGHT * p.sd, mean=0.0) if h else p
+            for p, h in zip(model.parameters, here, strict=True)
+        )
+        start = z.copy()
+        start[: len(here)][here] = 0.0
+        held = estimate(
+            with_parameters(model.scene, model.effects, tight), start=start, left_out=found.rejected
+        )
+        z = held.z.copy()
+        z[: len(here)][here] = zero[here]
+        after = model.deviations(z[model.slices[ARM]])
+        if moved(tool_points(model, before), tool_points(model, after)) < AT_REST * noise:
+            break
+    return replace(at_solution(model, z, found.rejected), held=tuple(names))
+
+
+def _changed(before: Estimate, after: Estimate) -> tuple[float, float]:
+    """RMS and largest change, m, of distances between TCP positions of the fitted measurements."""
+    rows = np.unique(np.concatenate([b.rows for b in before.model.states]))
+    one, other = np.random.default_rng(0).integers(0, len(rows), (2, PAIRS))
+    length = []
+    for e in (before, after):
+        points = tool_points(e.model, e.arm)[:, rows]
+        length.append(np.linalg.norm(points[:, one] - points[:, other], axis=0))
+    change = np.abs(length[1] - length[0])
+    return float(np.sqrt(np.mean(change**2))), float(np.max(change))

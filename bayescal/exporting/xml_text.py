@@ -1,0 +1,210 @@
+"""XML of a user, changed in place: all that is not changed stays, to the byte.
+
+The elements are read as a tree, and the tree is changed. The text is then made of the parts of the old one:
+start tags whose attributes did not change, what stands between elements (comments, blanks, line ends), and
+end tags. An added element has the indentation of its place.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from xml.etree import ElementTree as ET
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
+
+from bayescal.robots.markup import parse_markup
+
+ATTRIBUTE = re.compile(rb"""(\s+)([^\s=/>"']+)(\s*=\s*)("[^"]*"|'[^']*')""")
+UNIT = b"  "
+"""Indentation of the first child of an element, where the file shows no other."""
+
+
+@dataclass(frozen=True)
+class _Old:
+    """An element as it stands in the old text: positions of its tags, and what it had."""
+
+    start: int
+    inside: int  # behind the start tag
+    inner: int  # of the end tag; `inside` for an empty element
+    end: int
+    attributes: Mapping[str, str]
+    children: tuple[ET.Element, ...]
+
+
+class XmlText:
+    """The text of an XML file, and its root element, which may be changed.
+
+    Raises
+    ------
+    BayescalError
+        As `robots.markup.parse_markup`.
+    """
+
+    def __init__(self, text: str, name: str) -> None:
+        self._data = text.encode("utf-8")
+        self.root = parse_markup(self._data, name)
+        self._old = dict(zip(self.root.iter(), _spans(self._data, self.root), strict=True))
+
+    def added(self) -> Iterator[ET.Element]:
+        """Elements of the tree that the file did not have."""
+        return (e for e in self.root.iter() if e not in self._old)
+
+    def kept(self) -> Iterator[ET.Element]:
+        """Elements of the tree that the file had."""
+        return (e for e in self.root.iter() if e in self._old)
+
+    @property
+    def inside(self) -> str:
+        """The text between the tags of the root element, as it was read."""
+        own = self._old[self.root]
+        return self._data[own.inside : own.inner].decode("utf-8")
+
+    def spliced(self, by: Mapping[ET.Element, str]) -> str:
+        """The text as it was read, with other texts in place of some elements."""
+        out, at = b"", 0
+        for e, text in by.items():
+            own = self._old[e]
+            out += self._data[at : own.start] + text.encode("utf-8")
+            at = own.end
+        return (out + self._data[at:]).decode("utf-8")
+
+    @property
+    def text(self) -> str:
+        """The text of the tree as it is now."""
+        gaps, tails = self._gaps()
+        own, line = self._old[self.root], self._newline
+
+        def written(e: ET.Element, indent: bytes) -> bytes:
+            old, children, begin = self._old.get(e), list(e), indent
+            if old is None:
+                head = b"<" + e.tag.encode() + _attributes(e.attrib)
+                empty, unit = not children, UNIT if b"\t" not in indent else b"\t"
+                tail, before = line + indent + b"</" + e.tag.encode() + b">", line + indent + unit
+            else:
+                tag = self._data[old.start : old.inside]
+                head = with_attributes(tag, old.attributes, e.attrib)
+                empty = old.inside == old.end
+                if empty and not children:
+                    return head
+                head = re.sub(rb"\s*/?>$", b"", head) if empty else head[:-1]
+                begin = self._indent(old)
+                before = self._before(old)
+                close = b"</" + e.tag.encode() + b">"
+                tail = line + begin + close if empty else tails[e] + self._data[old.inner : old.end]
+                empty = False
+            if empty:
+                return head + b"/>"
+            parts = [head, b">"]
+            for child in children:
+                gap = gaps.get(child, before)
+                parts += [gap, written(child, before.rpartition(line)[2] if line in before else begin)]
+            return b"".join([*parts, tail])
+
+        new = written(self.root, b"")
+        return (self._data[: own.start] + new + self._data[own.end :]).decode("utf-8")
+
+    def _gaps(self) -> tuple[dict[ET.Element, bytes], dict[ET.Element, bytes]]:
+        """What stands before each old element, and before the end tag of each.
+
+        Comments before an element that was removed stay; what belongs to one that was moved goes with it.
+        """
+        present, gaps, tails = set(self.root.iter()), {}, {}
+        for e, old in self._old.items():
+            at, left = old.inside, b""
+            for child in old.children:
+                own = self._data[at : self._old[child].start]
+                at = self._old[child].end
+                if child in present:
+                    gaps[child], left = left + own, b""
+                elif own.strip():
+                    left += own.rstrip()
+            tails[e] = left + self._data[at : old.inner]
+        return gaps, tails
+
+    @cached_property
+    def _newline(self) -> bytes:
+        return b"\r\n" if b"\r\n" in self._data else b"\n"
+
+    def _indent(self, old: _Old) -> bytes:
+        """Blanks at the beginning of the line of an element."""
+        line = self._data[self._data.rfind(b"\n", 0, old.start) + 1 : old.start]
+        return line[: len(line) - len(line.lstrip())]
+
+    def _before(self, old: _Old) -> bytes:
+        """What is to stand before an added child: as before the others."""
+        starts = [self._old[child] for child in old.children]
+        ends = [old.inside, *(own.end for own in starts)]
+        for own, at in zip(starts, ends, strict=False):
+            if b"\n" in self._data[at : own.start]:
+                return self._newline + self._indent(own)
+        unit = b"\t" if b"\t" in self._indent(old) else UNIT
+        return b"" if starts else self._newline + self._indent(old) + unit
+
+
+def with_attributes(tag: bytes, before: Mapping[str, str], now: Mapping[str, str]) -> bytes:
+    """A start tag (or an empty element) with changed attributes; further ones are added last."""
+    if before == now:
+        return tag
+    out, at = b"", 0
+    for found in ATTRIBUTE.finditer(tag):
+        key = found[2].decode()
+        out += tag[at : found.start()]
+        at = found.end()
+        if key not in before or now.get(key) == before[key]:  # also what declares a namespace
+            out += found[0]
+        elif key in now:
+            out += found[1] + found[2] + found[3] + quoteattr(now[key]).encode()
+    end = re.search(rb"\s*/?>$", tag)
+    assert end, "a tag ends with >"
+    more = {key: value for key, value in now.items() if key not in before}
+    return out + tag[at : end.start()] + _attributes(more) + tag[end.start() :]
+
+
+def _attributes(each: Mapping[str, str]) -> bytes:
+    return "".join(f" {key}={quoteattr(value)}" for key, value in each.items()).encode()
+
+
+def _spans(data: bytes, root: ET.Element) -> list[_Old]:
+    """Where the elements stand, in the order of the file."""
+    starts: list[int] = []
+    ends: dict[int, int] = {}
+    stack: list[int] = []
+    parser = expat.ParserCreate("utf-8")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        stack.append(len(starts))
+        starts.append(parser.CurrentByteIndex)
+
+    def end(tag: str) -> None:
+        ends[stack.pop()] = parser.CurrentByteIndex
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.Parse(data, True)
+    out = []
+    for k, e in enumerate(root.iter()):
+        inside = tag_end(data, starts[k])
+        empty = data[inside - 2 : inside] == b"/>"
+        inner = inside if empty else ends[k]
+        out.append(
+            _Old(
+                starts[k], inside, inner, inside if empty else tag_end(data, inner), dict(e.attrib), tuple(e)
+            )
+        )
+    return out
+
+
+def tag_end(data: bytes, at: int) -> int:
+    """Position behind a tag that starts at `at`; a > in a quoted value does not end it."""
+    quote = 0
+    for k in range(at, len(data)):
+        byte = data[k]
+        if quote:
+            quote = 0 if byte == quote else quote
+        elif byte in b"\"'":
+            quote = byte
+        elif byte == ord(">"):
+            return k + 1
+    raise AssertionError("a parsed tag ends")

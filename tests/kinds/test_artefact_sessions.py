@@ -1,0 +1,132 @@
+"""Certified coordinates in a fit and in a validation."""
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from kind_sessions import cone, of_pieces
+
+from bayescal.arm.transforms import rpy_matrix
+from bayescal.assess.budget.inputs import CERTIFICATE, propagated
+from bayescal.calibration import fit
+from bayescal.dataset import Certificate, Points
+from bayescal.dataset.artefact import distances_of
+from bayescal.dataset.join import joined
+from bayescal.estimate import calibrated
+from bayescal.estimate.discrepancy import stated
+from bayescal.model.model import build
+from bayescal.model.scene import Scene
+
+PLATE = np.array([[0.0, 0.0, 0.0], [0.15, 0.0, 0.0], [0.0, 0.12, 0.0], [0.15, 0.12, 0.0], [0.07, 0.06, 0.0]])
+U = 1e-6
+FULL = ("geometry", "compliance")
+
+
+def artefact(names, placements, of=None, u=U) -> Certificate:
+    of = tuple(range(len(names))) if of is None else of
+    spread = tuple(map(tuple, (u**2 * np.eye(PLATE.size)).tolist()))
+    points = Points("plate", tuple("abcde"), tuple(map(tuple, PLATE.tolist())), spread, of, placements)
+    return Certificate("points", names, points=points)
+
+
+@pytest.fixture(scope="module")
+def session(cube):
+    """Seats of a plate at two placements, the second validated."""
+    rng, pieces = np.random.default_rng(2), []
+    true = PLATE + U * rng.normal(size=PLATE.shape)
+    for place, (middle, rpy, held) in enumerate(
+        (([0.38, -0.1, 0.25], [0.1, 0.2, 0.3], 0), ([0.42, 0.0, 0.35], [-0.3, 0.5, 1.0], 16))
+    ):
+        at = true @ rpy_matrix(np.array(rpy)).T + middle
+        for k, centre in enumerate(at):
+            nominal = centre + np.array([1e-3, -2e-3, 1e-3])
+            pieces.append(cone(f"{'abcde'[k]}@{place}", nominal, centre - nominal, count=16, held=held))
+    found = of_pieces(cube(seed=9), pieces, planes=False, seed=4)
+    names = tuple(p.target.name for p in pieces)
+    whole = artefact(names, ("0",) * 5 + ("1",) * 5, (*range(5), *range(5)))
+    found.dataset = replace(found.dataset, certificates=(whole, *distances_of(whole)))
+    return found
+
+
+def test_fit_and_validation(session):
+    result = fit(session.dataset, FULL, samples=0)
+    found = result.stated.plain
+    (constraint,) = found.model.constraints
+    assert constraint.rows == 3 * 5 - 6  # of the fitted placement alone
+    assert constraint.targets == tuple(f"{k}@0" for k in "abcde")
+    assert found.model.knows_length
+    off = []
+    values = found.model.physical(found.z)
+    for k, p in enumerate(found.model.parameters):
+        if p.name in session.arm.values:
+            off.append((values[k] - session.arm.values[p.name]) / (found.sd[k] * p.sd))
+    assert len(off) > 15
+    assert np.max(np.abs(off)) < 4.5
+    checks = result.levels[-1].validation.distances
+    assert len(checks) == 10
+    error, drawn = np.array([c.error for c in checks]), np.stack([c.predicted for c in checks])
+    assert np.all(np.abs(error - drawn.mean(axis=1)) < 4 * drawn.std(axis=1))
+
+
+def test_two_points_are_a_distance(session):
+    """The same estimate and covariance as with a certified distance of the same uncertainty."""
+    pair = ("a@0", "d@0")
+    length = float(np.linalg.norm(PLATE[3]))
+    one, other = (
+        calibrated(Scene(replace(session.dataset, certificates=(c,))), ("geometry",))
+        for c in (
+            artefact(pair, ("0", "0"), (0, 3)),
+            Certificate("distance", pair, distance=length, u_distance=np.sqrt(2) * U),
+        )
+    )
+    np.testing.assert_allclose(one.z, other.z, atol=2e-4)
+    np.testing.assert_allclose(one.sd, other.sd, rtol=2e-4)
+
+
+def test_derived_distances_are_not_counted_twice(session):
+    dataset = session.dataset
+    whole = [c for c in dataset.certificates if not c.derived]
+    one, other = (
+        build(Scene(replace(dataset, certificates=tuple(c))), FULL) for c in (dataset.certificates, whole)
+    )
+    assert len(one.constraints) == len(other.constraints) == 1
+
+
+def test_the_budget_contains_it_without_a_remainder(session):
+    found = stated(calibrated(Scene(session.dataset), FULL))
+    parts = propagated(found)
+    assert [p.input.name for p in parts if p.input.group == CERTIFICATE] == [
+        "certificate: coordinates of plate"
+    ]
+    total = sum(p.by @ p.by.T for p in parts)
+    np.testing.assert_allclose(total, found.wide.covariance, atol=1e-6 * np.abs(found.wide.covariance).max())
+
+
+def test_an_error_of_a_coordinate_is_estimated(session):
+    """The effect `artefact` has a parameter for each certified coordinate; a wrong one is found."""
+    (whole, *_) = session.dataset.certificates
+    moved = [list(p) for p in PLATE.tolist()]
+    moved[1][1] += 60e-6
+    coordinates = tuple(map(tuple, moved))
+    spread = tuple(map(tuple, (400e-12 * np.eye(15)).tolist()))
+    wrong = replace(whole, points=replace(whole.points, coordinates=coordinates, covariance=spread))
+    found = calibrated(Scene(replace(session.dataset, certificates=(wrong,))), (*FULL, "artefact"))
+    names = [p.name for p in found.model.parameters]
+    values = found.model.physical(found.z)
+    of = {
+        name: values[names.index(f"artefact {name}")] for name in (f"{p} {a}" for p in "abcde" for a in "xyz")
+    }
+    corrected = np.array([[of[f"{p} {a}"] for a in "xyz"] for p in "abcde"]) + np.array(moved)
+    for i, j in combinations(range(5), 2):
+        length = np.linalg.norm(corrected[i] - corrected[j])
+        assert length == pytest.approx(np.linalg.norm(PLATE[i] - PLATE[j]), abs=25e-6)
+
+
+def test_joined_sessions_share_its_error(session):
+    one = replace(session.dataset, name="A", sha256="a")
+    rows = replace(one.measurements, readings=one.measurements.readings + 0.0)
+    both = joined((one, replace(one, name="B", sha256="b", measurements=rows)))
+    wide = [np.array(c.points.covariance)[0, 0] for c in both.certificates if c.points is not None]
+    assert wide == pytest.approx([2 * U**2] * 2)
+    assert [c.targets[0] for c in both.certificates if c.points is not None] == ["A:a@0", "B:a@0"]

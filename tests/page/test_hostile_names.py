@@ -1,0 +1,109 @@
+"""Names of files are text: no markup of the terminal, no element of a page, whatever they contain."""
+
+import io
+from dataclasses import replace
+from html.parser import HTMLParser
+from itertools import count, cycle
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+import bayescal as bc
+from bayescal.cli.commands import app
+from bayescal.dataset import Record, write_dataset
+
+HOSTILE = (
+    "[/]", "[bold]x[/bold]", "[link=http://a]y", ":smile:",
+    "<hostile>", "</title><hostile>", "</script><hostile>",
+    "\"'><hostile a='", "$a_$", "{x}", "%s", "`code`", "a/b\\c", "&lt;",
+)  # fmt: skip
+
+
+def hostile(dataset):
+    """The same session with hostile names in every field of dataset, robot and table."""
+    texts, number, known = cycle(HOSTILE), count(), {}
+
+    def named(name: str) -> str:
+        return known.setdefault(name, f"{next(texts)} {next(number)}")
+
+    robot, rows = dataset.robot, dataset.measurements
+    return replace(
+        dataset,
+        name="[/] <hostile>",
+        robot=replace(robot, name="[/] <hostile>", joint_names=tuple(map(named, robot.joint_names))),
+        robot_reference="robot.yaml",
+        tools=tuple(replace(t, name=named(t.name)) for t in dataset.tools),
+        targets=tuple(replace(t, name=named(t.name)) for t in dataset.targets),
+        certificates=tuple(replace(c, targets=tuple(map(named, c.targets))) for c in dataset.certificates),
+        measurements=replace(rows, ids=tuple(map(named, rows.ids))),
+        record=Record(
+            "2026-01-31", "[/] <hostile>", {"arm": "</script><hostile>"}, ("[/b] <hostile>",), 20.0
+        ),
+        source="[/] </pre><hostile>",
+    )
+
+
+class Elements(HTMLParser):
+    """The elements of a page, and its text."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags, self.text = set(), ""
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def run(*arguments: str) -> str:
+    done = CliRunner().invoke(app, list(arguments))
+    assert done.exception is None, f"{arguments}: {done.exception!r}"
+    return done.output
+
+
+@pytest.fixture(scope="module")
+def session(cube, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("[b]hostile") / "session"
+    write_dataset(hostile(cube(seed=9, count=80).dataset), folder)
+    return folder
+
+
+def test_commands_print_names_as_they_are(session):
+    out = session.parent / "[red]run"
+    checked, fitted = (
+        run("check", str(session)),
+        run("fit", str(session), "--samples", "0", "--no-pictures", "--out", str(out)),
+    )
+    assert "[/] <hostile>  [/] <hostile>" in checked
+    assert "[/] <hostile>  [/] <hostile>" in fitted
+    assert f"{out}/fit.json" in fitted
+    for target in bc.read_dataset(session).targets:
+        assert target.name.split()[0] in checked
+    run("budget", str(out))
+    assert "hostile" in run(
+        "export", str(out), "--to", "urdf", "--force", "--out", str(session.parent / "a.urdf")
+    )
+    run("report", str(out))
+    page = Elements((out / "report.html").read_text(encoding="utf-8"))
+    assert "hostile" not in page.tags
+    assert "<hostile>" in page.text
+    assert {"svg", "table"} <= page.tags
+
+
+def test_a_console_with_markup_prints_a_table_of_hostile_names(session):
+    shown = io.StringIO()
+    Console(file=shown, width=200).print(bc.fit(session, samples=0).report(verbose=True))
+    assert "[/]" in shown.getvalue()
+
+
+def test_a_run_folder_names_its_dataset(session):
+    folder = session.parent.parent / "kept"
+    (folder / "dataset").mkdir(parents=True)
+    for file in session.iterdir():
+        (folder / "dataset" / file.name).write_bytes(file.read_bytes())
+    with pytest.raises(bc.BayescalError, match=r"no dataset\.yaml in it; .*kept/dataset"):
+        bc.fit(folder)
