@@ -1,5 +1,6 @@
 """Scenes as people have them: clashing names, includes, meshes, vehicles, calibrated arms."""
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
+from bayescal.exporting.mjcf.replay import Replay, Simulated
 from bayescal.exporting.verify.limits import limit
 
 SCENE = Path(__file__).with_name("ur5e_scene.xml").read_text()
@@ -273,3 +275,22 @@ def test_of_two_arms_the_last_body_says_which(tmp_path):
     with pytest.raises(BayescalError, match=r"several arms .*wrist_3_link, far_link"):
         fits(path)
     assert fits(path, tip="#far_link").record("x")["tip"] == "far_link"
+
+
+def test_the_script_beside_a_scene(tmp_path):
+    """On a vehicle, in a scene that has a site and a body of the names of ours; with a payload."""
+    text = changed((BASE_TAG, VEHICLE), (ENDS, "      </body>\n    </body></body>\n  </worldbody>"))
+    taken = '<body name="payload" pos="3 0 0"><site name="ball"/><geom size=".1" mass="1"/></body>'
+    taken += '<geom name="table"'
+    text = text.replace('<geom name="table"', taken)
+    text = text.replace('qpos="0.6 0.3 0.1 1 0 0 0 ', 'qpos="0.6 0.3 0.1 1 0 0 0 1 2 0.5 0.8 0 0 0.6 ')
+    arm = drawn("universal-robots-ur5e", (*ELASTIC, "coupling"))
+    out = export(arm, "mjcf", into=str(save(tmp_path, text)), readings="script", force=True)
+    out.save(tmp_path / "arm.xml")
+    replay = Replay(json.loads((tmp_path / "arm-replay.json").read_text()))
+    simulated = Simulated(tmp_path / "arm.xml", replay)
+    world, readings = np.array(out.record("x")["root_in_f0"]), arm.dataset.measurements.readings[:2]
+    for payload in (0.0, 1.5):
+        own = np.array([simulated.stand(reading, payload=payload) for reading in readings])
+        model = arm.at(readings, payload_kg=payload).points
+        np.testing.assert_allclose(own @ world[:3, :3].T + world[:3, 3], model, rtol=0, atol=2e-7)
