@@ -16,6 +16,8 @@ from scipy.special import ndtr, ndtri
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.distributions import chi2_isf, chi2_sf, poisson_sf
+from bayescal.estimate import Estimate
+from bayescal.estimate.bounds import not_physical
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.predict.validation import DistanceCheck, PlaneCheck, PointCheck, TurnCheck, Validation
 
@@ -27,6 +29,8 @@ UNVERIFIED = "not verified: no validation measurements"
 UNDETERMINED = "not determined by these measurements: the prediction rests on priors"
 SHARED = "shared_cause"
 """The test of what rejected measurements share."""
+NOT_PHYSICAL = "negative"
+"""The test of positive parameters: it fails only."""
 FEWEST_DISTANCES = 3
 """Distances whose mean error is tested."""
 FALSE_REJECTIONS = 0.01
@@ -121,6 +125,15 @@ def acceptance(
     ]
     validated = bool(checked.planes or checked.distances or checked.points or checked.turns)
     return Acceptance(tuple(checks), tuple(causes), validated, rejected)
+
+
+def with_bound(tests: Acceptance, found: Estimate, covariance: np.ndarray) -> Acceptance:
+    """The tests and, where it fails, that of positive parameters below zero, by the stated covariance."""
+    more = tuple(
+        Check(NOT_PHYSICAL, f.value, f.limit, f.p_value, f.level, f.words)
+        for f in not_physical(found, covariance)
+    )
+    return replace(tests, checks=(*tests.checks, *more))
 
 
 def widened(left: Unexplained, checked: Validation, tests: Acceptance) -> Unexplained:
