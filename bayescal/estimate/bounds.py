@@ -69,7 +69,8 @@ class Negative:
     def figures(self) -> str:
         """Value and u in the unit of files."""
         unit, factor = UNITS[self.unit]
-        return f"{factor * self.value:.3g} {unit.replace('urad', 'µrad')} (u {factor * self.u:.2g})"
+        value, u = float(f"{factor * self.value:.3g}"), float(f"{factor * self.u:.2g}")
+        return f"{value:.9g} {unit.replace('urad', 'µrad')} (u {u:.9g})"
 
 
 @dataclass(frozen=True)
