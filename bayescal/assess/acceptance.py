@@ -15,6 +15,8 @@ from scipy.special import ndtr, ndtri
 
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
 from bayescal.assess.shared_causes import SharedCause
+from bayescal.dataset import Dataset
+from bayescal.dataset.checks.planned import CHANCE, planned
 from bayescal.distributions import chi2_isf, chi2_sf, poisson_sf
 from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import not_physical
@@ -27,6 +29,9 @@ EXPLAINED = "calibrated; model explains validation data"
 CONTRADICTED = "model does not explain the machine: run bayescal gap"
 UNVERIFIED = "not verified: no validation measurements"
 UNDETERMINED = "not determined by these measurements: the prediction rests on priors"
+NOT_MADE = "no calibration: contacts of a plan that were not made"
+PLANNED = "planned_poses"
+"""The test of contacts that have the readings of a plan."""
 SHARED = "shared_cause"
 """The test of what rejected measurements share."""
 NOT_PHYSICAL = "negative"
@@ -74,11 +79,18 @@ class Acceptance:
     @property
     def verdict(self) -> str:
         """In one line."""
+        if self.unmade:
+            return NOT_MADE
         if not self.explains:
             return CONTRADICTED
         if not self.determined:
             return UNDETERMINED
         return EXPLAINED if self.validated else UNVERIFIED
+
+    @property
+    def unmade(self) -> str:
+        """Which contacts have the readings of a plan, in words; "" if none."""
+        return next((c.words for c in self.failed if c.test == PLANNED), "")
 
     @property
     def explains(self) -> bool:
@@ -101,7 +113,11 @@ class _Figure:
 
 
 def acceptance(
-    left: Unexplained, checked: Validation, causes: Sequence[SharedCause] = (), rejected: float = 0.0
+    left: Unexplained,
+    checked: Validation,
+    causes: Sequence[SharedCause] = (),
+    rejected: float = 0.0,
+    dataset: Dataset | None = None,
 ) -> Acceptance:
     """Test a fit.
 
@@ -115,6 +131,8 @@ def acceptance(
         What rejected measurements share.
     rejected : float
         Share of the fitted measurements that were rejected: as many of the validation data may be outliers.
+    dataset : Dataset, optional
+        The session, whose contacts are tested for readings of a plan.
     """
     figures = [_noise(left), *_validation(checked, None if causes else rejected)]
     level = LEVEL / len(figures)
@@ -123,6 +141,9 @@ def acceptance(
         Check(SHARED, len(c.rows) / c.rejected, c.size / c.count, c.p_value, LEVEL_SHARED, c.words)
         for c in causes
     ]
+    if dataset is not None and (unmade := planned(dataset)) is not None:
+        words = unmade.words(dataset)
+        checks.insert(0, Check(PLANNED, len(unmade.rows), 0.0, unmade.chance, CHANCE, words))
     validated = bool(checked.planes or checked.distances or checked.points or checked.turns)
     return Acceptance(tuple(checks), tuple(causes), validated, rejected)
 

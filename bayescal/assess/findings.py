@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from bayescal.assess.acceptance import SHARED, Acceptance
+from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
 from bayescal.assess.directions import Directions, in_words
 from bayescal.assess.reliability import reliability
 from bayescal.assess.undetermined import Undetermined
@@ -73,7 +73,9 @@ def findings(of: Assessed) -> tuple[Finding, ...]:
 
 def _tests(of: Assessed) -> Iterator[Finding]:
     for check in of.tests.failed:
-        ratio = "" if check.test == SHARED else f" (ratio {check.value:.2g}, limit {check.limit:.2g})"
+        ratio = (
+            "" if check.test in (SHARED, PLANNED) else f" (ratio {check.value:.2g}, limit {check.limit:.2g})"
+        )
         yield Finding(check.test, "error", check.words + ratio)
     if of.tests.causes:
         yield Finding(

@@ -39,7 +39,11 @@ def plan(
         ),
     ] = None,
     levers: Annotated[
-        str, typer.Option(help="What may be varied beside the pose, separated by commas: payload, approach.")
+        str,
+        typer.Option(
+            help="What may be varied beside the pose, separated by commas: payload (the masses that "
+            "`plan: {payload_kg}` of dataset.yaml lists), approach."
+        ),
     ] = "payload,approach",
     model: Annotated[
         str,
@@ -48,6 +52,9 @@ def plan(
             "the diagnosis]."
         ),
     ] = "",
+    validation: Annotated[
+        bool, typer.Option(help="Add contacts that validate spheres of certified distances.")
+    ] = True,
     order: Annotated[
         str, typer.Option(help="sweeps (each visits all targets), shortest, or random.")
     ] = "sweeps",
@@ -55,16 +62,36 @@ def plan(
     seed: Seed = 0,
     to: Annotated[
         list[str] | None,
-        typer.Option(help="Format for the controller: csv, urscript, robodk or poses; repeatable."),
+        typer.Option(
+            help="For the controller: a probing program (urscript, fanuc, kuka, abb; none has been run on a "
+            "controller) or a table (csv, robodk, poses); repeatable."
+        ),
     ] = None,
+    probe_input: Annotated[
+        str,
+        typer.Option(
+            help="Digital input that the probe switches, as the controller names it: 0, tool:0 (UR, FANUC), "
+            "measure:1 (KUKA), a signal (ABB) [default: 0, 1, 1, diProbe]."
+        ),
+    ] = "",
+    probe_force_n: Annotated[
+        float | None,
+        typer.Option(
+            help="Change of the force at the tool, N, that is a contact, in place of an input (UR)."
+        ),
+    ] = None,
+    probe_beyond_mm: Annotated[
+        float,
+        typer.Option(help="How far beyond the expected surface a program searches before it stops."),
+    ] = 5.0,
     out: Out = None,
     allow_xacro: AllowXacro = False,
 ) -> None:
     """Choose the contacts to measure, and predict the uncertainty that they give."""
-    from bayescal.exporting.plan import formats_of
+    from bayescal.exporting.plan import Probe, formats_of
     from bayescal.public.planning import plan as work
 
-    formats = formats_of(to or [])
+    formats = formats_of(to or [], Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm))
     with run_folder(out, [setup], "plan") as folder, progress("candidates") as notify:
         result = work(
             setup,
@@ -74,11 +101,18 @@ def plan(
             after=after,
             levers=levers,
             order=order,
+            validation=validation,
             candidates=candidates,
             seed=seed,
             allow_xacro=allow_xacro,
             progress=notify,
         )
         notify("write", 0.0)
-        written = result.save(folder, [form.name for form in formats])
+        written = result.save(
+            folder,
+            [form.name for form in formats],
+            probe_input=probe_input,
+            probe_force_n=probe_force_n,
+            probe_beyond_mm=probe_beyond_mm,
+        )
     show(result.report(), folder, written)

@@ -135,6 +135,7 @@ def of_fit(fit: Fit) -> Use:
             f"{share:.0f} % of the variance of a predicted distance is that of priors, not of measurements",
         )
     tests = fit.acceptance
+    reasons = (*((tests.unmade,) if tests.unmade else ()), *reasons)
     told = () if tests.explains and tests.validated else (f"verdict of the fit: {tests.verdict}",)
     codes = {f.code for f in fit.findings if f.severity != "note"}
     step = next(

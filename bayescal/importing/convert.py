@@ -23,6 +23,7 @@ from bayescal.importing.messages import accusation, found_words
 from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.orientations import compared
 from bayescal.importing.pair import is_measured, pair
+from bayescal.importing.probing import format_of, read_records
 from bayescal.importing.programs import LISTINGS, read_listing
 from bayescal.importing.reflectors import stacked, unfolded
 from bayescal.importing.roles import role_note, with_roles
@@ -62,6 +63,8 @@ def convert(request: Request) -> Draft:
         For a file or a map that cannot be read, or where required information is missing.
     """
     request.check()
+    if request.plan is not None and request.format == "csv" and not request.map:
+        request = replace(request, format=format_of(request.log))
     base = base_of(request)
     columns, centres, notes, mapped = _columns(request, base.robot.n)
     columns, late = _from_the_beginning(columns)
@@ -190,7 +193,9 @@ def _columns(request: Request, n: int) -> Read:
         columns = columns_of(log, own_map(log.header, n, log.name), request.decimal)
     else:
         map_ = read_map(formats.FORMATS[request.format].map, n, formal=True) | read_map(request.map, n)
-        if request.format in LISTINGS:
+        if request.format == "probing":
+            columns = columns_of(read_records(request.log, n), map_)
+        elif request.format in LISTINGS:
             columns = columns_of(read_listing(request.log, request.format, n), map_)
         else:
             columns = _mapped(request.log, map_, request.decimal)

@@ -34,6 +34,7 @@ FORMATS = {
         "a record of the RTDE client of Universal Robots",
         "time?=timestamp counter_s, j*=actual_q_*0 rad, j*_command?=target_q_*0 rad",
     ),
+    "probing": Format("what a probing program of bayescal plan logs", LISTED),
     "fanuc-ls": Format("positions P[n] of a FANUC program as text (LS)", LISTED),
     "fanuc-va": Format("position registers of a FANUC controller (POSREG.VA)", LISTED),
     "kuka-dat": Format("joint positions of a KUKA data list (DAT) or program", LISTED),

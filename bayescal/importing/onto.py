@@ -18,8 +18,11 @@ from bayescal.importing.columns import Columns, columns_of, first
 from bayescal.importing.log import read_log
 from bayescal.importing.mapping import own_map
 from bayescal.importing.pair import check_ids
+from bayescal.importing.probing import CONTACT, numbered, state_of, unmade
 
 PLAN = "plan.csv"
+CLEARANCE = "clearance_mm"
+"""Column of a plan that a session does not have."""
 MEASURED = "measured.csv"
 """Rows of the session that a plan continues, beside the plan."""
 UNTOUCHED = 1e-6
@@ -49,7 +52,7 @@ class Joined:
     far : np.ndarray, shape (N,)
         Rows that are far from their plan.
     by_order : bool
-        The log has no ids: its rows are those of the plan, in their order.
+        The log has no ids, or only numbers: its rows are those of the plan, in their order.
     """
 
     columns: Columns
@@ -101,7 +104,7 @@ def measured_before(plan: Path, base: Dataset) -> Measurements | None:
     if not path.is_file():
         return None
     n = base.robot.n
-    return measurements_of(read_table(path, n), n, base.tools, base.targets, base.noise)
+    return measurements_of(read_table(path, n, (CLEARANCE,)), n, base.tools, base.targets, base.noise)
 
 
 def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
@@ -131,6 +134,11 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
         log = _in_order(log, planned)
     check_ids(log)
     check_ids(planned)
+    if not np.isin(log.texts["id"], planned.texts["id"]).any():  # registers of a program, by number
+        ids = numbered(log.texts["id"], planned.texts["id"].tolist())
+        of_plan = ids != log.texts["id"]
+        if of_plan.any():
+            log, by_order = replace(log, texts=log.texts | {"id": ids}).take(of_plan), True
     log, planned, notes = _by_id(log, planned)
     _contradictions(log, planned)
     joints = [f"j{i + 1}" for i in range(n)]
@@ -149,11 +157,15 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
     stated = np.column_stack([planned.numbers[key] for key in joints])
     read = stated if commanded else np.column_stack([log.numbers[key] for key in joints])
     away = np.max(np.abs(read - stated), axis=1)
+    state = state_of(read[:, 0])
+    notes += unmade(dict(zip(log.texts["id"].tolist(), state.tolist(), strict=True)))
+    away = np.where(state == CONTACT, away, np.nan)
     made = np.where(reads == "", away >= UNTOUCHED, _given(log, reads)) & np.isfinite(away)
     if not made.any():
         what = "nothing was measured: its rows are empty or state what was planned"
         raise BayescalError(what, log.name, "write the readings at which each contact was made")
-    notes += _counted(log.texts["id"][~made], f"of {log.name} without a measurement (empty, or as planned)")
+    idle = ~made & (state == CONTACT)
+    notes += _counted(log.texts["id"][idle], f"of {log.name} without a measurement (empty, or as planned)")
     log, planned, away = log.take(made), planned.take(made), away[made]
     far, near = away > FAR, (away < NEAR) & (_reads(planned.texts["target"], targets) == "")
     if 2 * np.sum(near) > log.count:

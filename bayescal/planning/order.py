@@ -14,8 +14,8 @@ import numpy as np
 
 from bayescal.collision.path import RETRACT
 from bayescal.planning.obstacles import placements
+from bayescal.planning.place import seconds_between
 from bayescal.planning.pool import Pool
-from bayescal.planning.transit import seconds_between
 from bayescal.simulation.probing import SPEED
 
 SWEEPS = "sweeps"
@@ -78,14 +78,16 @@ ORDERS: Mapping[str, Callable[[Pool, np.ndarray, np.random.Generator, Blocked], 
 """Orders by their name."""
 
 
-def travel(pool: Pool, rows: np.ndarray, via: Sequence[np.ndarray | None] = ()) -> float:
+def travel(pool: Pool, rows: np.ndarray, *passed: Sequence[np.ndarray | None]) -> float:
     """Time, s, of the motion between contacts in the given order, with approach and retract.
 
-    `via` (M of (K, n)), rad, are the readings that are passed before each row (`transit.Transits.via`).
+    `passed` (each M of (K, n)), rad, are the readings that are passed before each row one after the other
+    (`leave` and `via` of `transit.Ways`).
     """
     approach, m = pool.approach[rows], pool.session.measurements
-    passed = [way if way is not None else () for way in via] or [()] * len(rows)
-    points = [p for way, own in zip(passed, approach, strict=True) for p in (*way, own)]
+    points = []
+    for *ways, own in zip(*passed, approach, strict=True):
+        points += [p for way in ways if way is not None for p in way] + [own]
     moves = seconds_between(np.array(points[:-1]), np.array(points[1:])) if len(points) > 1 else 0.0
     touched = np.any(approach != m.readings[rows], axis=1)
     return float(np.sum(moves) + np.sum(touched) * (RETRACT / SPEED + RETRACT / BACK))
@@ -197,13 +199,19 @@ def _placements(pool: Pool, rows: np.ndarray) -> np.ndarray:
 
 
 def _stations(pool: Pool, rows: np.ndarray, some: np.ndarray) -> list[np.ndarray]:
-    """Positions `some` by placement, in the order of the targets; what stays is dealt to all of them."""
+    """Positions `some` by placement, in the order of the targets, and by tool.
+
+    What stays is dealt to all placements. The tool changes only where it has to.
+    """
     label, target = _placements(pool, rows)[some], pool.session.measurements.target[rows[some]]
     stays = some[label == ""]
     names = [str(name) for name in dict.fromkeys(label[np.argsort(target, kind="stable")]) if name]
-    if not names:
-        return [stays] if len(stays) else []
-    return [np.concatenate([some[label == name], stays[k :: len(names)]]) for k, name in enumerate(names)]
+    parts = [np.concatenate([some[label == name], stays[k :: len(names)]]) for k, name in enumerate(names)]
+    tool, out = pool.session.measurements.tool, []
+    for k, part in enumerate(parts or [stays]):
+        own = [part[tool[rows[part]] == t] for t in np.unique(tool[rows[part]])]
+        out += own[:: -1 if k % 2 else 1]
+    return out
 
 
 def _dealt(

@@ -12,7 +12,6 @@ from bayescal.dataset import Dataset
 from bayescal.dataset.append import taken
 from bayescal.errors import BayescalError
 from bayescal.gap.result import Pair
-from bayescal.gap.settings import DESIGN
 from bayescal.model import check_asked
 from bayescal.model.parts import Part
 from bayescal.planning import order as orders
@@ -58,6 +57,7 @@ def plan(
     pairs: Sequence[Pair] = (),
     without: Sequence[Part] = (),
     probability: Mapping[str, float] | None = None,
+    validation: bool = True,
     progress: Callable[[str, float], None] = lambda stage, fraction: None,
 ) -> Plan:
     """Choose contacts to measure.
@@ -87,6 +87,8 @@ def plan(
         Parts that the model lacks.
     probability : mapping of str to float, optional
         Of effects by a diagnosis: how much each counts beside the pairs.
+    validation : bool
+        Whether contacts that validate spheres of certified distances are added.
     progress : callable
         Called with the stage and its completed fraction.
 
@@ -100,7 +102,7 @@ def plan(
     check_asked(effects, 1.0)
     of_pool, of_distances, of_gap, of_order = spawned(seed, 4)
     pool = candidates(
-        _loaded(setup, levers), count, of_pool, progress, turning=TURNING if APPROACH in levers else 0.0
+        _loaded(setup, levers), count, of_pool, progress, TURNING if APPROACH in levers else 0.0, validation
     )
     linear = linearised(pool, effects, without=without)
     few = check_count(linear, contacts)
@@ -138,7 +140,7 @@ def plan(
     moves = Transits(pool)
     at = orders.ordered(pool, rows, order, np.random.default_rng(of_order), moves.blocked)
     progress("motions", 0.5)
-    via = moves.via(rows[at])
+    ways = moves.ways(rows[at])
     session = _session(pool, rows[at], repeats=set(pool.candidates[repeats].tolist()))
     progress("done", 1.0)
     return Plan(
@@ -157,14 +159,18 @@ def plan(
         next_u=curve.next_u,
         detectable=detectable(found, planned, selections),
         confusable=separated,
-        travel=orders.travel(pool, rows[at], via),
-        via=via,
+        travel=orders.travel(pool, rows[at], ways.leave, ways.via),
+        via=ways.via,
+        leave=ways.leave,
+        changes=ways.changes,
+        by_hand=ways.by_hand,
+        clearance=ways.clearance,
         seconds=time.perf_counter() - begin,
         warnings=(
             *setup.notes,
             *pool.warnings,
             *(text for text in (*(goal.note for goal in wanted), few) if text),
-            *_closed(session, via),
+            *_closed(session, ways.by_hand),
         ),
         aim=aim,
         order=order,
@@ -185,11 +191,10 @@ def _check(aim: str, levers: Sequence[str], order: str, contacts: int) -> None:
 
 
 def _loaded(setup: Setup, levers: Sequence[str]) -> Setup:
-    """The setup with the payloads that the levers permit: its own, else the usual one if masses are known."""
-    robot = setup.dataset.robot
-    if PAYLOAD not in levers or robot.masses is None:
+    """The setup with the payloads that it lists, if the levers permit them and masses are known."""
+    if PAYLOAD not in levers or setup.dataset.robot.masses is None:
         return replace(setup, payloads=())
-    return setup if setup.payloads else replace(setup, payloads=(DESIGN.payload,))
+    return setup
 
 
 def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:
@@ -210,9 +215,9 @@ def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:
     return replace(pool.session, measurements=m)
 
 
-def _closed(session: Dataset, via: Sequence[np.ndarray | None]) -> list[str]:
+def _closed(session: Dataset, by_hand: Sequence[str]) -> list[str]:
     """A warning of contacts to which no free way was found."""
-    ids = [name for name, way in zip(session.measurements.ids, via, strict=True) if way is None]
+    ids = [name for name, words in zip(session.measurements.ids, by_hand, strict=True) if words]
     text = f"no collision-free path found to {', '.join(ids)} from the contact before: jog manually"
     return [text] if ids else []
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -108,8 +108,24 @@ class Plan:
         Order of probing: sweeps, shortest or random.
     seed : int
     via : tuple of np.ndarray, shape (K, n), or None
-        Readings, rad, to be passed before the approach of each row, most often none (K = 0); None where no
-        collision-free path was found.
+        Readings, rad, to be passed on the way to the approach of each row, most often none (K = 0); None
+        where no collision-free path was found, and the arm is jogged manually (`by_hand`). The way begins at
+        the approach of the row before, or at the last of `leave` where the arm has stopped.
+    leave : tuple of np.ndarray, shape (K, n), or None
+        Of each row before which something is changed (`changes`): readings, rad, to be passed from the
+        approach of the row before; at the last the arm stops and waits, far from all solids of both places.
+        The way there is checked among the solids, with the tool, of the row before; the way from there among
+        those of the row. Of the first row the pose (1, n) where the session begins, always. K = 0 for the
+        other rows; None where no free way was found.
+    changes : tuple of str
+        What the person has to do before each row while the arm waits, such as "mount tool ball2; move the
+        artefact to placement 4; attach 2 kg to the tool"; "" if nothing. Of the first row what is to be
+        there at the beginning.
+    by_hand : tuple of str
+        How the arm is jogged manually to the approach of each row, in words; "" where a free way is known.
+    clearance : np.ndarray, shape (N,)
+        Smallest distance, m, of arm, tool and solids from each other on all motions of a row: the way there
+        with its stop, the approach and the retract. nan where a part of the way is by hand.
     """
 
     pool: Pool
@@ -134,3 +150,7 @@ class Plan:
     order: str = "sweeps"
     seed: int = 0
     via: tuple[np.ndarray | None, ...] = ()
+    leave: tuple[np.ndarray | None, ...] = ()
+    changes: tuple[str, ...] = ()
+    by_hand: tuple[str, ...] = ()
+    clearance: np.ndarray = field(default_factory=lambda: np.empty(0))

@@ -64,14 +64,39 @@ class PlanResult(PlanTables):
 
         return plan_summary(self.data)
 
-    def save(self, folder: str | PathLike[str], to: Sequence[str] | str = ()) -> tuple[str, ...]:
+    def save(
+        self,
+        folder: str | PathLike[str],
+        to: Sequence[str] | str = (),
+        *,
+        probe_input: str = "",
+        probe_force_n: float | None = None,
+        probe_beyond_mm: float = 5.0,
+    ) -> tuple[str, ...]:
         """Write plan.csv, plan.json, the page, the figure and the setup; return their names.
 
-        `to`: formats for a controller that are written too: 'csv', 'urscript', 'robodk', 'poses'.
+        Parameters
+        ----------
+        folder : path
+        to : sequence of str, or str
+            Formats that are written too: 'csv', 'urscript', 'fanuc', 'kuka', 'abb', 'robodk', 'poses'.
+        probe_input : str
+            Digital input of the probe as the controller names it: '0', 'tool:0'; default: the first.
+        probe_force_n : float, optional
+            Change of the force at the tool that is a contact, in place of the input (UR).
+        probe_beyond_mm : float
+            How far beyond the expected surface a probing program searches for a contact.
+
+        Raises
+        ------
+        BayescalError
+            For an unknown format, or a probe that a format cannot use.
         """
+        from bayescal.exporting.plan import Probe
         from bayescal.reporting.plan.files import write_plan
 
-        return write_plan(self.data, Path(folder), names(to))
+        probe = Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm)
+        return write_plan(self.data, Path(folder), names(to), probe)
 
     def __str__(self) -> str:
         return as_text(self.report())
@@ -89,6 +114,7 @@ def plan(
     after: Source | GapResult | None = None,
     levers: Sequence[str] | str = ("payload", "approach"),
     order: str = "sweeps",
+    validation: bool = True,
     candidates: int = 5000,
     seed: int = 0,
     allow_xacro: bool = False,
@@ -110,9 +136,12 @@ def plan(
         Continue a measured session: the session, or its diagnosis (a path: the run folder of `diagnose`, and
         `setup` is the session). Then the contacts for the gap decide what the diagnosis could not.
     levers : sequence of str, or str
-        What may be varied beside the pose: 'payload', 'approach'.
+        What may be varied beside the pose: 'payload' (masses that `plan: {payload_kg}` of the setup lists),
+        'approach'.
     order : str
         'sweeps', 'shortest' or 'random'.
+    validation : bool
+        Add contacts that validate spheres of certified distances.
     candidates : int
         Possible contacts among which is chosen.
     seed : int
@@ -159,6 +188,7 @@ def plan(
         pairs=open_.pairs if open_ else (),
         without=parts_of(open_.without, effects) if open_ else (),
         probability=open_.probability if open_ else None,
+        validation=validation,
         progress=progress,
     )
     return PlanResult(found)

@@ -8,6 +8,7 @@ import sys
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bayescal.estimate import calibrated
@@ -78,8 +79,10 @@ def opened(browser, pages, problems):
     """A page at a width, loaded once for all tests of it: a test leaves its medium as it was."""
 
     @cache
-    def open_(name: str, width: int, scripts: bool = True):
-        context = browser.new_context(viewport={"width": width, "height": 900}, java_script_enabled=scripts)
+    def open_(name: str, width: int, scripts: bool = True, scheme: str = "light"):
+        context = browser.new_context(
+            viewport={"width": width, "height": 900}, java_script_enabled=scripts, color_scheme=scheme
+        )
         page = context.new_page()
         page.set_default_timeout(WAIT)
         page.on("console", lambda m: m.type == "error" and problems.append(m.text))
@@ -154,10 +157,35 @@ def test_the_arm_responds(opened, record):
     names = {
         t.get("name")
         for t in page.evaluate(
-            "document.getElementById('scene-plot').data.slice(3).map(t => ({ name: t.name }))"
+            "document.getElementById('scene-plot').data.slice(5).map(t => ({ name: t.name }))"
         )
     }
     assert names == set(record["rows"]["target"])
+
+
+def test_the_arm_is_a_body(opened, record):
+    """All corners of its surface are on the capsules of the record at the row; artefacts stand still."""
+    from bayescal.reporting.shared.body import placed
+
+    page = opened("plain", 1280)
+    drawn(page, "arm")
+    page.locator("#scene-row").fill("7")
+    plot = "document.getElementById('scene-plot').data"
+    mesh, fixed = (
+        np.array(page.evaluate(f"['x', 'y', 'z'].map((axis) => Array.from({plot}[{k}][axis]))")).T
+        for k in (3, 4)
+    )
+    arm, moved = record["arm"], placed(record["arm"], np.radians(record["rows"]["angle_deg"][7]))
+    count = len(mesh) // len(arm["capsules"])
+    for k, c in enumerate(arm["capsules"]):
+        turn, shift = moved[c["joint"]]
+        a, b = np.array(c["ends_mm"]) @ turn.T + shift
+        own = mesh[k * count : (k + 1) * count] - a
+        along = np.clip(own @ (b - a) / max((b - a) @ (b - a), 1e-9), 0, 1)[:, None] * (b - a)
+        assert np.linalg.norm(own - along, axis=1) == pytest.approx(c["radius_mm"], abs=0.3)
+    (cube,) = [a for a in arm["artefacts"] if "half_mm" in a]
+    corners = (fixed[:8] - cube["centre_mm"]) @ np.array(cube["axes"]).T
+    assert np.abs(corners) == pytest.approx(np.tile(cube["half_mm"], (8, 1)), abs=0.1)
 
 
 def test_figures_are_those_of_the_record(opened, record):
@@ -172,11 +200,19 @@ def test_figures_are_those_of_the_record(opened, record):
     assert f"{record['gap']['excess_um']['value']:.1f} µm" in text
 
 
-@pytest.mark.parametrize("width", WIDTHS)
-def test_accessible(opened, width):
+@pytest.mark.parametrize(
+    ("width", "scheme"), [(WIDTHS[0], "light"), (WIDTHS[1], "light"), (WIDTHS[1], "dark")]
+)
+def test_accessible(opened, width, scheme):
+    """Contrast too, in both schemes."""
     axe = pytest.importorskip("axe_core_python", reason="axe-core-python is not installed (bayescal[test])")
-    page = opened("plain", width)
+    page = opened("plain", width, scheme=scheme)
     drawn(page, "residuals")
+    dark = page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 25, 30)"
+    assert dark == (scheme == "dark")
+    assert page.evaluate("document.getElementById('residual-plot').layout.paper_bgcolor") == (
+        "#14191e" if dark else "#fff"
+    )
     script = next(Path(axe.__file__).parent.glob("*.min.js")).read_text(encoding="utf-8")
     page.evaluate(script)  # by the debugger: the page's policy does not concern it
     nodes = "r.violations.map(v => [v.id, v.nodes.map(n => n.html.slice(0, 200))])"

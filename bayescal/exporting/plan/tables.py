@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -73,8 +73,12 @@ def _pose(arm: NominalArm, readings: np.ndarray) -> np.ndarray:
     return arm.tool_poses(arm.frames(readings[None]))[0]
 
 
-CSV = Format("csv", "plan-joints.csv", _readings, "CSV of readings in deg, as the controller shows them")
-ROBODK = Format("robodk", "plan-robodk.csv", _robodk, "RoboDK CSV: joints in deg in the first columns")
-POSES = Format(
+def _table(name: str, file: str, text: Callable[[Plan], str], summary: str) -> Format:
+    return Format(name, lambda plan, probe: {file: text(plan)}, summary)
+
+
+CSV = _table("csv", "plan-joints.csv", _readings, "CSV of readings in deg, as the controller shows them")
+ROBODK = _table("robodk", "plan-robodk.csv", _robodk, "RoboDK CSV: joints in deg in the first columns")
+POSES = _table(
     "poses", "plan-poses.csv", _poses, "CSV of nominal poses of the tool's frame in F0, with the readings"
 )

@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from bayescal.assess.acceptance import SHARED, Acceptance
+from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
 from bayescal.assess.conformance import FAIL, PASS, Tolerance
 from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.shared_causes import SharedCause
@@ -60,7 +60,8 @@ def _verdict(tests: Acceptance, use: Use) -> Facts:
     good = tests.usable and use.allowed
     style = "bold red" if not tests.explains else "bold green" if good else "bold yellow"
     yield "verdict", tests.verdict, style
-    failed = [c.words for c in sorted(tests.failed, key=lambda c: c.p_value) if c.test != SHARED]
+    failed = [c.words for c in sorted(tests.failed, key=lambda c: (c.test != PLANNED, c.p_value))
+              if c.test != SHARED]  # fmt: skip
     causes: list[SharedCause] = []
     for cause in tests.causes:  # further ones where they are not the same rows again
         if not any(np.mean(np.isin(cause.rows, other.rows)) > SAME_ROWS for other in causes):
@@ -73,6 +74,8 @@ def _predicted(fit: Fit) -> Facts:
     """The distance error to expect, its interval, and the maximum errors of validation measurements."""
     lead, space = fit.forecast.lead, fit.forecast.workspace
     rests = "" if fit.acceptance.determined else ", from priors: not determined by these measurements"
+    if fit.acceptance.unmade:
+        yield "", "not valid, because contacts were not made:", "red"
     yield "distance error", _expected(lead) + (rests if lead is space else ""), "bold"
     yield "", _over(lead), "dim"
     if fit.forecast.checked:

@@ -31,6 +31,7 @@ def first(run: Run) -> Section:
         for c in reasons[:REASONS]
         if c["words"] not in against
     ]
+    warnings, notes = _warnings(record)
     context = {
         "tone": tone,
         "sign": {"good": "✓", "warn": "?", "bad": "✗"}[tone],
@@ -43,16 +44,19 @@ def first(run: Run) -> Section:
         "arm": None,
         "arm_caption": "",
         "next": _next(run),
-        "warnings": _warnings(record),
+        "warnings": warnings,
+        "notes": notes,
     }
     return Section("result", "", "first.html.j2", context)
 
 
-def _warnings(record: Any) -> list[str]:
-    """Findings that are not among the tests that fail, and warnings that are no findings; each once."""
+def _warnings(record: Any) -> tuple[list[str], list[str]]:
+    """Findings that are not among the tests that fail, each once, and other warnings; and the notes."""
     told = {c["test"] for c in record["verdict"]["reasons"]}
     again = {f["text"] for f in record["findings"] if f["code"] in told}
-    return [text for text in dict.fromkeys(record["warnings"]) if text not in again]
+    notes = [f["text"] for f in record["findings"] if f["severity"] == "note"]
+    rest = [text for text in dict.fromkeys(record["warnings"]) if text not in again and text not in notes]
+    return rest, list(dict.fromkeys(notes))
 
 
 def _why(run: Run) -> str:
@@ -61,7 +65,9 @@ def _why(run: Run) -> str:
         return "Too few or too similar measurements: the arm is known little better than before. Add more."
     if verdict["explains"]:
         return "No independent measurements check the calibration: the errors below are predictions."
-    return "The machine differs from the model by more than noise: U below contains its size, not its cause."
+    return (
+        "The machine differs from the model by more than noise; U includes that, but its cause is not known."
+    )
 
 
 def _keys(record: Any) -> list[tuple[str, str, str]]:

@@ -57,6 +57,7 @@ def first(run: Run) -> Section:
         "arm_caption": "Marked: " + ", ".join(s.text for s in sites),
         "next": _next(run),
         "warnings": record["warnings"],
+        "notes": (),
     }
     return Section("result", "", "first.html.j2", context)
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bayescal.dataset.write import table_text, write_setup
-from bayescal.exporting.plan import formats_of
+from bayescal.exporting.plan import Probe, formats_of
 from bayescal.folders import whole
 from bayescal.importing.onto import MEASURED
 from bayescal.importing.onto import PLAN as CONTACTS
@@ -29,7 +29,9 @@ def commands(folder: Path) -> dict[str, str]:
     }
 
 
-def write_plan(plan: Plan, folder: Path, formats: Sequence[str] = ()) -> tuple[str, ...]:
+def write_plan(
+    plan: Plan, folder: Path, formats: Sequence[str] = (), probe: Probe | None = None
+) -> tuple[str, ...]:
     """Write plan.csv, plan.json, the page, the figure and the setup atomically.
 
     Parameters
@@ -39,6 +41,8 @@ def write_plan(plan: Plan, folder: Path, formats: Sequence[str] = ()) -> tuple[s
         Where they are written; an earlier plan there is replaced.
     formats : sequence of str
         Names of formats for a controller that are written too; see `bayescal.exporting.plan`.
+    probe : Probe, optional
+        How the controller notices a contact.
 
     Returns
     -------
@@ -56,7 +60,8 @@ def write_plan(plan: Plan, folder: Path, formats: Sequence[str] = ()) -> tuple[s
     }
     if plan.pool.measured:
         texts[MEASURED] = table_text(plan.pool.setup.dataset)
-    texts |= {form.file: form.text(plan) for form in formats_of(formats)}
+    for form in formats_of(formats, probe):
+        texts |= form.files(plan, probe or Probe())
     with whole(folder, PLAN) as stage:
         save_figure(draw_plan(plan), stage / PICTURE)
         texts[PAGE] = plan_page(plan, (stage / PICTURE).read_bytes(), tuple(later.items()))

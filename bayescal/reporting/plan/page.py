@@ -71,6 +71,7 @@ def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
         "arm_caption": "",
         "next": [(STEPS[purpose], command) for purpose, command in commands],
         "warnings": [*plan.warnings, *(f"not separated: {line}" for line in phrases.not_separated(plan))],
+        "notes": (),
     }
     return Section("result", "", "first.html.j2", context)
 
@@ -92,8 +93,12 @@ def _detectable(plan: Plan) -> Section | None:
 
 def _every(plan: Plan) -> Sheet:
     sheet = sheets.contacts(plan)
-    words = tuple(k for k, name in enumerate(sheet.headings, 1) if name in ("purpose", "target", "tool"))
-    return replace(sheet, words=words, caption="the table of plan.csv", shown=0)
+    words = tuple(
+        k for k, name in enumerate(sheet.headings, 1) if name in ("purpose", "target", "tool", "before")
+    )
+    return replace(
+        sheet, words=words, caption="the table of plan.csv, and what is changed before a contact", shown=0
+    )
 
 
 def _inputs(plan: Plan) -> Section | None:

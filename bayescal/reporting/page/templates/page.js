@@ -88,7 +88,7 @@
     return { points, faces: [[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 3, 7], [1, 7, 5]] };
   }
 
-  // Several surfaces as one trace; `name` is told of what is under the pointer.
+  // Several surfaces as one trace.
   function mesh(parts, color, flat) {
     const out = { type: "mesh3d", x: [], y: [], z: [], i: [], j: [], k: [], color, flatshading: flat, lighting: { ambient: 0.65, diffuse: 0.6, specular: 0.05 }, hoverinfo: "skip", showlegend: false };
     for (const { points, faces } of parts) {
@@ -167,7 +167,7 @@
       const red = { type: "scatter3d", mode: "lines", x: [], y: [], z: [], line: { width: 14, color: MARK }, hoverinfo: "skip", showlegend: false };
       const pieces = [...data.marks.links.map((j) => line.slice(j, j + 2)), ...(data.marks.tip ? [line.slice(-2)] : []), ...(data.marks.base ? [[line[0].map((v, a) => a === 0 ? v - length : v), line[0].map((v, a) => a === 0 ? v + length : v)]] : [])];
       for (const piece of pieces) for (const p of [...piece, [null, null, null]]) { red.x.push(p[0]); red.y.push(p[1]); red.z.push(p[2]); }
-      return [solid, links, nodes, red];
+      return [links, nodes, red, solid];
     };
     const axis = (name) => ({ title: { text: `${name} (mm)` }, backgroundcolor: PAGE, gridcolor: PALE, zerolinecolor: PALE, showspikes: false, tickfont: { size: 10 } });
     const layout = { font: FONT, paper_bgcolor: PAGE, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "same", legend: { orientation: "h", y: 0, yanchor: "bottom" }, hoverlabel: { bgcolor: PAGE, font: FONT, align: "left" },

@@ -1,0 +1,148 @@
+"""Probing programs, run by interpreters of their subsets on a simulated arm: touch, no touch, early touch.
+
+The interpreters and the cell share no code with the package. None of this is a controller.
+"""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from made_up_plans import made_up_plan
+from other_interpreters import Abb, Fanuc, Kuka
+from probing_cell import cell_of, on_planes
+from urscript_interpreter import Program
+
+import bayescal as bc
+from bayescal.exporting.plan import FORMATS, Probe
+from bayescal.importing import Request, convert
+from bayescal.reporting.plan.files import write_plan
+
+ERROR = {"a": [0, 2e-4, 5e-4, -3e-4, 0, 0], "offset": [0, 1e-3, -8e-4, 5e-4, -6e-4, 0]}
+SHIFT = {"cube.+z": 6e-4, "cube.-x": -4e-4, "cube.+y": 3e-4}
+SPEED, NEAR = 5e-3, 50e-3
+FASTER = 1.2
+"""The true arm is a little faster than the nominal one."""
+NAMES = ("urscript", "fanuc", "kuka", "abb")
+
+
+@pytest.fixture(scope="module")
+def plan(cube):
+    """A dozen contacts with a change before the sixth."""
+    return on_planes(made_up_plan(cube(seed=1, count=90).dataset, count=10, validation=2))
+
+
+def ran(plan, name="urscript", probe=None, **cell):
+    """The interpreted program of a plan."""
+    texts = list(FORMATS[name].files(plan, probe or Probe()).values())
+    make = {"urscript": Program, "fanuc": Fanuc, "kuka": Kuka, "abb": Abb}[name]
+    return make(*texts, cell_of(plan, ERROR, SHIFT, **cell)).run()
+
+
+def log_of(program, folder):
+    """What the controller leaves behind, as a file."""
+    files = {
+        Program: ("log.txt", lambda p: "".join(f"2026-11-23 10:00:00 {line}\n" for line in p.log)),
+        Fanuc: ("POSREG.VA", lambda p: p.listing),
+        Kuka: ("bcplan.dat", lambda p: p.data),
+        Abb: ("bayescal.log", lambda p: p.log),
+    }
+    name, text = files[type(program)]
+    (folder / name).write_text(text(program))
+    return folder / name
+
+
+@pytest.fixture(scope="module")
+def folder(plan, tmp_path_factory):
+    out = tmp_path_factory.mktemp("plan") / "run"
+    write_plan(plan, out)
+    return out
+
+
+def imported(program, folder, tmp_path):
+    return convert(Request(log=log_of(program, tmp_path), plan=folder))
+
+
+def off_surface(cell, readings, rows):
+    """Depths, m, of the ball at readings (M, 6) inside the surfaces of rows (M,)."""
+    return -np.einsum("mi,mi->m", cell.true.ball(readings) - cell.points[rows], cell.normals[rows])
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("cycle", [2e-3, 8e-3])
+def test_every_contact_is_touched_and_latched_in_the_cycle_of_the_touch(plan, folder, tmp_path, name, cycle):
+    """The readings come home by `import`, and put the ball on the surface within latency times speed."""
+    program = ran(plan, name, cycle=cycle)
+    cell = program.cell
+    assert not program.halted
+    m = imported(program, folder, tmp_path).dataset.measurements
+    assert m.ids == plan.session.measurements.ids
+    depth = off_surface(cell, m.readings, np.arange(12))
+    assert (depth > -1e-7).all()  # digits of the log
+    assert (depth <= FASTER * SPEED * cycle).all()
+    assert cell.deepest <= FASTER * (SPEED * 2 * cycle + SPEED**2 / (2 * 0.5))
+    ends = np.array([q for kind, q in cell.travelled if kind == "joint"])
+    assert len(ends) == 1 + 12 + 2 * 11  # where it begins, approaches, raised poses
+    np.testing.assert_allclose(ends[0], plan.leave[0][0], atol=1e-6)
+    said = " ".join(program.popups if name == "urscript" else program.messages)
+    assert "attach 0.5 kg beyond the tool" in said.replace("' ", "")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_contact_ends_the_program_within_the_stated_distance(plan, folder, tmp_path, name):
+    """The id is on the screen and in the log, the tool at its approach; earlier contacts come home."""
+    program = ran(plan, name, absent={2}, cycle=8e-3)
+    cell = program.cell
+    assert program.halted
+    said = (program.popups if name == "urscript" else program.messages)[-1]
+    assert "p003" in said
+    assert "no contact" in said.lower()
+    np.testing.assert_allclose(cell.q, plan.approach[2], atol=1e-6)
+    end = next(q for kind, q in cell.travelled[-2:] if kind == "line")
+    at = plan.session.measurements.readings[2]
+    beyond = -(cell.nominal.ball(end) - cell.nominal.ball(at))[0] @ cell.normals[2]
+    assert beyond == pytest.approx(5e-3, abs=2e-6)
+    draft = imported(program, folder, tmp_path)
+    assert draft.dataset.measurements.ids == ("p001", "p002")
+    assert any("no contact: p003" in note for note in (*draft.understood, *draft.notes))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("height", [15e-3, 25e-3])
+def test_an_early_contact_ends_the_program_where_the_tool_is(plan, folder, tmp_path, name, height):
+    """On the line before the search, and on the motion to the approach; no reading of it is taken."""
+    program = ran(plan, name, raised={1: height}, cycle=8e-3)
+    cell = program.cell
+    assert program.halted
+    said = (program.popups if name == "urscript" else program.messages)[-1]
+    assert "p002" in said
+    assert "early contact" in said.lower()
+    fast = NEAR if height < 20e-3 else 0.5  # m/s
+    assert cell.deepest <= FASTER * fast * 3 * cell.cycle + fast**2 / (2 * 0.5)
+    assert np.abs(cell.q - plan.approach[0]).max() > 0.01
+    draft = imported(program, folder, tmp_path)
+    assert draft.dataset.measurements.ids == ("p001",)
+    assert any("early contact: p002" in note for note in (*draft.understood, *draft.notes))
+
+
+def test_the_force_of_a_ur_stops_the_motion(plan):
+    """Its change since the motion began: the weight of the tool is no contact."""
+    program = ran(plan, probe=Probe(force=5.0, beyond=2e-3), cycle=2e-3, absent={3})
+    records = [json.loads(re.fullmatch(r"bayescal, p\d+, rad, (.*)", line)[1]) for line in program.log]
+    assert [r[0] for r in records] == [1, 1, 1, 2]
+    readings = np.array([r[1:] for r in records[:3]])
+    depth = off_surface(program.cell, readings, np.arange(3))
+    assert (depth > 0.25e-3 - 1e-6).all()  # 5 N at 20 N/mm
+    assert (depth < 0.25e-3 + FASTER * SPEED * 2e-3).all()
+
+
+def test_a_log_becomes_a_calibration(cube, tmp_path):
+    """Errors of the arm are found from what an interpreted program has logged."""
+    plan = on_planes(made_up_plan(cube(seed=1, count=90).dataset, count=64, validation=0))
+    write_plan(plan, tmp_path / "run")
+    program = ran(plan, "fanuc", cycle=2e-3)
+    draft = imported(program, tmp_path / "run", tmp_path)
+    assert len(draft.dataset.measurements.ids) == 64
+    fitted = bc.fit(draft.dataset, model="geometry", samples=0)
+    rms = [r["rms_um"] for r in fitted.record["residuals"]]
+    assert np.sqrt(np.mean(np.square(rms))) < 5  # 10 µm of a cycle, evenly distributed: 3 µm
