@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 
-from bayescal.assess.acceptance import Acceptance, acceptance, widened
+from bayescal.assess.acceptance import Acceptance, acceptance, widened, with_bound
 from bayescal.assess.budget import Basis, Budget, of_distances, with_budgets
 from bayescal.assess.conformance import Tolerance, check_tolerance, conformance
 from bayescal.assess.directions import Directions, directions
@@ -213,9 +213,8 @@ def fit(
     basis = _basis(wide, rest.excess, checked, known)
     expected = with_budgets(forecast(found, z, checked, rest.excess, of_forecast, wide.wide), basis)
     tests = replace(tests, determined=not rests_on_priors(expected, left))
-    told = findings(
-        Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, wide.sd, rigid)
-    )
+    tests = with_bound(tests, found, wide.limited)
+    told = findings(Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, rigid))
     if any(f.severity == "error" or f.code in GROSS for f in told):
         tested = judged(dataset)
         mistakes = () if tested is None else mistaken(tested)

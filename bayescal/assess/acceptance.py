@@ -18,6 +18,8 @@ from bayescal.assess.shared_causes import SharedCause
 from bayescal.dataset import Dataset
 from bayescal.dataset.checks.planned import CHANCE, planned
 from bayescal.distributions import chi2_isf, chi2_sf, poisson_sf
+from bayescal.estimate import Estimate
+from bayescal.estimate.bounds import not_physical
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.predict.validation import DistanceCheck, PlaneCheck, PointCheck, TurnCheck, Validation
 
@@ -32,6 +34,8 @@ PLANNED = "planned_poses"
 """The test of contacts that have the readings of a plan."""
 SHARED = "shared_cause"
 """The test of what rejected measurements share."""
+NOT_PHYSICAL = "negative"
+"""The test of positive parameters: it fails only."""
 FEWEST_DISTANCES = 3
 """Distances whose mean error is tested."""
 FALSE_REJECTIONS = 0.01
@@ -142,6 +146,15 @@ def acceptance(
         checks.insert(0, Check(PLANNED, len(unmade.rows), 0.0, unmade.chance, CHANCE, words))
     validated = bool(checked.planes or checked.distances or checked.points or checked.turns)
     return Acceptance(tuple(checks), tuple(causes), validated, rejected)
+
+
+def with_bound(tests: Acceptance, found: Estimate, covariance: np.ndarray) -> Acceptance:
+    """The tests and, where it fails, that of positive parameters below zero, by the stated covariance."""
+    more = tuple(
+        Check(NOT_PHYSICAL, f.value, f.limit, f.p_value, f.level, f.words)
+        for f in not_physical(found, covariance)
+    )
+    return replace(tests, checks=(*tests.checks, *more))
 
 
 def widened(left: Unexplained, checked: Validation, tests: Acceptance) -> Unexplained:

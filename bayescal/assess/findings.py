@@ -15,7 +15,7 @@ from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.checks.certified import contradictions
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate
-from bayescal.estimate.bounds import UNCHANGED, Rigid, not_physical
+from bayescal.estimate.bounds import UNCHANGED, Rigid
 from bayescal.estimate.flatness import FORM, FaceCheck
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.model import ORIENTATION
@@ -62,7 +62,6 @@ class Assessed:
     faces: tuple[FaceCheck, ...]
     tests: Acceptance
     prior_width: float = 1.0
-    sd: np.ndarray | None = None  # (D,) stated standard uncertainties of z; None for those of `found`
     rigid: Rigid = UNCHANGED
 
 
@@ -136,9 +135,6 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
             f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations from nominal; "
             "check the robot file",
         )  # fmt: skip
-    covariance = of.found.covariance if of.sd is None else np.diag(of.sd**2)
-    for words in not_physical(of.found, covariance):
-        yield Finding("negative", "error", words)
     if of.rigid.words:
         yield Finding("rigid", "note", of.rigid.words)
     absent = [name for name in model.effects if plain(name) not in IN_ROBOT_FILE]

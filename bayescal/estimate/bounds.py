@@ -26,7 +26,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.special import ndtr, ndtri
 
-from bayescal.distributions import chi2_isf
+from bayescal.distributions import chi2_isf, chi2_sf
 from bayescal.effects import UNITS, Parameter
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.estimate import Estimate, at_solution, estimate, smallest_noise
@@ -69,7 +69,8 @@ class Negative:
     def figures(self) -> str:
         """Value and u in the unit of files."""
         unit, factor = UNITS[self.unit]
-        return f"{factor * self.value:.3g} {unit.replace('urad', 'µrad')} (u {factor * self.u:.2g})"
+        value, u = float(f"{factor * self.value:.3g}"), float(f"{factor * self.u:.2g}")
+        return f"{value:.9g} {unit.replace('urad', 'µrad')} (u {u:.9g})"
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,17 @@ class Rigid:
             f"set to rigid, because not distinguishable from 0: {each}; fitted again, distances over the "
             f"poses of the session change by {_um(self.distance_rms)} RMS, {_um(self.distance_max)} at most"
         )
+
+
+@dataclass(frozen=True)
+class Unphysical:
+    """A contradiction of the bound: a figure in u, its limit, its probability, and the least one."""
+
+    words: str
+    value: float
+    limit: float
+    p_value: float
+    level: float
 
 
 def _um(length: float) -> str:
@@ -122,8 +134,10 @@ def bounded(found: Estimate) -> tuple[Estimate, Rigid]:
     covariance = stated(found).limited[:count, :count]
     below = negative(model.parameters, found.arm, np.sqrt(np.diag(covariance)) * model.sd)
     kept = {n.parameter for n in below if n.significant}
+    within = [n.parameter for n in below if not n.significant]
+    together = chi2_sf(_square(found, covariance, within), len(within)) if len(within) > 1 else 1.0
     free = [k for k, p in enumerate(model.parameters) if p.positive and p.name not in kept]
-    at_zero = _at_zero(found, free, covariance, below[0].limit)
+    at_zero = _at_zero(found, free) if together >= CHANCE else ()
     out = found
     for _ in range(len(free)):
         if not at_zero:
@@ -143,28 +157,37 @@ def bounded(found: Estimate) -> tuple[Estimate, Rigid]:
     return out, Rigid(held, *_changed(found, out))
 
 
-def not_physical(found: Estimate, covariance: np.ndarray) -> tuple[str, ...]:
-    """A sentence on positive parameters that a fit left below zero, by its stated covariance (D, D) of z."""
-    count = len(found.model.parameters)
-    sd = np.sqrt(np.diag(covariance)[:count]) * found.model.sd
-    below = negative(found.model.parameters, found.arm, sd)
-    clear = [n for n in below if n.significant] or below
-    if not clear:
-        return ()
-    together = "" if clear[0].significant else "together, "
-    clear = sorted(clear, key=lambda n: n.value / n.u)
+def not_physical(found: Estimate, covariance: np.ndarray) -> tuple[Unphysical, ...]:
+    """What positive parameters below zero say against a fit, by its stated covariance (D, D): none or one."""
+    model, count = found.model, len(found.model.parameters)
+    sd = np.sqrt(np.diag(covariance)[:count]) * model.sd
+    below = sorted(negative(model.parameters, found.arm, sd), key=lambda n: n.value / n.u)
+    if clear := [n for n in below if n.significant]:
+        value, limit = -clear[0].value / clear[0].u, clear[0].limit
+        p, level = float(ndtr(-value)), float(ndtr(-limit))
+        how = f"negative by more than {limit:.2g} u, which is not physical"
+    else:
+        clear, level = below, CHANCE
+        square = _square(found, covariance, [n.parameter for n in below])
+        p = float(chi2_sf(square, len(below))) if len(below) > 1 else 1.0
+        if p >= level:
+            return ()
+        value, limit = np.sqrt([square / len(below), chi2_isf(level, len(below)) / len(below)]).tolist()
+        how = "negative together beyond their u, which is not physical"
     what = ", ".join(f"{n.parameter} {n.figures}" for n in clear[:NAMED])
     what += f" and {len(clear) - NAMED} more" if len(clear) > NAMED else ""
-    return (
-        f"negative by more than {clear[0].limit:.2g} u, {together}which is not physical: {what}; {CAUSE}",
-    )
+    return (Unphysical(f"{how}: {what}; {CAUSE}", value, limit, p, level),)
 
 
-def _at_zero(found: Estimate, free: Sequence[int], covariance: np.ndarray, limit: float) -> tuple[str, ...]:
-    """Parameters, of those at `free`, that are zero at the most probable values that are not negative.
+def _square(found: Estimate, covariance: np.ndarray, names: Sequence[str]) -> float:
+    """Chi-square of parameters against zero, by a covariance of z."""
+    at = [found.model.names.index(name) for name in names]
+    off = np.array([found.z[k] + found.model.parameters[k].centre / found.model.parameters[k].sd for k in at])
+    return float(off @ np.linalg.solve(covariance[np.ix_(at, at)], off)) if at else 0.0
 
-    None, where the stated `covariance` (P, P) of z makes them improbable together.
-    """
+
+def _at_zero(found: Estimate, free: Sequence[int]) -> tuple[str, ...]:
+    """Parameters, of those at `free`, that are zero at the most probable values that are not negative."""
     if not free:  # of an empty matrix, nnls aborts the process
         return ()
     p = found.model.parameters
@@ -173,13 +196,7 @@ def _at_zero(found: Estimate, free: Sequence[int], covariance: np.ndarray, limit
     own = found.covariance[np.ix_(free, free)]
     factor = np.linalg.cholesky(np.linalg.inv(own)).T
     best, _ = nnls(factor, factor @ above)
-    off = np.flatnonzero(best <= 0)
-    if not len(off):
-        return ()
-    wide = covariance[np.ix_(free, free)][np.ix_(off, off)]
-    if above[off] @ np.linalg.solve(wide, above[off]) > max(limit**2, chi2_isf(CHANCE, len(off))):
-        return ()
-    return tuple(p[free[int(k)]].name for k in off)
+    return tuple(p[free[int(k)]].name for k in np.flatnonzero(best <= 0))
 
 
 def _fitted(found: Estimate, names: Sequence[str]) -> Estimate:

@@ -28,6 +28,7 @@ WHY = {
     "remaining motion": "depends on the remaining motion",
 }
 """Why an effect is no constant of the arm, by the kind of its driver."""
+NEGATIVE = "is negative: no spring turns against its torque"
 PROBE, ARTEFACT = "belongs to the probe, not to the arm", "belongs to the artefact, not to the arm"
 
 
@@ -65,6 +66,8 @@ def not_expressed(arm: FittedArm, format_: Format, state: int) -> tuple[tuple[Mi
     )
     rows = np.flatnonzero(~np.isin(arm.dataset.measurements.ids, arm.rejected))
     full = _points(model, parameters, arm.values, rows)
+    negative = [p.positive and p.nominal + v < 0 for p, v in zip(parameters, arm.values, strict=True)]
+    upright = replace(arm, values=np.where(negative, -arm.values, arm.values))
     out = []
     for effect in dict.fromkeys(p.effect for p in parameters):
         own = np.array([p.effect == effect for p in parameters])
@@ -78,9 +81,10 @@ def not_expressed(arm: FittedArm, format_: Format, state: int) -> tuple[tuple[Mi
         mixed = tuple(k if o else p for p, k, o in zip(parameters, kept, own, strict=True))
         off = full - _points(model, mixed, np.where(lost, 0.0, arm.values), rows)
         size = _lengths(off) if not _elsewhere(parameters, lost) else _at_contact(arm, lost, rows)
-        why = (
-            _why(parameters, lost, format_) if names else "changes during the session: the file has one state"
-        )
+        why = "changes during the session: the file has one state"
+        if names:
+            spring = any(format_.holds(upright, int(k)) for k in np.flatnonzero(lost))
+            why = NEGATIVE if spring else _why(parameters, lost, format_)
         out.append(Missing(effect, why, *size, names or frozen))
     total = full - _points(model, kept, np.where(held, arm.values, 0.0), rows)
     every = tuple(name for m in out for name in m.parameters)

@@ -141,7 +141,7 @@ def of_fit(fit: Fit) -> Use:
     step = next(
         key
         for key, here in (
-            ("gap", not tests.explains or bool(not_physical(found, covariance))),
+            ("gap", not tests.explains),
             ("samples", bool(sampler)),
             ("measure", bool(reasons)),
             ("validate", not tests.validated),
@@ -183,7 +183,7 @@ def not_gained(gains: Sequence[tuple[str, float]]) -> tuple[str, ...]:
 
 def of_estimate(found: Estimate, covariance: np.ndarray) -> tuple[str, ...]:
     """Reasons against an estimate, by its stated covariance: size not known, priors decide, not physical."""
-    below = not_physical(found, covariance)
+    below = tuple(fault.words for fault in not_physical(found, covariance))
     if not found.model.knows_length:
         return ("no certified length was fitted: the size of the arm rests on its tolerances", *below)
     share = _left_of_prior(found, covariance)

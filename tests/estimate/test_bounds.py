@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
-from scipy.stats import truncnorm
+from scipy.stats import chi2, truncnorm
 
 import bayescal as bc
 from bayescal.estimate import calibrated
@@ -87,9 +87,9 @@ def test_significant_values_are_left():
     assert {"compliance J2", "compliance J3"} <= {n.parameter for n in below if n.significant}
     assert {n.parameter for n in below}.isdisjoint({n.parameter for n in rigid.parameters})
     assert below[0].limit == pytest.approx(2.61, abs=0.01)  # of five compliances
-    (words,) = not_physical(out, stated(out).limited)
-    assert words.count("compliance J") == 2
-    assert words.endswith("the model lacks an effect, or masses are wrong: run bayescal gap")
+    (fault,) = not_physical(out, stated(out).limited)
+    assert fault.words.count("compliance J") == 2
+    assert fault.words.endswith("the model lacks an effect, or masses are wrong: run bayescal gap")
 
 
 def test_a_fit_without_negative_values_is_unchanged(free):
@@ -99,3 +99,19 @@ def test_a_fit_without_negative_values_is_unchanged(free):
             z[k] = 0.0
     good = replace(free, z=z)
     assert bounded(good) == (good, UNCHANGED)
+
+
+def test_values_that_are_negative_together_are_left(free, held):
+    """Each within its u, but all of them at 1.9 u below zero by chance are less probable than one at 2 u."""
+    out, names = held[0], [p.name for p in free.model.parameters if p.positive]
+    z = out.z.copy()
+    for k, p in enumerate(out.model.parameters):
+        if p.positive:
+            z[k] = (-1.9 * out.sd[k] * p.sd - p.centre) / p.sd
+    apart = np.diag(np.diag(out.covariance))
+    (fault,) = not_physical(replace(out, z=z), apart)
+    assert fault.words.startswith("negative together beyond their u")
+    assert fault.p_value == pytest.approx(chi2.sf(len(names) * 1.9**2, len(names)), rel=1e-6)
+    assert fault.p_value < fault.level
+    assert fault.value > fault.limit
+    assert not_physical(out, out.covariance) == ()

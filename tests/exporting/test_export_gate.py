@@ -68,6 +68,8 @@ def test_every_format_can_be_forced(soft, to):
     with pytest.raises(BayescalError, match="not exported"):
         export(soft, to)
     out = export(soft, to, force=True)
+    why = next((m.why for m in out.missing if m.parameters == ("compliance J3",)), "")
+    assert ("no spring turns against its torque" in why) == (to in ("mjcf", "sdf", "robot.yaml", "dh-csv"))
     lost = {name for m in out.missing for name in m.parameters}
     assert "compliance J3" in lost or any(i.parameter == "compliance J3" for i in out.written.items)
     assert any("exported with --force: negative by more than " in note for note in out.notes)

@@ -76,6 +76,9 @@ def test_the_rule(run):
     use = of_fit(run.fit).use
     assert use.allowed == run.allowed
     assert use.next == run.step or not run.step
+    assert (
+        run.fit.acceptance.usable <= use.allowed or run.case == "not converged"
+    )  # no good verdict is refused
     assert bool(use.rigid.parameters) == (run.case == "barely negative")
 
 

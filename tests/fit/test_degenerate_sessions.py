@@ -174,9 +174,9 @@ def test_rows_of_one_pose_predict_nothing(cube):
 def test_an_estimate_within_its_uncertainty_of_zero_is_called_so(tracker, lrmate):
     """Such a compliance was called not identifiable, beside a table that said the opposite."""
     found = fit(tracked(tracker, random_readings(lrmate)), FULL, samples=0)
-    said = [f.text for f in found.findings if f.code == "negative"]
+    said = [f.text for f in found.findings if f.code == "rigid"]
     assert said
-    assert all("not distinguishable from 0" in text for text in said)
+    assert all(text.startswith("set to rigid, because not distinguishable from 0") for text in said)
 
 
 @pytest.fixture(scope="module")
@@ -215,7 +215,7 @@ def twelve(cube):
 def test_an_arm_that_priors_decide_is_not_exported(twelve):
     """20 contacts left half of the prior's uncertainty, and robot.yaml was written without a word."""
     assert not twelve.acceptance.determined
-    (reason,) = of_fit(twelve)
+    (reason,) = of_fit(twelve).against
     assert re.search(r"\d+ % of the variance of a predicted distance is that of priors", reason)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
+from scipy.stats import norm
 
 from bayescal.assess.acceptance import EXPLAINED
 from bayescal.assess.budget.main import usual
@@ -196,9 +197,10 @@ def test_a_negative_value_is_judged_by_the_stated_uncertainty(fits):
     z = found.z.copy()
     z[k] = (-3.0 * found.sd[k] * p.sd - p.centre) / p.sd
     below = replace(found, z=z)
-    (words,) = not_physical(below, found.covariance)
-    assert words.startswith(f"negative by more than 2.6 u, which is not physical: {p.name}")
-    assert not_physical(below, 4.0 * found.covariance)[0].startswith("negative by more than 2.6 u, together")
+    (fault,) = not_physical(below, found.covariance)
+    assert fault.words.startswith(f"negative by more than 2.6 u, which is not physical: {p.name}")
+    assert fault.p_value == pytest.approx(norm.cdf(-3.0))
+    assert not_physical(below, 4.0 * found.covariance) == ()
     assert not_physical(found, found.covariance) == ()
 
 

@@ -132,10 +132,12 @@ def _tolerance(decided: Tolerance | None) -> Facts:
 
 
 def _next(fit: Fit, use: Use) -> Facts:
-    for k, reason in enumerate(use.against):
-        yield "" if k else "not to be used", reason, "red"
+    told = {check.words for check in fit.acceptance.failed}
+    reasons = [reason for reason in use.against if reason not in told]
     if use.against:
-        yield "", "no robot.yaml is written; export, compensate and certificates need --force", ""
+        reasons.append("no robot.yaml is written; export, compensate and certificates need --force")
+    for k, reason in enumerate(reasons):
+        yield "" if k else "not to be used", reason, "red"
     words = STEPS[use.next]
     if use.next == "gap":
         words = f"bayescal gap {' '.join(str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,)))}"
@@ -143,7 +145,7 @@ def _next(fit: Fit, use: Use) -> Facts:
 
 
 def _findings(fit: Fit) -> Facts:
-    told = {*(check.test for check in fit.acceptance.failed), "negative"}
+    told = {check.test for check in fit.acceptance.failed}
     for finding in fit.findings:
         if finding.code not in told:
             yield finding.severity, finding.text, "" if finding.severity == "note" else "yellow"

@@ -27,7 +27,9 @@ def first(run: Run) -> Section:
     reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
     faults = [Fault(f"not to be used: {reason}") for reason in against]
     faults += [
-        Fault(c["words"], () if c["p"] is None else (("p", p_value(c["p"])),)) for c in reasons[:REASONS]
+        Fault(c["words"], () if c["p"] is None else (("p", p_value(c["p"])),))
+        for c in reasons[:REASONS]
+        if c["words"] not in against
     ]
     warnings, notes = _warnings(record)
     context = {
