@@ -11,6 +11,7 @@ from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.reporting.plan.contacts import count
 from bayescal.reporting.plan.phrases import headline, title
 from bayescal.reporting.plan.sheets import COVERAGE, PURPOSES, by_target
+from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, SERIES, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
 
@@ -46,12 +47,17 @@ def draw_plan(plan: Plan) -> Figure:
     out = figure(13, 9.2, lines)
     parts: Any = out.subfigures(2, 1, height_ratios=(1.25, 1))
     views = parts[0].subplots(1, len(VIEWS))
-    points, arm, reach = _points(plan)
+    points, arm, reach, bodies = _points(plan)
     seen = np.vstack([points, arm, _ahead(reach, arm[0], points)])
-    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    half = MARGIN * float(np.max(np.ptp(seen, axis=0))) / 2
-    for axes, (name, i, j) in zip(views, VIEWS, strict=True):
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    for (_, *flat), some in zip(VIEWS, bodies, strict=True):
+        for o in some:
+            low[flat] = np.minimum(low[flat], o.polygon.min(axis=0))
+            high[flat] = np.maximum(high[flat], o.polygon.max(axis=0))
+    middle, half = (low + high) / 2, MARGIN * float(np.max(high - low)) / 2
+    for axes, (name, i, j), some in zip(views, VIEWS, bodies, strict=True):
         flat = [i, j]
+        fill(axes, some)
         shown = _view(plan, axes, points[:, flat], arm[:, flat], reach[:, flat])
         if (volume := plan.pool.setup.volume) is not None:
             x, y = MM * (volume.centre - volume.size / 2)[flat]
@@ -80,8 +86,8 @@ def draw_plan(plan: Plan) -> Figure:
     return out
 
 
-def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """TCP positions (N, 3), the arm at a contact as a line (K, 3), points within reach (M, 3); mm, in F0."""
+def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[Outline]]]:
+    """TCP positions (N, 3), the arm at a contact (K, 3), points within reach (M, 3), bodies by view; mm."""
     from bayescal.arm.nominal import NominalArm
 
     scene, robot = Scene(plan.session), plan.session.robot
@@ -94,7 +100,10 @@ def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     arm = np.vstack([frames[0, :, :3, 3], nominal.ball(frames)])
     low, high = np.clip(robot.limits, -np.pi, np.pi).T
     anywhere = nominal.readings_of(np.random.default_rng(0).uniform(low, high, (POSES, robot.n)))
-    return MM * scene.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere))
+    body, unit = arm_drawing(scene), np.eye(3)
+    views = (View(unit[i], unit[j], np.cross(unit[i], unit[j])) for _, i, j in VIEWS)
+    bodies = [outlines(body, scene.q[middle], view) for view in views]
+    return MM * scene.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere)), bodies
 
 
 def _ahead(reach: np.ndarray, base: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -108,7 +117,7 @@ def _view(plan: Plan, axes: Any, points: np.ndarray, arm: np.ndarray, reach: np.
 
     corners = reach[ConvexHull(reach).vertices]
     axes.fill(*corners.T, facecolor="none", edgecolor=FAINT, lw=1.2, ls="--", zorder=0)
-    axes.plot(*arm.T, color=FAINT, lw=4, solid_capstyle="round", solid_joinstyle="round", zorder=1)
+    axes.plot(*arm.T, color=GREY, lw=1.0, solid_capstyle="round", solid_joinstyle="round", zorder=1)
     axes.scatter(*arm[0], s=70, color=GREY, marker="s", zorder=1)
     number = np.arange(1, len(points) + 1)
     shown = None
