@@ -43,7 +43,6 @@ BREACHES = [
     ("bayescal/model/model.py", "import arviz", "sampler"),
     ("bayescal/estimate/estimate.py", "def late():\n    import emcee.moves", "sampler"),
     ("bayescal/blind/workers.py", "def late():\n    import distributed", "dask"),
-    ("bayescal/collision/scene.py", "def late():\n    import coal", "coal"),
     ("bayescal/cli/fit.py", "def late():\n    from bayescal.calibration import fit", "commands"),
 ]
 

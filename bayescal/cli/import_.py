@@ -33,7 +33,7 @@ def import_(
     format_: str = typer.Option(
         "csv",
         "--format",
-        help="csv (with --map); without a map robodk, ur-rtde, probing (log of a probing program, found by itself "
+        help="csv (with --map); without a map robodk, ur-rtde, probing (log of a probing program, recognised "
         "with --plan), fanuc-ls, fanuc-va, kuka-dat, abb-mod.",
     ),
     points: list[Path] = typer.Option(

@@ -39,7 +39,11 @@ def plan(
         ),
     ] = None,
     levers: Annotated[
-        str, typer.Option(help="What may be varied beside the pose, separated by commas: payload, approach.")
+        str,
+        typer.Option(
+            help="What may be varied beside the pose, separated by commas: payload (the masses that "
+            "`plan: {payload_kg}` of dataset.yaml lists), approach."
+        ),
     ] = "payload,approach",
     model: Annotated[
         str,
@@ -48,6 +52,9 @@ def plan(
             "the diagnosis]."
         ),
     ] = "",
+    validation: Annotated[
+        bool, typer.Option(help="Add contacts that validate spheres of certified distances.")
+    ] = True,
     order: Annotated[
         str, typer.Option(help="sweeps (each visits all targets), shortest, or random.")
     ] = "sweeps",
@@ -56,14 +63,14 @@ def plan(
     to: Annotated[
         list[str] | None,
         typer.Option(
-            help="For the controller: a probing program (urscript, fanuc, kuka, abb; none of them has been run on "
-            "a controller) or a table (csv, robodk, poses); repeatable."
+            help="For the controller: a probing program (urscript, fanuc, kuka, abb; none has been run on a "
+            "controller) or a table (csv, robodk, poses); repeatable."
         ),
     ] = None,
     probe_input: Annotated[
         str,
         typer.Option(
-            help="Digital input that the probe switches, as the controller names it: 0, or tool:0 (UR, FANUC), "
+            help="Digital input that the probe switches, as the controller names it: 0, tool:0 (UR, FANUC), "
             "measure:1 (KUKA), a signal (ABB) [default: 0, 1, 1, diProbe]."
         ),
     ] = "",
@@ -94,6 +101,7 @@ def plan(
             after=after,
             levers=levers,
             order=order,
+            validation=validation,
             candidates=candidates,
             seed=seed,
             allow_xacro=allow_xacro,

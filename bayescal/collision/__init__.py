@@ -1,4 +1,4 @@
-"""Collisions of arm, tool, artefact and table: capsules and simple solids, compared by coal.
+"""Clearance of arm, tool, artefact and table: capsules and convex solids, at rest and on motions.
 
 Names
 -----

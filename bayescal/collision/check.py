@@ -1,9 +1,4 @@
-"""Whether an arm at given readings collides with itself or with what stands around it, and its clearance.
-
-For most pairs of shapes, bounds of their distance decide: from the distance of the middle of a capsule,
-computed for all configurations at once. Only pairs that the bounds leave undecided are computed exactly
-(`exact`).
-"""
+"""Whether an arm at given readings, or on a motion, keeps its distance from itself and what is around."""
 
 from __future__ import annotations
 
@@ -15,11 +10,10 @@ import numpy as np
 
 from bayescal.arm.nominal import NominalArm
 from bayescal.arm.robot import Robot
-from bayescal.arm.transforms import length
-from bayescal.collision.exact import distances, overlap
 from bayescal.collision.links import arm_capsules
 from bayescal.collision.scene import Solid
-from bayescal.collision.shapes import Capsule, Shape
+from bayescal.collision.shapes import Capsule
+from bayescal.collision.sweep import Pair, Pairs
 from bayescal.dataset.types import Tool
 
 ALWAYS = 0.5
@@ -27,22 +21,8 @@ ALWAYS = 0.5
 than the links: not compared. (The MoveIt Setup Assistant excludes pairs that always collide, in the same
 way.)"""
 SAMPLES = 200
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Two shapes that must not overlap: a capsule of the arm (its index), and one of a solid or of the arm.
-
-    `solid` is the index of the solid, -1 if the other is part of the arm, with index `other`. `surface`: the
-    shape is the surface that a contact touches.
-    """
-
-    capsule: int
-    shape: Shape
-    reason: str
-    solid: int = -1
-    other: int = -1
-    surface: bool = False
+STILL = 1e-9
+"""m: a distance that varies by less does not change with the arm."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +63,10 @@ class Clearance:
             out.append(Pair(c, b, f"{a.name} and {b.name}", other=other))
         return tuple(out)
 
+    @cached_property
+    def _table(self) -> Pairs:
+        return Pairs(self.arm, self.capsules, self.pairs)
+
     @property
     def reasons(self) -> tuple[str, ...]:
         """Texts of the answers of `collides`; the first, of 0, is empty."""
@@ -103,39 +87,65 @@ class Clearance:
         Returns
         -------
         np.ndarray of int, shape (M,)
-            0 if free, otherwise an index into `reasons`: the first pair that is found to overlap.
+            0 if free, otherwise an index into `reasons`: a pair that overlaps.
         """
-        if not self.pairs:
-            return np.zeros(len(readings), int)
-        at = _Placed(self, readings)
-        lower, upper = at.bounds()
-        compared = self._compared(len(readings), touched)
-        sure = compared & (upper < 0)
-        out = np.where(sure.any(axis=1), np.argmax(sure, axis=1) + 1, 0)
-        undecided = compared & (lower < 0)
-        for k in np.flatnonzero(undecided[out == 0].any(axis=0)):
-            left = np.flatnonzero(undecided[:, k] & (out == 0))
-            if len(left):
-                out[left[overlap(*at.of(self.pairs[k], left))]] = k + 1
-        return out
+        return self.hits(readings, readings, 0.0, touched)
+
+    def hits(
+        self,
+        begin: np.ndarray,
+        end: np.ndarray,
+        floor: float,
+        touched: np.ndarray | None = None,
+        slack: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Check motions of all joints at the same time from `begin` to `end`, readings (M, n), rad.
+
+        Returns (M,): 0 if all pairs keep the distance `floor`, m, everywhere on a motion, otherwise an index
+        into `reasons`. `touched` as of `collides`; `slack` (M, n), rad: how far joints may be off the motion.
+        """
+        away, pair = self._swept(begin, end, touched, slack, floor)
+        return np.where(away < floor, pair + 1, 0)
 
     def distances(self, readings: np.ndarray, touched: np.ndarray | None = None) -> np.ndarray:
         """Smallest signed distances (M,), m, of pairs that must not overlap; parameters as for `collides`.
 
         inf if there is nothing to compare.
         """
+        return self._swept(readings, readings, touched, None, -np.inf, 0.0)[0]
+
+    def closest(
+        self,
+        begin: np.ndarray,
+        end: np.ndarray,
+        tolerance: float,
+        touched: np.ndarray | None = None,
+        slack: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Smallest distances (M,), m, on motions as of `hits`: never too large.
+
+        They are too small by less than `tolerance`, m, or a tenth of them if that is more.
+        """
+        return self._swept(begin, end, touched, slack, -np.inf, tolerance)[0]
+
+    def _swept(
+        self,
+        begin: np.ndarray,
+        end: np.ndarray,
+        touched: np.ndarray | None = None,
+        slack: np.ndarray | None = None,
+        floor: float = 0.0,
+        tolerance: float = np.inf,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds from below of the smallest distances (M,), m, on motions, and the pairs that have them (M,).
+
+        A motion that comes nearer than `floor` is given up. Otherwise the bound is at least `floor`, and
+        within `tolerance` of the distance, or a tenth of it.
+        """
         if not self.pairs:
-            return np.full(len(readings), np.inf)
-        at = _Placed(self, readings)
-        lower, upper = at.bounds()
-        compared = self._compared(len(readings), touched)
-        lower = np.where(compared, lower, np.inf)
-        best = np.where(compared, upper, np.inf).min(axis=1)
-        for k in np.argsort(np.median(lower, axis=0)):
-            left = np.flatnonzero(lower[:, k] < best)
-            if len(left):
-                best[left] = np.minimum(best[left], distances(*at.of(self.pairs[k], left)))
-        return best
+            return np.full(len(begin), np.inf), np.zeros(len(begin), int)
+        compared = self._compared(len(begin), touched)
+        return self._table.closest(begin, end, compared, slack, floor, tolerance)
 
     def _compared(self, count: int, touched: np.ndarray | None) -> np.ndarray:
         """Which pairs are compared in which rows, (M, P) bool."""
@@ -153,61 +163,29 @@ class Clearance:
         for b, second in enumerate(self.capsules):
             for a, first in enumerate(self.capsules[:b]):
                 apart = min(second.frame, last) - min(first.frame, last) > 1
-                if apart and self._overlapping(Pair(a, second, "", other=b)) <= ALWAYS:
+                if apart and np.mean(self._anywhere(Pair(a, second, "", other=b)) < 0) <= ALWAYS:
                     out.append((a, b))
         return tuple(out)
 
-    def _overlapping(self, pair: Pair) -> float:
-        """In which share of random configurations the two shapes of a pair overlap."""
-        return float(overlap(*self._anywhere.of(pair, np.arange(SAMPLES))).mean())
-
     def _rests(self, pair: Pair) -> bool:
-        """Whether a capsule always starts within a shape, as a shoulder below the height of the table."""
-        capsule, frames = (
-            self.capsules[pair.capsule],
-            self._anywhere.frames[:, self.capsules[pair.capsule].frame],
-        )
+        """Whether a capsule always starts within a shape, as a shoulder below the height of the table.
+
+        Or whether its distance does not change with the arm, as that of a shoulder above it.
+        """
+        capsule = self.capsules[pair.capsule]
+        frames = self.arm.frames(self._sample)[:, capsule.frame]
         starts = frames[:, :3, :3] @ capsule.a + frames[:, :3, 3]
-        return bool(np.all(pair.shape.distance(starts) < capsule.radius))
+        within = bool(np.all(pair.shape.distance(starts) < capsule.radius))
+        return within or bool(np.ptp(self._anywhere(pair)) < STILL)
+
+    def _anywhere(self, pair: Pair) -> np.ndarray:
+        """Distances (SAMPLES,), m, of a pair at random configurations within the limits."""
+        still = np.ones((SAMPLES, 1), bool)
+        return Pairs(self.arm, self.capsules, (pair,)).closest(self._sample, self._sample, still)[0]
 
     @cached_property
-    def _anywhere(self) -> _Placed:
-        """The arm at random configurations within its limits."""
+    def _sample(self) -> np.ndarray:
+        """Random readings (SAMPLES, n), rad."""
         limits = np.clip(self.arm.robot.limits, -np.pi, np.pi)
         angles = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (SAMPLES, len(limits)))
-        return _Placed(self, self.arm.readings_of(angles))
-
-
-class _Placed:
-    """The capsules of an arm at M configurations, by the poses of their middles in F0, (M, C, 4, 4)."""
-
-    def __init__(self, clearance: Clearance, readings: np.ndarray) -> None:
-        self.clearance = clearance
-        self.frames = clearance.arm.frames(readings)
-        capsules = clearance.capsules
-        own = np.array([c.pose for c in capsules]).reshape(-1, 4, 4)
-        self.poses = self.frames[:, [c.frame for c in capsules]] @ own
-
-    def of(self, pair: Pair, rows: np.ndarray) -> tuple[Capsule, np.ndarray, Shape, np.ndarray | None]:
-        """A pair in some rows, as `exact` takes it."""
-        others = self.poses[rows, pair.other] if pair.other >= 0 else None
-        return self.clearance.capsules[pair.capsule], self.poses[rows, pair.capsule], pair.shape, others
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds (M, P) of the signed distances of all pairs, m."""
-        capsules, pairs = self.clearance.capsules, self.clearance.pairs
-        middle = self.poses[:, :, :3, 3]
-        radius, half = np.array([(c.radius, 0.5 * c.length) for c in capsules]).T
-        by_shape = {id(pair.shape): pair.shape for pair in pairs if pair.other < 0}
-        away = {key: shape.distance(middle) for key, shape in by_shape.items()}
-        upper = np.empty((len(middle), len(pairs)))
-        first = np.array([pair.capsule for pair in pairs])
-        second = np.array([pair.other for pair in pairs])
-        for k, pair in enumerate(pairs):
-            if pair.other < 0:
-                upper[:, k] = away[id(pair.shape)][:, pair.capsule]
-        own = second >= 0
-        apart = length(middle[:, first[own]] - middle[:, second[own]])
-        upper[:, own] = apart - radius[second[own]]
-        upper -= radius[first]
-        return upper - half[first] - np.where(own, half[second], 0.0), upper
+        return self.arm.readings_of(angles)

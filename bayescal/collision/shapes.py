@@ -1,18 +1,26 @@
 """Shapes of an arm and of what stands around it: frozen types, and the distance of points from each.
 
-A shape is solid. Distances are in m, signed: negative inside. The arm consists of capsules (`links`), which
-move with its frames; what stands around it consists of boxes, balls, capsules and half spaces in F0.
+A shape is solid and convex. Distances are in m, signed: negative inside. The arm consists of capsules
+(`links`), which move with its frames; what stands around it consists of all shapes, in F0.
+`kind` and `numbers` state a shape to the compiled distances (`exact`): its numbers, and planes (F, 4).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, reduce
+from typing import ClassVar
 
 import numpy as np
 
 from bayescal.arm.transforms import length
 
+Numbers = tuple[np.ndarray, np.ndarray]
+SHARP = 1e-6  # of a sum of normals, below which they are opposite
+
+BALLS, BOX, HALF_SPACE, CYLINDER, HULL = range(5)
+"""Kinds: all points within a radius of a segment, and four more."""
+NO_PLANES = np.empty((0, 4))
 FIXED = -1
 """Frame index of a capsule that stands in F0 and does not move with the arm."""
 
@@ -32,27 +40,22 @@ class Capsule:
     name: str = ""
     probe: bool = False
 
+    kind: ClassVar[int] = BALLS
+
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Signed distances (...) of points (..., 3) in the capsule's frame, m."""
         along = self.b - self.a
         part = np.clip((points - self.a) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
         return length(points - self.a - part[..., None] * along) - self.radius
 
+    @property
+    def numbers(self) -> Numbers:
+        """Ends and radius."""
+        return np.array([*self.a, *self.b, self.radius], float), NO_PLANES
+
     def lowest(self, up: np.ndarray) -> float:
         """Height of the lowest point along the unit vector `up` (3,), m."""
         return float(min(self.a @ up, self.b @ up)) - self.radius
-
-    @cached_property
-    def pose(self) -> np.ndarray:
-        """Pose (4, 4) in `frame` of its middle, with the z axis along the segment."""
-        out, along = np.eye(4), self.b - self.a
-        z = along / self.length if self.length else np.array([0.0, 0.0, 1.0])
-        x = np.eye(3)[int(np.argmin(np.abs(z)))]
-        x = x - (x @ z) * z
-        x /= np.linalg.norm(x)
-        out[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
-        out[:3, 3] = 0.5 * (self.a + self.b)
-        return out
 
     @cached_property
     def length(self) -> float:
@@ -67,11 +70,18 @@ class Box:
     pose: np.ndarray
     half: np.ndarray
 
+    kind: ClassVar[int] = BOX
+
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Signed distances (...) of points (..., 3) in F0, m."""
         beyond = np.abs((points - self.pose[:3, 3]) @ self.pose[:3, :3]) - self.half
         outside = length(np.maximum(beyond, 0.0))
         return outside + np.minimum(reduce(np.maximum, np.moveaxis(beyond, -1, 0)), 0.0)
+
+    @property
+    def numbers(self) -> Numbers:
+        """Rotation, centre, half sizes."""
+        return np.array([*self.pose[:3, :3].ravel(), *self.pose[:3, 3], *self.half], float), NO_PLANES
 
     def lowest(self, up: np.ndarray) -> float:
         """Height of the lowest point along the unit vector `up` (3,), m."""
@@ -85,9 +95,16 @@ class Ball:
     centre: np.ndarray
     radius: float
 
+    kind: ClassVar[int] = BALLS
+
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Signed distances (...) of points (..., 3) in F0, m."""
         return length(points - self.centre) - self.radius
+
+    @property
+    def numbers(self) -> Numbers:
+        """Centre, twice, and radius."""
+        return np.array([*self.centre, *self.centre, self.radius], float), NO_PLANES
 
     def lowest(self, up: np.ndarray) -> float:
         """Height of the lowest point along the unit vector `up` (3,), m."""
@@ -101,13 +118,99 @@ class HalfSpace:
     normal: np.ndarray
     offset: float
 
+    kind: ClassVar[int] = HALF_SPACE
+
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Signed distances (...) of points (..., 3) in F0, m."""
         return points @ self.normal - self.offset
+
+    @property
+    def numbers(self) -> Numbers:
+        """Normal and offset."""
+        return np.array([*self.normal, self.offset], float), NO_PLANES
 
     def lowest(self, up: np.ndarray) -> float:
         """Height of the lowest point along the unit vector `up` (3,), m: without limit."""
         return -np.inf
 
 
-Shape = Capsule | Box | Ball | HalfSpace
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder by its centre (3,), m in F0, its axis (3,), half its length and radius, m."""
+
+    centre: np.ndarray
+    axis: np.ndarray
+    half: float
+    radius: float
+
+    kind: ClassVar[int] = CYLINDER
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """Signed distances (...) of points (..., 3) in F0, m."""
+        away = points - self.centre
+        along = away @ self.axis
+        over, beside = np.abs(along) - self.half, length(away - along[..., None] * self.axis) - self.radius
+        outside = np.hypot(np.maximum(over, 0.0), np.maximum(beside, 0.0))
+        return np.asarray(outside + np.minimum(np.maximum(over, beside), 0.0))
+
+    @property
+    def numbers(self) -> Numbers:
+        """Axis, centre, half length and radius."""
+        return np.array([*self.axis, *self.centre, self.half, self.radius], float), NO_PLANES
+
+    def lowest(self, up: np.ndarray) -> float:
+        """Height of the lowest point along the unit vector `up` (3,), m."""
+        along = float(self.axis @ up)
+        return float(
+            self.centre @ up - self.half * abs(along) - self.radius * np.sqrt(max(0.0, 1 - along**2))
+        )
+
+
+@dataclass(frozen=True)
+class Hull:
+    """The convex hull of points (K, 3), m in F0, that are not in a plane.
+
+    Distances are those from the planes that bound it: its faces, and at every edge and corner a plane across
+    it, as a bevel that takes nothing off. They are not above the distance from the hull, and exact beside
+    faces.
+    """
+
+    points: np.ndarray
+
+    kind: ClassVar[int] = HULL
+
+    @cached_property
+    def planes(self) -> np.ndarray:
+        """Outward unit normals and offsets (F, 4), m."""
+        from scipy.spatial import ConvexHull
+
+        hull = ConvexHull(self.points)
+        faces, normals = hull.simplices, hull.equations[:, :3]
+        across = [normals]
+        for k, beside in enumerate(hull.neighbors):
+            across.append(normals[k] + normals[beside[beside > k]])
+        at = np.zeros((len(self.points), 3))
+        for corner in faces.T:
+            np.add.at(at, corner, normals)
+        across.append(at[hull.vertices])
+        every = np.concatenate(across)
+        size = length(every)
+        every = np.unique(np.round(every[size > SHARP] / size[size > SHARP, None], 9), axis=0)
+        every /= length(every)[:, None]
+        return np.column_stack([every, (every @ self.points[hull.vertices].T).max(axis=1)])
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """Signed distances (...) of points (..., 3) in F0, m, or less."""
+        return np.asarray((points @ self.planes[:, :3].T - self.planes[:, 3]).max(axis=-1))
+
+    @property
+    def numbers(self) -> Numbers:
+        """The planes, and from which to which."""
+        return np.array([0, len(self.planes)], float), self.planes
+
+    def lowest(self, up: np.ndarray) -> float:
+        """Height of the lowest point along the unit vector `up` (3,), m."""
+        return float((self.points @ up).min())
+
+
+Shape = Capsule | Box | Ball | HalfSpace | Cylinder | Hull

@@ -1,7 +1,7 @@
 """What a probing program leaves behind: its log lines, and the readings of contacts that were not made.
 
-A line ``bayescal, ID, rad, [STATE, q1, ..., qn]`` (or ``deg``), whatever stands before it, is a record. Where a
-controller keeps readings in registers or in a data list, those of contacts that were not made have a first
+A line ``bayescal, ID, rad, [STATE, q1, ..., qn]`` (or ``deg``), whatever stands before it, is a record. Where
+a controller keeps readings in registers or in a data list, those of contacts that were not made have a first
 joint that no joint can have: 1000 deg and the state.
 """
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,8 @@ from bayescal.arm.transforms import rpy_matrix
 from bayescal.collision import Clearance, Scene
 from bayescal.collision.path import RETRACT
 from bayescal.dataset import Dataset
+from bayescal.planning.place import Place
+from bayescal.planning.pool import CLEAR
 from bayescal.planning.sites import Sites
 from bayescal.simulation.probing import FASTEST, SPEED
 from bayescal.simulation.reach import Arm
@@ -25,12 +27,16 @@ from both sides; without it the direction of a joint would follow from the pose 
 STARTS = 30_000
 """Random configurations, of which one near the wanted place and direction begins a search."""
 NEAREST = 8  # of them, from which it is drawn, so that all branches of the inverse kinematics are found
+LINE = 2e-3
+"""m: smallest clearance on the line to a contact, of all but the end of the stylus from the surface."""
 
 UNREACHED = "no joint angles within the limits"
 BENT = "configuration folded behind or below the base"
 OUTSIDE = "tool outside its working cone"
 STUCK = "no straight approach within the limits"
+EVERY = "@"  # no name of a placement
 ITSELF = "the arm itself"
+WALLED = "no way free of collisions to it"
 FAST = "a joint too fast on the approach: near a singularity"
 
 
@@ -67,18 +73,39 @@ class Reached:
 
 @dataclass(frozen=True)
 class Hand:
-    """The nominal arm with one tool, the solids around it, and the working cone of the tool, rad."""
+    """The nominal arm with one tool, the solids around it, and the working cone of the tool, rad.
+
+    `floor`, m, is the smallest clearance of its motions.
+    """
 
     arm: Arm
     clearance: Clearance
     cone: float
+    floor: float = CLEAR
 
     @classmethod
-    def of(cls, dataset: Dataset, tool: int, scene: Scene, cone: float) -> Hand:
+    def of(cls, dataset: Dataset, tool: int, scene: Scene, cone: float, floor: float = CLEAR) -> Hand:
         """The hand of a tool of a session, by its index."""
         own = dataset.tools[tool]
         axes = np.eye(3) if own.rpy is None else rpy_matrix(own.rpy)
-        return cls(Arm(dataset.robot, own.centre, axes), Clearance.of(dataset.robot, own, scene.solids), cone)
+        clearance = Clearance.of(dataset.robot, own, scene.solids)
+        return cls(Arm(dataset.robot, own.centre, axes), clearance, cone, floor)
+
+    def place(self, label: str) -> Place:
+        """The place while a placement of the artefact is there; `EVERY`: all of them."""
+        if label not in self._places:
+            there = [  # what is not there has no shapes, and keeps its index
+                replace(
+                    s, placement="", shapes=s.shapes if label == EVERY or s.placement in ("", label) else ()
+                )
+                for s in self.clearance.solids
+            ]
+            self._places[label] = Place(self.clearance.among(there), self.anywhere, self.floor)
+        return self._places[label]
+
+    @cached_property
+    def _places(self) -> dict[str, Place]:
+        return {}
 
     @cached_property
     def anywhere(self) -> np.ndarray:
@@ -109,8 +136,12 @@ class Hand:
         rng: np.random.Generator,
         starts: np.ndarray | None = None,
         turning: float = TURNING,
+        by_hand: bool = False,
     ) -> Reached:
         """Joint angles at places, with a straight approach, that neither collide nor are near a singularity.
+
+        From the approach a free motion leads to a raised pose, except of contacts that may be reached
+        `by_hand`. What is not part of a placement is reached at each of them.
 
         Parameters
         ----------
@@ -140,7 +171,14 @@ class Hand:
                 readings[rows], pose[rows], sites[rows], rng, turning
             )
         rows = np.flatnonzero(reason == "")
-        reason[rows] = self._collisions(readings[rows], approach[rows], touched[rows])
+        own = np.array([*(s.placement for s in self.clearance.solids), ""], object)[touched[rows]]
+        for label in set(own):
+            some = rows[own == label]
+            place = self.place(label or EVERY)
+            reason[some] = self._collisions(place, readings[some], approach[some], touched[some])
+            some = some[reason[some] == ""]
+            if len(some) and not by_hand:
+                reason[some[~place.linked(approach[some])]] = WALLED
         return Reached(readings, approach, reason)
 
     @staticmethod
@@ -171,32 +209,81 @@ class Hand:
         axis /= np.linalg.norm(axis, axis=1)[:, None]
         goals[:, :3, :3] = Rotation.from_rotvec(turning * axis).as_matrix() @ goals[:, :3, :3]
         goals[:, :3, 3] += RETRACT * sites.normals
+        begin = arm.angles_of(readings)
+        angles, found = self._posed(goals, begin, arm.range)
+        reason = np.where(found, "", STUCK).astype(object)
+        rate = np.abs(angles - begin).max(axis=1) / (RETRACT / SPEED)
+        self._drop(reason, rate > FASTEST, FAST)
+        return arm.readings_of(angles), reason
+
+    def _collisions(
+        self, place: Place, readings: np.ndarray, approach: np.ndarray, touched: np.ndarray
+    ) -> np.ndarray:
+        """What each row comes too near to on the line from its approach to the contact, or ""."""
+        out = np.full(len(readings), "", object)
+        names = self._texts(place.clearance)
+        still = readings, readings, min(LINE, self.floor), touched
+        for check in (still, (approach, approach, self.floor, None), None):
+            rows = np.flatnonzero(out == "")
+            if check is None:
+                hit = self.line_hits(place.clearance, readings[rows], approach[rows], touched[rows])
+            else:
+                begin, end, floor, solid = check
+                solid = None if solid is None else solid[rows]
+                hit = place.clearance.hits(begin[rows], end[rows], floor, solid)
+            out[rows] = names[hit]
+        return out
+
+    def line_hits(
+        self, clearance: Clearance, readings: np.ndarray, approach: np.ndarray, touched: np.ndarray
+    ) -> np.ndarray:
+        """As `Clearance.hits` on the lines of the tool from approaches to contacts, readings (M, n), rad."""
+        out = np.zeros(len(readings), int)
+        for begin, end, slack in self.line(readings, approach):
+            rows = np.flatnonzero(out == 0)
+            floor = min(LINE, self.floor)
+            out[rows] = clearance.hits(begin[rows], end[rows], floor, touched[rows], slack[rows])
+        return out
+
+    def line(
+        self, readings: np.ndarray, approach: np.ndarray
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Lines of the tool from contacts to approaches, (M, n), rad, as motions of the joints.
+
+        Each is two motions, through its middle: begin, end, and by how much joints may be off (M, n), rad:
+        twice what the curvature by the three points gives. A line along which no joint angles are found in
+        the middle is as far off as from one end to the other.
+        """
+        arm = self.arm
+        begin, end = (arm.tool_poses(arm.frames(at)) for at in (readings, approach))
+        turn = Rotation.from_matrix(np.swapaxes(begin[:, :3, :3], 1, 2) @ end[:, :3, :3]).as_rotvec()
+        goals = begin.copy()
+        goals[:, :3, :3] = begin[:, :3, :3] @ Rotation.from_rotvec(0.5 * turn).as_matrix()
+        goals[:, :3, 3] = 0.5 * (begin[:, :3, 3] + end[:, :3, 3])
+        start = 0.5 * (readings + approach)
+        angles, found = self._posed(goals, arm.angles_of(start), np.array([[-np.inf], [np.inf]]))
+        middle = np.where(found[:, None], arm.readings_of(angles), start)
+        off = 0.25 * np.abs(readings - 2 * middle + approach)
+        off = np.where(found[:, None], off, np.abs(approach - readings))
+        yield readings, middle, off
+        yield middle, approach, off
+
+    def _posed(
+        self, goals: np.ndarray, begin: np.ndarray, limits: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Angles (M, n), rad, at poses (M, 4, 4) of the tool, as far as it has joints; which are found."""
+        arm = self.arm
         if arm.robot.n >= 6:
             task = to_poses(arm, goals)
         elif arm.robot.n == 5:
             task = to_axes(arm, goals[:, :3, 3], goals[:, :3, 2])
         else:
             task = to_points(arm, goals[:, :3, 3])
-        begin = arm.angles_of(readings)
-        angles, found = descend(task, begin, arm.range[0], arm.range[1], PASSES // 2)
-        reason = np.where(found, "", STUCK).astype(object)
-        rate = np.abs(angles - begin).max(axis=1) / (RETRACT / SPEED)
-        self._drop(reason, rate > FASTEST, FAST)
-        return arm.readings_of(angles), reason
+        low, high = np.broadcast_to(limits, (2, arm.robot.n))
+        return descend(task, begin, low, high, PASSES // 2)
 
-    def _collisions(self, readings: np.ndarray, approach: np.ndarray, touched: np.ndarray) -> np.ndarray:
-        """With what each row collides at the contact, half way and at the end of its approach, or ""."""
-        out = np.full(len(readings), "", object)
-        for share in (0.0, 0.5, 1.0):
-            rows = np.flatnonzero(out == "")
-            at = readings[rows] + share * (approach[rows] - readings[rows])
-            out[rows] = self._texts[self.clearance.collides(at, touched[rows])]
-        return out
-
-    @cached_property
-    def _texts(self) -> np.ndarray:
-        """Text of each answer of the clearance."""
-        solids = self.clearance.solids
-        others = [solids[pair.solid].name if pair.solid >= 0 else ITSELF for pair in self.clearance.pairs]
+    def _texts(self, clearance: Clearance) -> np.ndarray:
+        """Text of each answer of a clearance."""
+        others = [clearance.solids[p.solid].name if p.solid >= 0 else ITSELF for p in clearance.pairs]
         short = [name.partition("@")[0].partition(".")[0] or "the artefact" for name in others]
         return np.array(["", *(f"collision with {name}" for name in short)], object)

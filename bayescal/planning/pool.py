@@ -14,6 +14,9 @@ __all__ = ["Box", "Pool", "Region", "Setup"]
 
 CONE = np.radians(60.0)
 """rad: working cone of a probe that states none, of its axis about the inward normal (assumed)."""
+CLEAR = 5e-3
+"""m: smallest clearance of motions where none is stated (assumed: some times what an arm that is not
+calibrated is off)."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,8 @@ class Setup:
         Greatest angle, rad, between the axis of the tool and the inward normal.
     validated : frozenset of str
         Targets that are not calibrated on: spheres of certified distances, which validate.
+    clearance : float
+        Smallest clearance, m, of motions between contacts.
     poses : np.ndarray, shape (M, n)
         Readings, rad, of poses between which distances must be accurate; M = 0 if none are stated.
     notes : tuple of str
@@ -66,6 +71,7 @@ class Setup:
     cone: float = CONE
     validated: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
+    clearance: float = CLEAR
     poses: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
 

@@ -1,4 +1,4 @@
-"""Interpreters of the subsets of FANUC TP, KUKA KRL and ABB RAPID that probing programs use, on a simulated cell.
+"""Interpreters of the subsets of FANUC TP, KUKA KRL and ABB RAPID that probing programs use.
 
 Every statement must be one that is known here. Motions and latches are those of `probing_cell`: a FANUC skip
 and a KUKA interrupt hold the joints of the control cycle of the trigger, an ABB search point too.
@@ -199,9 +199,9 @@ class Kuka(Interpreter):
         return at
 
     def _statement(self, line: str, scope: dict) -> None:
-        if line in ("BAS(#INITMOV,0)", "$BASE=$NULLFRAME", "$ADVANCE=0", "WAIT SEC 0"):
-            pass
-        elif re.fullmatch(r"\$VEL_AXIS\[\d\]=20", line):
+        if re.fullmatch(
+            r"BAS\(#INITMOV,0\)|\$BASE=\$NULLFRAME|\$ADVANCE=0|WAIT SEC 0|\$VEL_AXIS\[\d\]=20", line
+        ):
             pass
         elif found := re.fullmatch(r"(MsgNotify|MsgQuit)\(\"([^\"]*)\"\)", line):
             self.messages.append(found[2])
@@ -299,7 +299,6 @@ class Abb(Interpreter):
         try:
             self._block(body, own)
         except Abb.Error as error:
-            assert handler, f"no handler of {error}"
             own["ERRNO"] = str(error)
             self._block(handler, own)
 

@@ -78,7 +78,7 @@ class Arm:
         return q
 
     def line(self, begin: np.ndarray, end: np.ndarray, shares: np.ndarray) -> np.ndarray:
-        """Joints (M, 6) at shares (M,) of the straight motion of the ball, with its rotation in proportion."""
+        """Joints (M, 6) at shares (M,) of the straight motion of the ball; its rotation is in proportion."""
         poses = self.flange(np.stack([begin, end]))
         balls = self.ball(np.stack([begin, end]))
         turn = Rotation.from_matrix(poses[1, :3, :3] @ poses[0, :3, :3].T).as_rotvec()
@@ -210,8 +210,10 @@ def cell_of(plan, error: dict, shift: dict, seed: int = 0, **options) -> Cell:
 
 
 def on_planes(plan):
-    """A plan of planes whose contacts are those of the nominal arm: approaches 20 mm off and 2 deg turned, ways
-    past points 120 mm off, and a change before the sixth."""
+    """A plan of planes whose contacts are those of the nominal arm.
+
+    Approaches are 20 mm off and 2 deg turned, ways pass points 120 mm off; a change before the sixth.
+    """
     session, m = plan.session, plan.session.measurements
     tool = session.tools[0]
     arm = Arm(session.robot.name, tool.centre)

@@ -131,7 +131,7 @@ def test_velocities_are_those_of_the_approach_and_joints_come_from_both_sides(po
 
 
 def test_nothing_collides_at_contact_and_approach(pool, setup):
-    """The distances of all pairs, by coal, of another function than the one that decided."""
+    """The distances of all pairs; 20 mm off nothing is near, the ball included."""
     around, m = scene(setup), pool.session.measurements
     clearance = Clearance.of(setup.dataset.robot, setup.dataset.tools[0], around.solids)
     touched = around.touched([setup.dataset.targets[t].name for t in m.target])

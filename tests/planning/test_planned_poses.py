@@ -56,7 +56,7 @@ def test_fewer_digits_need_more_contacts(measured):
 
 @pytest.mark.parametrize("spread", [1e-3, 1e-5])
 def test_measured_contacts_are_not(measured, spread):
-    """Contacts that are off by chance: of an arm with errors of some 0.5 mm, and of one as good as its noise."""
+    """Contacts that are off by chance: of an arm with errors of 0.5 mm, of one as good as its noise."""
     session, plan = measured
     rng = np.random.default_rng(3)
     false = 0

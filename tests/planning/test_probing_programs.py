@@ -90,7 +90,7 @@ def test_every_contact_is_touched_and_latched_in_the_cycle_of_the_touch(plan, fo
 
 @pytest.mark.parametrize("name", NAMES)
 def test_no_contact_ends_the_program_within_the_stated_distance(plan, folder, tmp_path, name):
-    """The id is on the screen and in the log, the tool is back at its approach; earlier contacts come home."""
+    """The id is on the screen and in the log, the tool at its approach; earlier contacts come home."""
     program = ran(plan, name, absent={2}, cycle=8e-3)
     cell = program.cell
     assert program.halted

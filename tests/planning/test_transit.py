@@ -10,14 +10,15 @@ import pytest
 from bayescal.collision import Clearance
 from bayescal.planning import order as orders
 from bayescal.planning.candidates import candidates
+from bayescal.planning.hand import LINE
 from bayescal.planning.obstacles import placements, scene
+from bayescal.planning.place import seconds_between
+from bayescal.planning.pool import CLEAR
 from bayescal.planning.setup import continued, read_setup
-from bayescal.planning.transit import Transits, seconds_between
+from bayescal.planning.transit import Transits
 
 EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
-FINE = np.radians(1.3)
-DEEP = 8e-3
-"""m: how deep a corner may be cut between two configurations that are checked, some 30 mm apart."""
+FINE = np.radians(0.2)
 
 
 @pytest.fixture(scope="module")
@@ -49,19 +50,19 @@ def depths(pool, points):
 
 
 def test_collisions_between_contacts_are_seen(pool, ordered):
-    """Against many more configurations on each motion, and distances in place of collisions."""
+    """Against distances at many configurations on each motion."""
     moves, blind, _ = ordered
     blocked = moves.blocked(blind[:-1], blind[1:])
     depth = depths(pool, pool.approach[blind])
     assert 3 < blocked.sum() < len(blind) - 3
-    assert np.all(depth[blocked] < 0)
-    assert depth[~blocked].min() > -DEEP
+    assert np.all(depth[blocked] < CLEAR + 1e-3)
+    assert depth[~blocked].min() > CLEAR
 
 
 def test_orders_avoid_collisions(ordered):
     moves, blind, seeing = ordered
     before, after = (moves.blocked(rows[:-1], rows[1:]).sum() for rows in (blind, seeing))
-    assert after < 0.8 * before
+    assert after < 0.9 * before
 
 
 def test_ways_around_are_free(pool, ordered):
@@ -77,7 +78,10 @@ def test_ways_around_are_free(pool, ordered):
         for *both, row in zip(ways.leave, via, seeing, strict=True)
         for p in (*both[0], *both[1], pool.approach[row])
     ]
-    assert depths(pool, np.array(points)).min() > -DEEP
+    found = depths(pool, np.array(points))
+    assert found.min() > CLEAR
+    assert ways.clearance.min() <= found.min() + 1e-6
+    assert ways.clearance.min() > min(CLEAR, LINE)
     times = orders.travel(pool, seeing, via), orders.travel(pool, seeing)
     assert times[1] < times[0] < times[1] + 10.0 * blocked.sum()
 
@@ -110,9 +114,8 @@ def test_placements_that_come_one_after_the_other_are_not_between_each_other():
     pool = candidates(replace(continued(dataset), validated=frozenset(names[4:])), 8, seed=0)
     m, moves = pool.session.measurements, Transits(pool)
     one, other = (np.flatnonzero(m.target == names.index(name))[0] for name in names[4:])
-    labels = {key: [s.placement for s in moves._place(*key).clearance.solids] for key in ((0, "1"), (0, ""))}
-    assert labels[0, "1"] == [""] * 3  # cube, one sphere, table
-    assert labels[0, ""] == [""] * 2
+    there = {key: sum(bool(s.shapes) for s in moves._place(0, key).clearance.solids) for key in ("1", "")}
+    assert there == {"1": 3, "": 2}  # cube, one sphere, table
     assert not moves.blocked(np.array([one]), np.array([other])).any()  # the artefact is moved between them
     ways = moves.ways(np.array([one, pool.candidates[0], other]))
     assert ways.changes == ("move the artefact to placement 1", "", "move the artefact to placement 3")

@@ -29,7 +29,7 @@ SLOPE = float(np.sqrt(2 / np.pi))
 
 @dataclass(frozen=True)
 class Planned:
-    """Contacts that have the readings of a plan: their rows, the chance of so many, and their largest error, m."""
+    """Contacts that have the readings of a plan: rows, the chance of so many, and their largest error, m."""
 
     rows: np.ndarray
     chance: float
@@ -42,8 +42,8 @@ class Planned:
         error = f"{1e9 * self.error:.1g} nm" if self.error > 1e-10 else "less than 0.1 nm"
         contacts = "1 contact has" if len(self.rows) == 1 else f"{len(self.rows)} contacts have"
         return (
-            f"{contacts} the readings of a plan ({', '.join(ids)}{more}): the nominal arm touches the nominal "
-            f"target within {error}; such a contact was not made"
+            f"{contacts} the readings of a plan ({', '.join(ids)}{more}): the nominal arm touches the "
+            f"nominal target within {error}; such a contact was not made"
         )
 
 

@@ -29,7 +29,7 @@ SHARES = (1.0, 0.5, 0.25, 0.0)
 
 @dataclass(frozen=True)
 class Guarded:
-    """Guarded motions of N rows: readings (N, n), rad, where they begin and end; m (N,) beyond the surface."""
+    """Guarded motions of N rows: readings (N, n), rad, where they begin and end; m (N,) past the surface."""
 
     begin: np.ndarray
     end: np.ndarray
@@ -52,7 +52,7 @@ class Step:
 def guarded(plan: Plan, beyond: float) -> Guarded:
     """Where guarded motions begin and end, on the line from each approach through its contact.
 
-    The rotation of the tool goes on as before, so that the contact itself is at the planned readings.
+    The rotation of the tool continues as before, so that the contact itself is at the planned readings.
 
     Parameters
     ----------
@@ -81,8 +81,11 @@ def guarded(plan: Plan, beyond: float) -> Guarded:
 
 @dataclass(frozen=True)
 class _Line:
-    """Straight motions of M tools: their poses at the approach, (M, 4, 4), the way (M, 3), m, and the rotation
-    (M, 3), rad, to the contact, whose readings (M, n), rad, are `near`."""
+    """Straight motions of M tools to their contacts.
+
+    Poses at the approach, (M, 4, 4); the way (M, 3), m, and the rotation (M, 3), rad, from there; readings
+    (M, n), rad, of the contact.
+    """
 
     arm: NominalArm
     away: np.ndarray
@@ -132,7 +135,7 @@ def steps(plan: Plan, guard: Guarded) -> Iterator[Step]:
             at = ", ".join(f"{angle:.0f}" for angle in np.degrees(motion.readings))
             yield Step(
                 "stop",
-                texts | {"text": f"jog the arm by hand near to J1 to J{len(m.readings[0])} = {at} deg"},
+                texts | {"text": f"jog the arm manually near to J1 to J{len(m.readings[0])} = {at} deg"},
             )
         row = k
         change = plan.changes[k] if plan.changes else ""

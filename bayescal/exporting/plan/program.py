@@ -223,11 +223,10 @@ def _common(dialect: Dialect, plan: Plan, probe: Probe) -> dict[str, str]:
 
 
 def over_travel(late: float) -> float:
-    """m from the contact to standstill, `late`, m, of it before the stop begins: v2/(2 a) more."""
+    """Way from the contact to standstill, m: `late`, m, before the stop begins, and v2/(2 a)."""
     return late + SPEED**2 / (2 * RAMP)
 
 
-IN_LINE = {"list": "[{}]", "joint": "{1}", "separator": ", "}
 DIALECTS = (
     Dialect(
         "urscript",
@@ -239,8 +238,10 @@ DIALECTS = (
         },
         "0",
         UR.joints,
+        list="[{}]",
+        joint="{1}",
+        separator=", ",
         force="bc_force() > {}",
-        **IN_LINE,
     ),
     Dialect(
         "fanuc",

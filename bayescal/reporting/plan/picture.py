@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayescal.collision import Shape
 from bayescal.model.scene import Scene
+from bayescal.planning.obstacles import scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.reporting.plan.contacts import count
 from bayescal.reporting.plan.phrases import headline, title
@@ -34,6 +36,10 @@ MARGIN = 1.05
 """Width of a view over what it shows."""
 TICKS = (1.0, 1.4, 2.0, 3.0, 4.0, 5.0, 7.0)
 """Labelled values of a decade."""
+TANGENTS = 120
+"""Of the outline of a solid."""
+SOLID = "#eceff1"
+"""Fill of solids."""
 TARGETS = 14
 """Bars at most."""
 
@@ -49,16 +55,20 @@ def draw_plan(plan: Plan) -> Figure:
     views = parts[0].subplots(1, len(VIEWS))
     points, arm, reach, bodies = _points(plan)
     seen = np.vstack([points, arm, _ahead(reach, arm[0], points)])
+    solids = [s for s in scene(plan.pool.setup).solids if not s.carries]
+    shapes = [shape for solid in solids for shape in solid.shapes]
     low, high = seen.min(axis=0), seen.max(axis=0)
     for (_, *flat), some in zip(VIEWS, bodies, strict=True):
-        for o in some:
-            low[flat] = np.minimum(low[flat], o.polygon.min(axis=0))
-            high[flat] = np.maximum(high[flat], o.polygon.max(axis=0))
+        corners = np.vstack([*(o.polygon for o in some), *(MM * outlined(s, *flat) for s in shapes)])
+        low[flat] = np.minimum(low[flat], corners.min(axis=0))
+        high[flat] = np.maximum(high[flat], corners.max(axis=0))
     middle, half = (low + high) / 2, MARGIN * float(np.max(high - low)) / 2
     for axes, (name, i, j), some in zip(views, VIEWS, bodies, strict=True):
         flat = [i, j]
         fill(axes, some)
         shown = _view(plan, axes, points[:, flat], arm[:, flat], reach[:, flat])
+        for shape in shapes:
+            axes.fill(*(MM * outlined(shape, i, j).T), facecolor=SOLID, edgecolor=FAINT, lw=0.8, zorder=0)
         if (volume := plan.pool.setup.volume) is not None:
             x, y = MM * (volume.centre - volume.size / 2)[flat]
             outline = Rectangle(
@@ -86,11 +96,21 @@ def draw_plan(plan: Plan) -> Figure:
     return out
 
 
+def outlined(shape: Shape, i: int, j: int) -> np.ndarray:
+    """The outline (K, 2), m, of a convex shape seen along the third axis: where its tangents meet."""
+    angle = np.linspace(0, 2 * np.pi, TANGENTS, endpoint=False)
+    across = np.zeros((TANGENTS, 3))
+    across[:, i], across[:, j] = np.cos(angle), np.sin(angle)
+    high = np.array([-shape.lowest(-way) for way in across])
+    both = np.stack([across[:, [i, j]], np.roll(across[:, [i, j]], -1, axis=0)], axis=1)
+    return np.linalg.solve(both, np.stack([high, np.roll(high, -1)], axis=1)[..., None])[..., 0]
+
+
 def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[Outline]]]:
     """TCP positions (N, 3), the arm at a contact (K, 3), points within reach (M, 3), bodies by view; mm."""
     from bayescal.arm.nominal import NominalArm
 
-    scene, robot = Scene(plan.session), plan.session.robot
+    at, robot = Scene(plan.session), plan.session.robot
     readings = plan.session.measurements.readings
     tool = plan.session.tools[plan.session.measurements.tool[0]]
     nominal = NominalArm(robot, tool.centre)
@@ -100,10 +120,10 @@ def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[O
     arm = np.vstack([frames[0, :, :3, 3], nominal.ball(frames)])
     low, high = np.clip(robot.limits, -np.pi, np.pi).T
     anywhere = nominal.readings_of(np.random.default_rng(0).uniform(low, high, (POSES, robot.n)))
-    body, unit = arm_drawing(scene), np.eye(3)
+    body, unit = arm_drawing(at), np.eye(3)
     views = (View(unit[i], unit[j], np.cross(unit[i], unit[j])) for _, i, j in VIEWS)
-    bodies = [outlines(body, scene.q[middle], view) for view in views]
-    return MM * scene.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere)), bodies
+    bodies = [[o for o in outlines(body, at.q[middle], view) if o.kind != "artefact"] for view in views]
+    return MM * at.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere)), bodies
 
 
 def _ahead(reach: np.ndarray, base: np.ndarray, points: np.ndarray) -> np.ndarray:
