@@ -125,7 +125,7 @@ def where(run: Run) -> Section | None:
         "location and dependence",
         (f"{rms_of(record)} (µm)", "share of the excess", "p", "explained by"),
         entries,
-        "Residuals that a location explains. Coloured: significant (p below 0.01, corrected for their number)",
+        "Residuals explained by a location; coloured: significant (p below 0.01, corrected for their number)",
         words=(4,),
         shown=8,
     )
