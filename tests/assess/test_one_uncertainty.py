@@ -4,11 +4,13 @@ U is computed here again from the contributions of a budget, by Student's t of S
 """
 
 import json
+import re
 from dataclasses import replace
 from io import StringIO
 
 import numpy as np
 import pytest
+from markupsafe import escape
 from rich.console import Console
 from scipy.stats import t as student
 
@@ -74,19 +76,19 @@ def test_decisions_change_at_the_error_plus_and_minus_u_and_nowhere_else(fitted)
 
 
 def test_the_volume_is_decided_with_its_own_u(fitted):
-    """Where each certified distance conforms, the decision changes at U of a distance of the volume."""
-    v, space = fitted.final.validation, fitted.forecast.workspace
+    """Without certified distances, the decision changes at U of a distance of the volume."""
+    v, space = replace(fitted.final.validation, distances=()), fitted.forecast.workspace
     u = budget(fitted.basis, volume(fitted.basis)).expanded
     assert space.expanded == pytest.approx(u)
-    largest = max(abs(d.error) + expanded(fitted, d.between)[0] for d in v.distances)
+    assert space.k > 2.5
     sound = replace(fitted.acceptance, checks=())
 
     def at(x):
         return conformance(x, fitted.forecast, v, sound, fitted.budgets).decision
 
-    for x in (max(u, largest) * (1 + 1e-6), 2.0 * max(u, largest)):
-        assert at(x) == PASS
-    assert at(max(u, largest) * (1 - 1e-6)) != PASS
+    for share in (1e-6, 0.1, 0.5):
+        assert at(u * (1 + share)) == PASS
+        assert at(u * (1 - share)) == OPEN
 
 
 def test_what_is_printed_stored_and_decided_with_is_one_number(fitted, run):
@@ -148,3 +150,15 @@ def test_u_covers_what_it_states(fitted):
     scale = np.sqrt(b.dof / rng.chisquare(b.dof, 4000))[:, None] if np.isfinite(b.dof) else 1.0
     drawn = scale * b.spread * rng.standard_normal((4000, len(b.spread)))
     assert np.mean(np.abs(drawn) <= b.expanded) == pytest.approx(COVERAGE, abs=0.004)
+
+
+def test_a_page_lists_a_finding_once_and_does_not_contradict_its_u(fitted, run):
+    text = re.sub(r"<[^>]+>", " ", (run / "report.html").read_text().partition("<nav")[0])
+    failed = fitted.acceptance.failed
+    assert failed
+    told = {c.test for c in failed}
+    others = [f.text for f in fitted.findings if f.code not in told]
+    assert others
+    for words in [*(c.words for c in failed), *others]:
+        assert text.count(str(escape(words)).replace("`", "")) == 1, words
+    assert "too small" not in text

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayescal.reporting.figures.palette import ACCENT, GREY, INK, MARKED, SERIES
 from bayescal.reporting.figures.sheet import Entry, Panel
-from bayescal.reporting.shared.body import View, outlines, posed
+from bayescal.reporting.shared.body import View, fill, outlines, posed
 
 if TYPE_CHECKING:
     from bayescal.effects.location import Site
@@ -26,8 +26,6 @@ FLOOR = 9.0
 """Room below the arm for the scale and the directions of F0, mm."""
 POSITIVE, NEGATIVE, LENGTH = "^", "v", "o"
 ROUND = {"solid_capstyle": "round", "solid_joinstyle": "round"}
-BODIES = {"arm": "#e6ebf0", "tool": "#ccd5dd"}
-"""Colours of the bodies; artefacts are grey."""
 WIDE: dict[str, Any] = {"color": INK, "lw": 2.5, "alpha": 0.8, **ROUND}
 
 
@@ -109,9 +107,7 @@ def _draw(
     strokes = np.stack([line_of[1:-1] - AXIS * turned, line_of[1:-1] + AXIS * turned], axis=1)
     drawn = VIEW.seen(arm)
     bodies = outlines(record["arm"], np.radians(record["rows"]["angle_deg"][row]), VIEW)
-    for o in bodies:
-        shade = BODIES[o.kind] if o.kind != "artefact" else str(0.72 + 0.22 * o.shade)
-        axes.fill(*o.polygon.T, facecolor=shade, edgecolor=GREY, lw=0.5, zorder=1)
+    fill(axes, bodies)
     axes.plot(*drawn.T, zorder=2, **(WIDE | ({"lw": 0.8} if bodies else {})))
     axes.plot(*drawn[0], marker="s", ms=7, color=GREY, zorder=2)
     for k, stroke in enumerate(VIEW.seen(strokes), start=1):

@@ -101,6 +101,7 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
     if not bodies:  # a record of an earlier version
         ends = [*((k, k + 2) for k in links), *([(len(line) - 2, len(line))] if tip else [])]
         parts += [svg.line(line[first:last], "arm marked") for first, last in ends]
+    if not any(o.joint == 0 for o in shown):  # a base without a length has no capsule
         style = "base marked" if "base" in kinds else "base"
         x, y = line[0] - [16, 3]
         parts.append(f'<rect class="{style}" x="{x:.1f}" y="{y:.1f}" width="32" height="9"/>')

@@ -36,7 +36,7 @@ def first(run: Run) -> Section:
         "tone": tone,
         "sign": {"good": "✓", "warn": "?", "bad": "✗"}[tone],
         "word": verdict["words"][:1].upper() + verdict["words"][1:],
-        "lines": () if good else [_why(run)],
+        "lines": [_why(run)] if not good else ["Not to be used, for the reasons below."] if against else (),
         "most": 1,
         "keys": _keys(record),
         "fault_title": "What is wrong",

@@ -60,7 +60,7 @@ def effects(run: Run) -> Section | None:
         "effect",
         ("probability", "size (u)", "location", "share of the excess", "detectable from"),
         tuple(entries),
-        "Dark bars: the 90 % set. Effects may be present together. 'noise only': the model as it is explains "
+        "Coloured: the 90 % set. Effects may be present together. 'noise only': the model as it is explains "
         "the data; 'unmodelled effect': none of the known effects does",
         words=(2, 3),
         shown=max(shown, 5),
@@ -125,8 +125,7 @@ def where(run: Run) -> Section | None:
         "location and dependence",
         (f"{rms_of(record)} (µm)", "share of the excess", "p", "explained by"),
         entries,
-        "Residuals that a location explains. Dark: significant (p below 0.01, corrected for the number of "
-        "locations)",
+        "Residuals explained by a location; coloured: significant (p below 0.01, corrected for their number)",
         words=(4,),
         shown=8,
     )

@@ -13,6 +13,7 @@ from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.reporting.plan.contacts import count
 from bayescal.reporting.plan.phrases import headline, title
 from bayescal.reporting.plan.sheets import COVERAGE, PURPOSES, by_target
+from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, SERIES, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
 
@@ -52,14 +53,19 @@ def draw_plan(plan: Plan) -> Figure:
     out = figure(13, 9.2, lines)
     parts: Any = out.subfigures(2, 1, height_ratios=(1.25, 1))
     views = parts[0].subplots(1, len(VIEWS))
-    points, arm, reach = _points(plan)
+    points, arm, reach, bodies = _points(plan)
     seen = np.vstack([points, arm, _ahead(reach, arm[0], points)])
     solids = [s for s in scene(plan.pool.setup).solids if not s.carries]
     shapes = [shape for solid in solids for shape in solid.shapes]
-    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    half = MARGIN * float(np.max(np.ptp(seen, axis=0))) / 2
-    for axes, (name, i, j) in zip(views, VIEWS, strict=True):
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    for (_, *flat), some in zip(VIEWS, bodies, strict=True):
+        corners = np.vstack([*(o.polygon for o in some), *(MM * outlined(s, *flat) for s in shapes)])
+        low[flat] = np.minimum(low[flat], corners.min(axis=0))
+        high[flat] = np.maximum(high[flat], corners.max(axis=0))
+    middle, half = (low + high) / 2, MARGIN * float(np.max(high - low)) / 2
+    for axes, (name, i, j), some in zip(views, VIEWS, bodies, strict=True):
         flat = [i, j]
+        fill(axes, some)
         shown = _view(plan, axes, points[:, flat], arm[:, flat], reach[:, flat])
         for shape in shapes:
             axes.fill(*(MM * outlined(shape, i, j).T), facecolor=SOLID, edgecolor=FAINT, lw=0.8, zorder=0)
@@ -100,11 +106,11 @@ def outlined(shape: Shape, i: int, j: int) -> np.ndarray:
     return np.linalg.solve(both, np.stack([high, np.roll(high, -1)], axis=1)[..., None])[..., 0]
 
 
-def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """TCP positions (N, 3), the arm at a contact as a line (K, 3), points within reach (M, 3); mm, in F0."""
+def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[Outline]]]:
+    """TCP positions (N, 3), the arm at a contact (K, 3), points within reach (M, 3), bodies by view; mm."""
     from bayescal.arm.nominal import NominalArm
 
-    scene, robot = Scene(plan.session), plan.session.robot
+    at, robot = Scene(plan.session), plan.session.robot
     readings = plan.session.measurements.readings
     tool = plan.session.tools[plan.session.measurements.tool[0]]
     nominal = NominalArm(robot, tool.centre)
@@ -114,7 +120,10 @@ def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     arm = np.vstack([frames[0, :, :3, 3], nominal.ball(frames)])
     low, high = np.clip(robot.limits, -np.pi, np.pi).T
     anywhere = nominal.readings_of(np.random.default_rng(0).uniform(low, high, (POSES, robot.n)))
-    return MM * scene.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere))
+    body, unit = arm_drawing(at), np.eye(3)
+    views = (View(unit[i], unit[j], np.cross(unit[i], unit[j])) for _, i, j in VIEWS)
+    bodies = [[o for o in outlines(body, at.q[middle], view) if o.kind != "artefact"] for view in views]
+    return MM * at.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere)), bodies
 
 
 def _ahead(reach: np.ndarray, base: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -128,7 +137,7 @@ def _view(plan: Plan, axes: Any, points: np.ndarray, arm: np.ndarray, reach: np.
 
     corners = reach[ConvexHull(reach).vertices]
     axes.fill(*corners.T, facecolor="none", edgecolor=FAINT, lw=1.2, ls="--", zorder=0)
-    axes.plot(*arm.T, color=FAINT, lw=4, solid_capstyle="round", solid_joinstyle="round", zorder=1)
+    axes.plot(*arm.T, color=GREY, lw=1.0, solid_capstyle="round", solid_joinstyle="round", zorder=1)
     axes.scatter(*arm[0], s=70, color=GREY, marker="s", zorder=1)
     number = np.arange(1, len(points) + 1)
     shown = None

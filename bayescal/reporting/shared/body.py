@@ -6,7 +6,7 @@ capsules (`collision.links`), artefacts are the boxes and spheres that the targe
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,8 @@ from bayescal.reporting.shared.text import MM
 Json = Mapping[str, Any]
 ROUND = 12
 """Corners of half a circle."""
+COLOURS = {"arm": "#e6ebf0", "tool": "#ccd5dd", "edge": "#8f9ba7"}
+"""Of figures; artefacts are grey."""
 FACES = np.array([[s if k == axis else 0.0 for k in range(3)] for axis in range(3) for s in (-1.0, 1.0)])
 """Outward normals of a box."""
 
@@ -167,3 +169,10 @@ def stadium(a: np.ndarray, b: np.ndarray, radius: float) -> np.ndarray:
     half = start + np.linspace(0.0, np.pi, ROUND)
     circle = radius * np.stack([np.cos(half), np.sin(half)], axis=1)
     return np.vstack([b + circle, a - circle])
+
+
+def fill(axes: Any, some: Iterable[Outline]) -> None:
+    """Draw outlines, from far to near, into axes of matplotlib."""
+    for o in some:
+        colour = COLOURS.get(o.kind, str(round(0.72 + 0.22 * o.shade, 3)))
+        axes.fill(*o.polygon.T, facecolor=colour, edgecolor=COLOURS["edge"], lw=0.5, zorder=0.5)
