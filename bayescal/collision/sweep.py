@@ -87,7 +87,7 @@ class Pairs:
             Which pairs are compared, in which motions.
         slack : np.ndarray, shape (M, n), optional
             rad: how far joints may be off.
-        floor : float
+        `floor` : float
             A motion that comes nearer, m, is given up. Otherwise its distance is at least this.
         tolerance : float
             m: by how much distances above `floor` may be too small, or `SHARE` of them if that is more.

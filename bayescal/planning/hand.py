@@ -36,7 +36,7 @@ OUTSIDE = "tool outside its working cone"
 STUCK = "no straight approach within the limits"
 EVERY = "@"  # no name of a placement
 ITSELF = "the arm itself"
-WALLED = "no way free of collisions to it"
+WALLED = "no collision-free path to it"
 FAST = "a joint too fast on the approach: near a singularity"
 
 

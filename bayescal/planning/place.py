@@ -181,7 +181,7 @@ def _neighbours(among: np.ndarray, readings: np.ndarray, count: int) -> np.ndarr
 
 
 def _nearest(times: np.ndarray, count: int) -> np.ndarray:
-    """Times (M, n), inf but for the `count` shortest of each row."""
+    """Times (M, n), inf except for the `count` shortest of each row."""
     count = min(count, times.shape[1])
     return np.where(times <= np.partition(times, count - 1, axis=1)[:, count - 1, None], times, np.inf)
 
