@@ -17,6 +17,7 @@ from bayescal.assess.findings import Assessed, Finding, findings, rests_on_prior
 from bayescal.assess.identifiability import Identifiability, identifiability
 from bayescal.assess.shared_causes import SharedCause, rejected_share, shared_causes, with_sharing_rows
 from bayescal.assess.undetermined import Undetermined, undetermined
+from bayescal.checking.mistakes import judged, mistaken
 from bayescal.dataset import Dataset
 from bayescal.effects import parameters_of
 from bayescal.effects.geometry import GEOMETRY
@@ -41,6 +42,10 @@ VALIDATION_DRAWS = 2000
 MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 4_000_000, 400
 """Predictions of single validation measurements, beyond which there are fewer draws of each: 2000 rows."""
 NOMINAL = ("nominal",)
+
+
+GROSS = ("many_rejected", "not_flat", "far_from_nominal", "negative")
+"""Findings behind which a gross mistake of a stated value is looked for, as behind every error."""
 
 
 @dataclass(frozen=True)
@@ -211,6 +216,10 @@ def fit(
     told = findings(
         Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, wide.sd, rigid)
     )
+    if any(f.severity == "error" or f.code in GROSS for f in told):
+        tested = judged(dataset)
+        mistakes = () if tested is None else mistaken(tested)
+        told = (*(Finding(m.code, "error", f"{m.what}; {m.remedy}") for m in mistakes), *told)
     decided = None
     if tolerance is not None:
         decided = conformance(tolerance, expected, checked, tests, of_distances(basis))

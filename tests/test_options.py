@@ -48,6 +48,10 @@ VALUES: dict[tuple[str, str], tuple[str, Any]] = {
     ("blind run", "--rounds"): ("2", "second_round"),
     ("check", "--to"): ("json", None),
     ("robots", "--to"): ("csv", None),
+    ("compensate", "--tcp"): (
+        "1,2,3,18,0,-36",
+        pytest.approx([1e-3, 2e-3, 3e-3, math.pi / 10, 0.0, -math.pi / 5]),
+    ),
     ("plan", "--to"): ("csv", "csv"),
     ("export", "--certificate"): ("given.yaml", "given.yaml"),
     ("export", "--schema"): ("given.xsd", "given.xsd"),
@@ -57,7 +61,7 @@ WITH = {("export", "--certificate"): ("--to", "dcc"), ("export", "--schema"): ("
 """Further options without which one is refused."""
 ALONE = {("simulate", "--setup")}
 """Options with which others are no longer passed on."""
-SI = {"um": 1e-6, "mm": 1e-3, "deg": math.pi / 180.0, "kg": 1.0, "s": 1.0}
+SI = {"um": 1e-6, "mm": 1e-3, "deg": math.pi / 180.0, "kg": 1.0, "s": 1.0, "n": 1.0}
 """Units at the end of an option's name; a parameter without a unit in its name is in SI."""
 
 
@@ -123,10 +127,12 @@ def received(words: str, arguments: list[str]) -> tuple[dict[str, Any], str]:
                 got.update(leaves(value, key))
             result = MagicMock(record={}, csv="as csv")
             for name, back in (("report", "as text"), ("save", ())):
-                method = getattr(result, name)
-                method.side_effect = lambda *a, b=back, n=name: (
-                    got.update({f"{n} {k}": v for k, v in enumerate(a)}) or b
-                )
+
+                def method(*values, _name=name, _back=back, **named):
+                    got.update({f"{_name} {k}": v for k, v in enumerate(values)} | named)
+                    return _back
+
+                setattr(result, name, method)
             return result
 
         return called

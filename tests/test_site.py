@@ -34,6 +34,16 @@ def test_every_page_is_in_the_navigation_once():
     assert set(shown) == PAGES
 
 
+def test_the_site_opens_and_searches_from_the_disk():
+    settings = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
+    assert settings["use_directory_urls"] is False
+    assert [name for name in settings["plugins"] if isinstance(name, str)] == ["search", "offline"]
+    added = settings["extra"]["polyfills"]
+    # with this name the plugin `offline` does not add one that is loaded from a network
+    assert [name for name in added if "iframe-worker" in name and (ROOT / "docs" / name).is_file()] == added
+    assert "http" not in (ROOT / "docs" / added[0]).read_text(encoding="utf-8")
+
+
 def slug(heading: str) -> str:
     """The anchor of a heading."""
     plain = re.sub(r"[`*]", "", heading)
@@ -76,6 +86,9 @@ def test_a_link_to_nowhere_is_reported():
     assert linked("`[x](../nowhere.py)`", "gap.md") == ("`[x](../nowhere.py)`", [])
     assert page_of("analysis/notebooks/first_fit.py") == "notebooks/first_fit.md"
     assert source_of("contributing.md") == "CONTRIBUTING.md"
+    assert source_of("notebooks/first_fit.md") == "analysis/notebooks/first_fit.py"
+    assert linked("[s](../../docs/study.md#x)", "notebooks/first_fit.md") == ("[s](../study.md#x)", [])
+    assert source_of("notebooks/index.md") == "docs/notebooks/index.md"
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -100,7 +113,7 @@ def test_formulas_are_read():
         assert "\\" not in re.sub(r"<[^>]*>", "", convert(formula)), "a command that is not known"
 
 
-def test_scripts_have_a_title_and_an_end():
+def test_addedhave_a_title_and_an_end():
     for folder in scripts.SCRIPTS:
         for path in scripts.scripts(folder):
             assert scripts.title(path)

@@ -2,8 +2,8 @@
 
 Sessions of `bayescal.world`, which shares no code with the model. An arm is fitted to each: with the hidden
 effects where they are in the list of effects, else without. The true arm is brought to readings beside the
-rows of the session, with their history, load and time; its tool points are compared with those of the fitted
-arm. A compensation puts the fitted arm on its target within 0.01 µm, so that these are the errors of
+measurements of the session, with their history, load and time; its TCPs are compared with those of the
+fitted arm. A compensation puts the fitted arm on its target within 0.01 µm, so that these are the errors of
 compensated targets.
 
 The frame of the base of an arm that is calibrated on loosely placed artefacts is its own. So a rigid motion
@@ -58,7 +58,7 @@ class Checked:
 
 
 def checked(made: Made, arm: FittedArm, number: int, kind: str, hidden: str) -> Checked:
-    """Compare the tool points of the true arm and the fitted one beside rows of the session."""
+    """Compare the TCP positions of the true arm and the fitted one beside rows of the session."""
     m, rng = arm.dataset.measurements, np.random.default_rng(number)
     rows = rng.choice(len(m.ids), COUNT, replace=False)
     readings = m.readings[rows] + rng.uniform(-MOVED, MOVED, (COUNT, arm.dataset.robot.n))

@@ -1,8 +1,8 @@
 """Clearance of planned motions by fine sampling: forward kinematics and distances of its own.
 
-It takes from the program the numbers of capsules and solids, which pairs are compared, and the plan. It computes
-nothing with the program: joint angles by the rows of the kinematic table, distances of segments from boxes,
-segments and planes in closed form, and the lines of the tool by its own inverse kinematics.
+It takes from the program the numbers of capsules and solids, which pairs are compared, and the plan. It
+computes nothing with the program: poses follow from the rows of the kinematic table, distances of segments
+from boxes, segments and planes from closed forms, and the lines of the tool from its own inverse kinematics.
 """
 
 from __future__ import annotations
@@ -60,11 +60,15 @@ def screw(alpha: float, a: float) -> np.ndarray:
 
 @dataclass
 class Cell:
-    """Capsules (frame, a, b, radius, probe), solids by their numbers, and pairs of capsules that are compared."""
+    """Capsules (frame, a, b, radius, probe) and solids by their numbers.
+
+    What is compared: pairs of capsules, `own`, and pairs of a capsule and a solid, `pairs`.
+    """
 
     table: Table
     capsules: list
     own: list
+    pairs: set
     solids: list = field(default_factory=list)
 
     def clearance(self, readings: np.ndarray, touched: int = -1) -> np.ndarray:
@@ -78,8 +82,8 @@ class Cell:
         out = np.full(len(readings), NEAR)
         for s, shapes in enumerate(self.solids):
             for k, (kind, *numbers) in enumerate(shapes):
-                for (a, b), (frame, _, _, radius, probe) in zip(ends, self.capsules, strict=True):
-                    if frame == 0 or (kind == "plane" and frame == 1) or (s == touched and k == 0 and probe):
+                for c, ((a, b), (*_, radius, probe)) in enumerate(zip(ends, self.capsules, strict=True)):
+                    if (c, s) not in self.pairs or (s == touched and k == 0 and probe):
                         continue
                     out = np.minimum(out, FROM[kind](a, b, *numbers) - radius)
         for i, j in self.own:
@@ -112,7 +116,7 @@ class Cell:
         def at(q):
             f = self.table.frames(q)[:, -1]
             r = np.swapaxes(np.broadcast_to(turn, (len(q), 3, 3)), 1, 2) @ f[:, :3, :3]
-            skew = np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
+            skew = np.stack([r[:, i, j] - r[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
             return np.concatenate([f[:, :3, :3] @ tool + f[:, :3, 3] - place, 0.5 * skew], axis=1)
 
         step = 1e-6
@@ -179,8 +183,7 @@ def from_box(a, b, turn, centre, half) -> np.ndarray:
     for axis in range(3):
         for i in (-1, 1):
             for j in (-1, 1):
-                corner = np.zeros(3)
-                corner[(axis + 1) % 3], corner[(axis + 2) % 3] = i * half[(axis + 1) % 3], j * half[(axis + 2) % 3]
+                corner = half * np.roll([0, i, j], axis)
                 edge = np.zeros(3)
                 edge[axis] = half[axis]
                 best = np.minimum(best, from_segment(a, b, corner - edge, corner + edge, 0.0))

@@ -1,8 +1,8 @@
 """Whether planned motions are as free as they are stated, by fine sampling (`sampled`) in random cells.
 
-A cell is a robot with a probe, a box and spheres on stems at random places, of which some are placed one after
-the other, and a seed. `python -m analysis.planning.ways CELLS` prints the collisions, and the ways that are nearer
-than stated, among all motions of all cells.
+A cell is a robot with a probe, a box and spheres on stems at random places, of which some are placed one
+after the other, and a seed. `python -m analysis.planning.ways CELLS` prints the collisions, and the cells
+with a way that is nearer than stated, among all motions of all cells.
 """
 
 from __future__ import annotations
@@ -54,8 +54,10 @@ def setup_of(seed: int) -> Setup:
                 values = {"normal": sign * axis, "offset": float(sign * axis @ middle + half[k])}
                 targets.append(Target(f"block.{'-+'[sign > 0]}{'xyz'[k]}", "plane", values))
     for k in range(4):
-        away = middle + axes[0] * rng.uniform(-1, 1) * half[0] + axes[1] * rng.choice([-1, 1]) * (
-            half[1] + size * rng.uniform(0.15, 0.35)
+        away = (
+            middle
+            + axes[0] * rng.uniform(-1, 1) * half[0]
+            + axes[1] * rng.choice([-1, 1]) * (half[1] + size * rng.uniform(0.15, 0.35))
         )
         away[2] = middle[2] + rng.uniform(-0.5, 1.2) * half[2]
         name = f"ball.{'AB'[k % 2]}@{1 + k // 2}"
@@ -78,10 +80,11 @@ def cell_of(setup: Setup, tool: int, label: str) -> Cell:
     robot = setup.dataset.robot
     rows = np.stack([robot.alpha, robot.a, robot.d, robot.offset], axis=1)
     table = Table(rows, robot.convention, robot.link_from_reading, robot.base, robot.flange)
-    check = Clearance.of(robot, setup.dataset.tools[tool])
+    around = scene(setup)
+    check = Clearance.of(robot, setup.dataset.tools[tool], around.solids)
     capsules = [(c.frame, c.a, c.b, c.radius, c.probe) for c in check.capsules]
     solids = []
-    for solid in scene(setup).solids:
+    for solid in around.solids:
         own = []
         for shape in solid.shapes if solid.placement in ("", label) else ():
             if isinstance(shape, HalfSpace):
@@ -93,7 +96,7 @@ def cell_of(setup: Setup, tool: int, label: str) -> Cell:
             else:
                 own.append(("segment", shape.a, shape.b, shape.radius))
         solids.append(own)
-    return Cell(table, capsules, list(check.own), solids)
+    return Cell(table, capsules, list(check.own), {(p.capsule, p.solid) for p in check.pairs}, solids)
 
 
 def checked(seed: int) -> dict[str, float]:

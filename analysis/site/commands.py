@@ -47,6 +47,8 @@ SECTION = """## {path}
 | --- | --- |
 {table}
 
+{examples}
+
 """
 
 
@@ -55,7 +57,9 @@ def section(path: str, command: Any, context: Any) -> str:
     records = [p.get_help_record(context) for p in command.get_params(context)]
     table = "\n".join(_row(record) for record in records if record)
     usage = " ".join(command.collect_usage_pieces(context))
-    return SECTION.format(path=path, help=command.help, usage=usage, table=table)
+    lines = [line for line in command.epilog.splitlines() if line.startswith("bayescal ")]
+    examples = "\n".join(f"    {line}" for line in lines)
+    return SECTION.format(path=path, help=command.help, usage=usage, table=table, examples=examples)
 
 
 def page() -> str:

@@ -34,7 +34,12 @@ def page_of(path: str) -> str | None:
 
 def source_of(page: str) -> str:
     """The file of the repository from which a page is read; generated pages count as files of `docs`."""
-    return {page: path for path, page in TOP.items() if path != "README.md"}.get(page, f"docs/{page}")
+    top = {page: path for path, page in TOP.items() if path != "README.md"}
+    folder, name = posixpath.split(page)
+    script = next(
+        (f"{path}/{name.removesuffix('.md')}.py" for path, to in SCRIPTS.items() if to == folder), ""
+    )
+    return top.get(page) or (script if script and (ROOT / script).exists() else f"docs/{page}")
 
 
 def linked(markdown: str, page: str) -> tuple[str, list[str]]:

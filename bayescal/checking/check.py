@@ -10,6 +10,7 @@ import numpy as np
 
 from bayescal.checking.finding import KINDS, Finding
 from bayescal.checking.missing import missing, model_of
+from bayescal.checking.mistakes import hidden, judged, mistaken
 from bayescal.checking.odd import odd
 from bayescal.dataset import Certificate, Dataset
 from bayescal.dataset.read import read_parts
@@ -41,6 +42,8 @@ class Check:
         Effects that a diagnosis can assess, beyond the model.
     not_assessed : mapping of str to str
         Effects, or an effect at a site, that it cannot, with the reason.
+    hidden : tuple of str
+        Gross mistakes that these data would not show, in words.
     findings : tuple of Finding
         In the order of `KINDS`.
     """
@@ -51,6 +54,7 @@ class Check:
     values: int
     assessed: tuple[str, ...]
     not_assessed: dict[str, str]
+    hidden: tuple[str, ...]
     findings: tuple[Finding, ...]
 
 
@@ -76,6 +80,12 @@ def check(folder: Path | str, allow_xacro: bool = False) -> Check:
     found = list(odd(dataset, table, document))
     posed = not any(f.code in UNPOSED for f in found)
     found += missing(scene, model, known, posed)
+    tested = None if any(f.kind == "refused" for f in found) else judged(dataset)
+    if tested is not None:
+        told = [Finding(m.code, "odd", m.what, document.where(m.place), m.remedy) for m in mistaken(tested)]
+        if any("diameter_mm" in f.what for f in told):
+            found = [f for f in found if f.code != "diameter"]  # that the contacts show another one
+        found += told
     return Check(
         dataset=dataset,
         modelled=modelled,
@@ -83,6 +93,7 @@ def check(folder: Path | str, allow_xacro: bool = False) -> Check:
         values=0 if model is None else sum(block.residuals for block in model.blocks),
         assessed=() if known is None else _assessed(known, circumstances, modelled),
         not_assessed={} if known is None else dict(known.missing),
+        hidden=() if tested is None else tuple(hidden(tested)),
         findings=tuple(sorted(found, key=lambda f: KINDS.index(f.kind))),
     )
 
@@ -129,6 +140,7 @@ def check_record(of: Check) -> dict[str, Any]:
         "values": of.values,
         "assessed": list(of.assessed),
         "not_assessed": of.not_assessed,
+        "not_shown": list(of.hidden),
         "findings": [vars(f) for f in of.findings],
     }
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from bayescal.checking.conventions import other_convention
 from bayescal.checking.finding import Finding
 from bayescal.dataset import Dataset
 from bayescal.dataset.checks import orientation_check, plausibility, torque_check
 from bayescal.dataset.checks.certified import contradictions
+from bayescal.dataset.checks.conventions import explanation
 from bayescal.dataset.checks.misfit import nominal
 from bayescal.dataset.checks.planned import planned
-from bayescal.dataset.read import TABLE
 from bayescal.dataset.table import Table
 from bayescal.errors import BayescalError
 from bayescal.files import Document
@@ -34,20 +34,11 @@ def odd(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]
     yield from _lengths(dataset, document)
     yield from _doubled(dataset, table)
     yield from _clock(dataset, table)
-    convention = other_convention(dataset)
+    convention = explanation(dataset, document)
     refused = list(_refused(dataset, table, document))
-    units = [f for f in refused if f.code == "units"]
-    if convention is not None and not units:
-        what, where, before, after = convention
-        what += f": rows are {1e3 * before:.0f} mm off their targets, and then {1e3 * after:.2g} mm"
-        of_tool = where == "tools"
-        place = document.where(("tools",)) if of_tool else f"{TABLE}: `{where}`"
-        remedy = (
-            "write it in mm"
-            if of_tool
-            else "correct `link_from_reading` or `offset_deg` in the robot file, or the column"
-        )
-        yield Finding("convention", "refused" if refused else "odd", what, place, remedy)
+    if convention is not None and not any(f.code == "units" for f in refused):
+        found = Finding.of(convention, "convention")
+        yield found if refused else replace(found, kind="odd")
         return
     yield from refused
     if not refused:

@@ -39,7 +39,11 @@ def plan(
         ),
     ] = None,
     levers: Annotated[
-        str, typer.Option(help="What may be varied beside the pose, separated by commas: payload, approach.")
+        str,
+        typer.Option(
+            help="What may be varied beside the pose, separated by commas: payload (the masses that "
+            "`plan: {payload_kg}` of dataset.yaml lists), approach."
+        ),
     ] = "payload,approach",
     model: Annotated[
         str,
@@ -48,6 +52,9 @@ def plan(
             "the diagnosis]."
         ),
     ] = "",
+    validation: Annotated[
+        bool, typer.Option(help="Add contacts that validate spheres of certified distances.")
+    ] = True,
     order: Annotated[
         str, typer.Option(help="sweeps (each visits all targets), shortest, or random.")
     ] = "sweeps",
@@ -94,6 +101,7 @@ def plan(
             after=after,
             levers=levers,
             order=order,
+            validation=validation,
             candidates=candidates,
             seed=seed,
             allow_xacro=allow_xacro,

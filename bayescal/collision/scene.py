@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.collision.shapes import FIXED, Ball, Box, Capsule, HalfSpace, Shape
+from bayescal.collision.shapes import FIXED, Ball, Box, Capsule, Cylinder, HalfSpace, Hull, Shape
 from bayescal.dataset.types import Dataset, Target
 
 STEM = 0.1
@@ -90,6 +90,22 @@ def _pedestal(shape: Shape, up: np.ndarray, height: float) -> tuple[Shape, ...]:
     half[axis] = 0.5 * (bottom - height)
     pose[:3, 3] -= (shape.half[axis] + half[axis]) * up
     return (Box(pose, half),)
+
+
+def own_solids(dataset: Dataset) -> tuple[Solid, ...]:
+    """The solids that a session states (`solids:` in dataset.yaml)."""
+    out = []
+    for own in dataset.solids:
+        turn, centre = own.pose[:3, :3], own.pose[:3, 3]
+        shape: Shape
+        if own.kind == "box":
+            shape = Box(own.pose, 0.5 * own.size)
+        elif own.kind == "cylinder":
+            shape = Cylinder(centre, turn[:, 2], 0.5 * float(own.size[1]), 0.5 * float(own.size[0]))
+        else:
+            shape = Hull(own.points @ turn.T + centre)
+        out.append(Solid(own.name, (shape,), own.placement))
+    return tuple(out)
 
 
 def up_of(dataset: Dataset) -> np.ndarray:

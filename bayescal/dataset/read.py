@@ -12,6 +12,7 @@ from bayescal.dataset import artefact, session
 from bayescal.dataset.checks import orientation_check, plausibility, torque_check
 from bayescal.dataset.rows import measurements_of
 from bayescal.dataset.schema import SCHEMA, file_model
+from bayescal.dataset.solids import solids_of
 from bayescal.dataset.table import Table, read_table
 from bayescal.dataset.types import Certificate, Dataset, Measurements
 from bayescal.errors import BayescalError, listed
@@ -125,6 +126,7 @@ def read_settings(
         torques=file.torques,
         plan=session.plan_of(document, file, targets, robot.n),
         record=session.record_of(file),
+        solids=solids_of(document, file.solids, path.parent, [t.name for t in targets]),
         source=file.source,
         unfilled=tuple(document.unfilled),
         sha256=_digest(document.content, *contents),

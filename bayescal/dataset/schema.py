@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Union
 from pydantic import AfterValidator, Field, create_model
 from pydantic_core import PydanticCustomError
 
+from bayescal.dataset.solids import SolidEntry
 from bayescal.dataset.target_kinds import KINDS, MEANING, TargetKind
 from bayescal.files import Keys, Name, NotNegative, Number, Positive, Uncertain, UncertainOrKnown, Vector
 
@@ -159,6 +160,9 @@ class PlanEntry(Keys):
         default=None,
         description="Greatest angle between the tool's z axis and the inward normal; default 60.",
     )
+    clearance_mm: Positive | None = Field(
+        default=None, description="Smallest clearance of motions between contacts; default 5."
+    )
     poses_deg: tuple[tuple[Number, ...], ...] = Field(
         default=(), description="Joint readings of poses between which distances must be accurate."
     )
@@ -237,6 +241,9 @@ class DatasetFile(Keys):
     )
     torques: Literal["computed", "measured"] = Field(
         default="computed", description="Joint torques: computed from the masses, or the columns `j1_nm` ..."
+    )
+    solids: dict[str, SolidEntry] = Field(
+        default={}, description="Own solids around the arm, by name: fixtures, tables, fences; for motions."
     )
     plan: PlanEntry | None = Field(
         default=None, description="What `bayescal plan` needs; no other command reads it."

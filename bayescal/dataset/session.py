@@ -156,6 +156,7 @@ def plan_of(
         table=_scaled(stated.table_mm, 1e-3),
         payloads=stated.payload_kg,
         cone=_scaled(stated.cone_deg, si("cone_deg")),
+        clearance=_scaled(stated.clearance_mm, 1e-3),
         poses=tuple(tuple(x * si("poses_deg") for x in pose) for pose in stated.poses_deg),
     )
 

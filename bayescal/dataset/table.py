@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -126,9 +126,14 @@ class Table:
         return np.array(self.cells[column]) if column in self.cells else None
 
 
-def read_table(path: Path, n: int) -> Table:
-    """Read measurements.csv of an arm with `n` joints: header and shape checked, cells still text."""
-    return read_cells(path, lambda header, where: _check_header(header, where, n))
+def read_table(path: Path, n: int, beside: Collection[str] = ()) -> Table:
+    """Read measurements.csv of an arm with `n` joints: header and shape checked, cells still text.
+
+    `beside`: columns that may be there, and are not checked.
+    """
+    return read_cells(
+        path, lambda header, where: _check_header([c for c in header if c not in beside], where, n)
+    )
 
 
 def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Table:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.arm.robot import Robot
+from bayescal.dataset.solids import OwnSolid
 
 ROLES = ("calibrate", "validate", "locate")
 
@@ -146,6 +147,8 @@ class PlanSettings:
         Masses, kg, that can be attached in addition to the tool.
     cone : float or None
         Greatest angle, rad, between the axis of the tool and the inward normal.
+    clearance : float or None
+        Smallest clearance, m, of motions between contacts.
     poses : tuple of tuple of float
         Readings (n), rad, of poses between which distances must be accurate.
     """
@@ -155,6 +158,7 @@ class PlanSettings:
     table: float | None = None
     payloads: tuple[float, ...] = ()
     cone: float | None = None
+    clearance: float | None = None
     poses: tuple[tuple[float, ...], ...] = ()
 
 
@@ -226,6 +230,7 @@ class Dataset:
     source: str | None = None
     plan: PlanSettings | None = None  # for `bayescal plan`; no other computation depends on it
     record: Record = Record()  # for the header of reports; empty where several sessions are joined
+    solids: tuple[OwnSolid, ...] = ()  # around the arm, for motions
     unfilled: tuple[tuple[str | int, ...], ...] = ()  # keys in dataset.yaml of values that are only assumed
     sha256: str = ""  # of dataset.yaml, measurements.csv and the robot file
     sessions: tuple[Dataset, ...] = ()  # those joined in this one, each as it was read

@@ -14,6 +14,7 @@ from bayescal.dataset.artefact import artefact_text
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.schema import CERTIFICATES, SCHEMA, RecordEntry, ToolEntry
 from bayescal.dataset.session import FIELDS, NAMES
+from bayescal.dataset.solids import OwnSolid, hull_stl, solid_keys
 from bayescal.dataset.table import JOINT, RPY, XYZ, joint_columns
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Certificate, Dataset, PlanSettings, Record, Target, Tool
@@ -73,7 +74,11 @@ def write_setup(dataset: Dataset, folder: Path) -> tuple[str, ...]:
         files[ARTEFACT] = artefact_text(points)
     for name, text in files.items():
         _write(folder / name, text)
-    return tuple(files)
+    meshes = {s.file: s.points for s in dataset.solids if s.file}
+    for name, corners in meshes.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(hull_stl(corners))
+    return (*files, *meshes)
 
 
 def _write(path: Path, text: str) -> None:
@@ -166,6 +171,8 @@ def plan_lines(plan: PlanSettings) -> Iterator[str]:
         yield f"  payload_kg: {_text('payload_kg', np.array(plan.payloads))}"
     if plan.cone is not None:
         yield f"  cone_deg: {_text('cone_deg', plan.cone)}"
+    if plan.clearance is not None:
+        yield f"  clearance_mm: {_text('clearance_mm', plan.clearance)}"
     if plan.poses:
         poses = (_text("poses_deg", np.array(pose)) for pose in plan.poses)
         yield f"  poses_deg: [{', '.join(poses)}]"
@@ -185,6 +192,11 @@ def record_lines(record: Record) -> Iterator[str]:
     if any(values.values()):
         yield "record:"
         yield from (f"  {key}: {text}" for key, text in values.items() if text)
+
+
+def _solid_keys(solid: OwnSolid) -> Keys:
+    for key, value in solid_keys(solid):
+        yield key, scalar(value) if isinstance(value, str) else _text(key, value)
 
 
 def _settings(dataset: Dataset, robot: str) -> str:
@@ -228,6 +240,8 @@ def _settings(dataset: Dataset, robot: str) -> str:
         lines.append(f"temperature_of: {dataset.temperature_of}")
     if dataset.torques != "computed":
         lines.append(f"torques: {dataset.torques}")
+    if dataset.solids:
+        lines += ["solids:", *(f"  {scalar(s.name)}: {flow(_solid_keys(s))}" for s in dataset.solids)]
     if dataset.plan is not None:
         lines += plan_lines(dataset.plan)
     lines += record_lines(dataset.record)

@@ -30,7 +30,7 @@ ZERO = np.radians(2.0)
 NOMINAL = np.radians(0.05)
 """rad: axes that differ by less are nominal, with rounded angles; else the file is calibrated."""
 PLACED = (np.radians(2.0), LENGTH)
-"""rad, m: a root within this of a multiple of 90 deg, and of F0's origin, is there, unless a file is exact."""
+"""rad, m: a root within this of a multiple of 90 deg, and of F0, is there, unless the file is exact."""
 ROUNDED = 1e-5
 """rad, m: difference of axes beyond which lengths of a file are rounded, or it is calibrated."""
 LEVER, STEPS, STEP = 0.3, 20, 1e-6

@@ -21,6 +21,8 @@ from bayescal.importing.pair import check_ids
 from bayescal.importing.probing import CONTACT, numbered, state_of, unmade
 
 PLAN = "plan.csv"
+CLEARANCE = "clearance_mm"
+"""Column of a plan that a session does not have."""
 MEASURED = "measured.csv"
 """Rows of the session that a plan continues, beside the plan."""
 UNTOUCHED = 1e-6
@@ -102,7 +104,7 @@ def measured_before(plan: Path, base: Dataset) -> Measurements | None:
     if not path.is_file():
         return None
     n = base.robot.n
-    return measurements_of(read_table(path, n), n, base.tools, base.targets, base.noise)
+    return measurements_of(read_table(path, n, (CLEARANCE,)), n, base.tools, base.targets, base.noise)
 
 
 def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.planning.hand import TURNING, Hand, Reached
+from bayescal.planning.hand import TURNING, WALLED, Hand, Reached
 from bayescal.planning.obstacles import scene
 from bayescal.planning.pool import Pool, Setup
 from bayescal.planning.rows import Possible, session_of
@@ -29,6 +29,7 @@ def candidates(
     seed: int = 0,
     progress: Callable[[str, float], None] = lambda stage, fraction: None,
     turning: float = TURNING,
+    validation: bool = True,
 ) -> Pool:
     """Possible contacts of a setup.
 
@@ -43,6 +44,8 @@ def candidates(
         Called with a stage and the fraction done.
     turning : float
         Rotation of the tool during the approach, rad, by which joints come to a contact from both sides.
+    validation : bool
+        Whether spheres that validate are located.
 
     Returns
     -------
@@ -61,6 +64,12 @@ def candidates(
         if not tried_once(setup, fitted, count, turning, rng):
             break
         progress("candidates", 0.9 * max(min(1.0, sum(s.have for s in fitted) / count), k / ROUNDS))
+    walled = [s for s in fitted if not s.have and s.dropped[WALLED]]
+    for search in walled:  # nothing else serves
+        search.tried, search.by_hand = 0, True
+    for _ in range(ROUNDS if walled else 0):
+        if not tried_once(setup, walled, count * len(walled) // len(fitted), turning, rng):
+            break
     if not any(s.have for s in fitted):
         what = f"no contact is reached: {_reasons(sum((s.dropped for s in fitted), Counter()))}"
         raise BayescalError(
@@ -72,7 +81,12 @@ def candidates(
         if s.have
     ]
     warnings = [_few(setup, s, count / len(fitted)) for s in fitted if s.have < FEW * count / len(fitted)]
-    missing = _unlocated(setup, searches)
+    warnings += [
+        f"{setup.dataset.targets[s.target].name} can only be reached by hand: {WALLED}"
+        for s in walled
+        if s.have
+    ]
+    missing = _unlocated(setup, searches) if validation else []
     for tool in sorted({min(s.hands) for s in missing}):
         own = [s for s in missing if min(s.hands) == tool]
         for s, reached in zip(own, located(setup, own, tool, own[0].hands[tool], rng), strict=True):

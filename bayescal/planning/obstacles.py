@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.collision import FIXED, Box, Capsule, HalfSpace, Scene, Shape, Solid, on_table, scene_of
-from bayescal.collision.scene import STEM, up_of
+from bayescal.collision.scene import STEM, own_solids, up_of
 from bayescal.dataset import Target
 from bayescal.planning.pool import Region, Setup
 
@@ -31,7 +31,7 @@ def scene(setup: Setup) -> Scene:
     """The solids of a setup: boxes and spheres (`scene_of`), walls, cylinders, posts of seats, the table.
 
     Without a stated table it is below the lowest solid; boxes stand on it by pedestals. A single placement
-    of spheres is there all the time.
+    of spheres is there all the time. Own solids of the session do not stand on anything.
     """
     dataset, up = setup.dataset, up_of(setup.dataset)
     known = scene_of(dataset, with_table=False)
@@ -46,9 +46,11 @@ def scene(setup: Setup) -> Scene:
     )
     of_solid = {solid: of_target[name] for name, solid in of.items()}
     solids = [replace(solid, placement=of_solid.get(k, "")) for k, solid in enumerate(solids)]
-    if not solids and setup.table is None:
-        return Scene((), of)
-    return Scene(on_table(solids, up, setup.table), of)
+    if solids or setup.table is not None:
+        solids = list(on_table(solids, up, setup.table))
+    used = set(of_target.values())  # a single placement is there all the time
+    own = [replace(s, placement=s.placement if s.placement in used else "") for s in own_solids(dataset)]
+    return Scene((*solids, *own), of)
 
 
 def table_height(around: Scene) -> float | None:

@@ -199,13 +199,19 @@ def _placements(pool: Pool, rows: np.ndarray) -> np.ndarray:
 
 
 def _stations(pool: Pool, rows: np.ndarray, some: np.ndarray) -> list[np.ndarray]:
-    """Positions `some` by placement, in the order of the targets; what stays is dealt to all of them."""
+    """Positions `some` by placement, in the order of the targets, and by tool.
+
+    What stays is dealt to all placements. The tool changes only where it has to.
+    """
     label, target = _placements(pool, rows)[some], pool.session.measurements.target[rows[some]]
     stays = some[label == ""]
     names = [str(name) for name in dict.fromkeys(label[np.argsort(target, kind="stable")]) if name]
-    if not names:
-        return [stays] if len(stays) else []
-    return [np.concatenate([some[label == name], stays[k :: len(names)]]) for k, name in enumerate(names)]
+    parts = [np.concatenate([some[label == name], stays[k :: len(names)]]) for k, name in enumerate(names)]
+    tool, out = pool.session.measurements.tool, []
+    for k, part in enumerate(parts or [stays]):
+        own = [part[tool[rows[part]] == t] for t in np.unique(tool[rows[part]])]
+        out += own[:: -1 if k % 2 else 1]
+    return out
 
 
 def _dealt(

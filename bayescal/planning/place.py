@@ -7,7 +7,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from bayescal.collision import Clearance
@@ -19,12 +20,14 @@ AT_ONCE = 8  # of them that are tried at once, those of the shortest way first
 MOST = 48
 """Configurations that are tried alone, before several of them one after the other are."""
 NEIGHBOURS = 8  # of each configuration, to which motions are considered
-CHAINED = 400  # configurations of which a way may pass several
-ENDS = 60  # of them, to which motions from the ends of a way are considered
+CHAINED = (400, 60), (NODES, 250)
+"""Configurations of which a way may pass several, and how many of them are considered next to its ends; the
+second where no way is found with the first."""
 ROUNDS = 40  # of a search for a way over several configurations
 RAISED = 0.1
 """m: distance of the tool from all solids where the arm waits for a change, if it can be had (assumed)."""
-LINKED = 12  # raised configurations to one of which a free motion must exist
+HUBS = 300  # raised configurations between which motions are checked
+LINKED = 12  # of those that are connected, to one of which a free motion must exist
 TOLERANCE = 1e-3
 """m: by how much the clearance of a way may be stated too small, if less than a tenth of it."""
 
@@ -73,15 +76,24 @@ class Place:
         return np.where(self.free(readings, readings), away, -1.0)
 
     def linked(self, readings: np.ndarray) -> np.ndarray:
-        """Whether a free motion from each of readings (M, n), rad, leads to a raised configuration, (M,)."""
-        out = np.zeros(len(readings), bool)
-        count = min(LINKED, len(self.raised))
-        if count:
-            near = cKDTree(self.raised).query(readings, count, p=np.inf)[1].reshape(len(readings), count)
-            for k in range(count):
-                left = np.flatnonzero(~out)
-                out[left] = self.free(readings[left], self.raised[near[left, k]])
+        """Whether a free motion from each of readings (M, n), rad, leads to one of `hubs`, (M,)."""
+        out, count = np.zeros(len(readings), bool), min(LINKED, len(self.hubs))
+        near = _neighbours(self.hubs, readings, count)
+        for k in range(count):
+            left = np.flatnonzero(~out)
+            out[left] = self.free(readings[left], self.hubs[near[left, k]])
         return out
+
+    @cached_property
+    def hubs(self) -> np.ndarray:
+        """The most raised configurations (K, n) that free motions connect."""
+        some = self.raised[:HUBS]
+        near = _neighbours(some, some, min(NEIGHBOURS, len(some)))
+        a, b = np.repeat(np.arange(len(some)), near.shape[1]), near.ravel()
+        ok = self.free(some[a], some[b])
+        joined = csr_matrix((ok[ok], (a[ok], b[ok])), (len(some), len(some)))
+        label = connected_components(joined, directed=False)[1]
+        return some[label == np.bincount(label).argmax()] if len(some) else some
 
     def ways(self, begin: np.ndarray, end: np.ndarray) -> list[np.ndarray | None]:
         """Readings (K, n), rad, to pass between readings (M, n), most often none; None if no way is found.
@@ -102,24 +114,26 @@ class Place:
             for m in np.unique(move[ok]):
                 out[m] = some[[int(np.argmax(ok & (move == m)))]]
             left = np.array([m for m in left if out[m] is None], int)
-        for m, way in zip(left, self._chained(begin[left], end[left]), strict=True):
-            out[m] = way
+        for count, ends in CHAINED:
+            for m, way in zip(left, self._chained(begin[left], end[left], count, ends), strict=True):
+                out[m] = way
+            left = np.array([m for m in left if out[m] is None], int)
         return out
 
-    def _chained(self, begin: np.ndarray, end: np.ndarray) -> list[np.ndarray | None]:
+    def _chained(self, begin: np.ndarray, end: np.ndarray, count: int, ends: int) -> list[np.ndarray | None]:
         """As `ways`, past several configurations: the shortest way whose motions are all found free.
 
         Only the motions of ways that are the shortest yet are checked (Bohlin and Kavraki 2000, "Path
         planning using lazy PRM").
         """
-        nodes, cost, known = self._graph
+        nodes, cost, known = self._graph(count)
         n = len(nodes)
         out: list[np.ndarray | None] = [None] * len(begin)
         if n < 2:
             return out
         own = np.full((len(begin), n + 2, n + 2), np.inf)  # from the begin, n, and to the end, n + 1
-        own[:, n, :n] = _nearest(seconds_between(begin[:, None], nodes))
-        own[:, :n, n + 1] = _nearest(seconds_between(nodes, end[:, None]))
+        own[:, n, :n] = _nearest(seconds_between(begin[:, None], nodes), ends)
+        own[:, :n, n + 1] = _nearest(seconds_between(nodes, end[:, None]), ends)
         sure = np.zeros(own.shape, bool)
         left = list(range(len(begin)))
         for _ in range(ROUNDS):
@@ -145,17 +159,30 @@ class Place:
         return out
 
     @cached_property
-    def _graph(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _graphs(self) -> dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        return {}
+
+    def _graph(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes (n, k), times of motions between near ones (n, n), inf for others, and which were checked."""
-        nodes = self.nodes[:CHAINED]
+        if count in self._graphs:
+            return self._graphs[count]
+        nodes = np.concatenate([self.hubs, self.nodes])[:count]
         times = seconds_between(nodes[:, None], nodes)
         far = times > np.sort(times, axis=1)[:, : NEIGHBOURS + 1].max(axis=1, initial=0.0)[:, None]
-        return nodes, np.where(far & far.T, np.inf, times), np.zeros(times.shape, bool)
+        self._graphs[count] = nodes, np.where(far & far.T, np.inf, times), np.zeros(times.shape, bool)
+        return self._graphs[count]
 
 
-def _nearest(times: np.ndarray) -> np.ndarray:
-    """Times (M, n), inf but for the `ENDS` shortest of each row."""
-    count = min(ENDS, times.shape[1])
+def _neighbours(among: np.ndarray, readings: np.ndarray, count: int) -> np.ndarray:
+    """The `count` nearest of `among` (K, n) to each of readings (M, n), (M, count), the nearest first."""
+    if not count:
+        return np.empty((len(readings), 0), int)
+    return np.asarray(cKDTree(among).query(readings, count, p=np.inf)[1]).reshape(len(readings), count)
+
+
+def _nearest(times: np.ndarray, count: int) -> np.ndarray:
+    """Times (M, n), inf but for the `count` shortest of each row."""
+    count = min(count, times.shape[1])
     return np.where(times <= np.partition(times, count - 1, axis=1)[:, count - 1, None], times, np.inf)
 
 

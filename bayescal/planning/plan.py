@@ -12,7 +12,6 @@ from bayescal.dataset import Dataset
 from bayescal.dataset.append import taken
 from bayescal.errors import BayescalError
 from bayescal.gap.result import Pair
-from bayescal.gap.settings import DESIGN
 from bayescal.model import check_asked
 from bayescal.model.parts import Part
 from bayescal.planning import order as orders
@@ -58,6 +57,7 @@ def plan(
     pairs: Sequence[Pair] = (),
     without: Sequence[Part] = (),
     probability: Mapping[str, float] | None = None,
+    validation: bool = True,
     progress: Callable[[str, float], None] = lambda stage, fraction: None,
 ) -> Plan:
     """Choose contacts to measure.
@@ -87,6 +87,8 @@ def plan(
         Parts that the model lacks.
     probability : mapping of str to float, optional
         Of effects by a diagnosis: how much each counts beside the pairs.
+    validation : bool
+        Whether contacts that validate spheres of certified distances are added.
     progress : callable
         Called with the stage and its completed fraction.
 
@@ -100,7 +102,7 @@ def plan(
     check_asked(effects, 1.0)
     of_pool, of_distances, of_gap, of_order = spawned(seed, 4)
     pool = candidates(
-        _loaded(setup, levers), count, of_pool, progress, turning=TURNING if APPROACH in levers else 0.0
+        _loaded(setup, levers), count, of_pool, progress, TURNING if APPROACH in levers else 0.0, validation
     )
     linear = linearised(pool, effects, without=without)
     few = check_count(linear, contacts)
@@ -189,11 +191,10 @@ def _check(aim: str, levers: Sequence[str], order: str, contacts: int) -> None:
 
 
 def _loaded(setup: Setup, levers: Sequence[str]) -> Setup:
-    """The setup with the payloads that the levers permit: its own, else the usual one if masses are known."""
-    robot = setup.dataset.robot
-    if PAYLOAD not in levers or robot.masses is None:
+    """The setup with the payloads that it lists, if the levers permit them and masses are known."""
+    if PAYLOAD not in levers or setup.dataset.robot.masses is None:
         return replace(setup, payloads=())
-    return setup if setup.payloads else replace(setup, payloads=(DESIGN.payload,))
+    return setup
 
 
 def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:

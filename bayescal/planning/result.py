@@ -109,7 +109,7 @@ class Plan:
     seed : int
     via : tuple of np.ndarray, shape (K, n), or None
         Readings, rad, to be passed on the way to the approach of each row, most often none (K = 0); None
-        where no collision-free path was found, and the arm is moved by hand (`by_hand`). The way begins at
+        where no collision-free path was found, and the arm is jogged manually (`by_hand`). The way begins at
         the approach of the row before, or at the last of `leave` where the arm has stopped.
     leave : tuple of np.ndarray, shape (K, n), or None
         Of each row before which something is changed (`changes`): readings, rad, to be passed from the
@@ -119,10 +119,10 @@ class Plan:
         other rows; None where no free way was found.
     changes : tuple of str
         What the person has to do before each row while the arm waits, such as "mount tool ball2; move the
-        artefact to placement 4; attach 2 kg beyond the tool"; "" if nothing. Of the first row what is to be
+        artefact to placement 4; attach 2 kg to the tool"; "" if nothing. Of the first row what is to be
         there at the beginning.
     by_hand : tuple of str
-        How the arm is moved by hand to the approach of each row, in words; "" where a free way is known.
+        How the arm is jogged manually to the approach of each row, in words; "" where a free way is known.
     clearance : np.ndarray, shape (N,)
         Smallest distance, m, of arm, tool and solids from each other on all motions of a row: the way there
         with its stop, the approach and the retract. nan where a part of the way is by hand.

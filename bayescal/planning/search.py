@@ -23,7 +23,10 @@ HOPELESS = 1500, 0.004
 
 @dataclass
 class Search:
-    """The search on one target: contacts so far with their tools, places tried, and why others were none."""
+    """The search on one target: contacts so far with their tools, places tried, and why others were none.
+
+    `by_hand`: contacts to which no free way leads are among them.
+    """
 
     target: int
     hands: Mapping[int, Hand]
@@ -31,6 +34,7 @@ class Search:
     found: list[tuple[int, Reached]] = field(default_factory=list)
     tried: int = 0
     dropped: Counter[str] = field(default_factory=Counter)
+    by_hand: bool = False
 
     @property
     def have(self) -> int:
@@ -107,7 +111,8 @@ def tried_once(
         solid = np.array([s.solid for s in own])[of]
         for begin in range(0, len(sites), BATCH):
             some = slice(begin, begin + BATCH)
-            reached = hand.reach(sites[some], solid[some], rng, turning=turning)
+            by_hand = any(s.by_hand for s in own)
+            reached = hand.reach(sites[some], solid[some], rng, turning=turning, by_hand=by_hand)
             for k, search in enumerate(own):
                 rows = np.flatnonzero(of[some] == k)
                 search.tried += len(rows)

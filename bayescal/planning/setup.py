@@ -14,7 +14,7 @@ from bayescal.dataset.read import SETTINGS, TABLE, read_settings
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.planning.obstacles import scene, table_height
-from bayescal.planning.pool import CONE, Setup
+from bayescal.planning.pool import CLEAR, CONE, Setup
 from bayescal.planning.regions import regions_of
 
 SHARE = 3
@@ -80,6 +80,7 @@ def _setup(dataset: Dataset, notes: tuple[str, ...]) -> Setup:
         payloads=plan.payloads,
         table=plan.table,
         cone=CONE if plan.cone is None else plan.cone,
+        clearance=CLEAR if plan.clearance is None else plan.clearance,
         validated=_validated(dataset),
         notes=notes,
         poses=np.array(plan.poses).reshape(len(plan.poses), dataset.robot.n),

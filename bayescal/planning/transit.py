@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from bayescal.collision import Scene
-from bayescal.planning.hand import Hand
+from bayescal.planning.hand import EVERY, Hand
 from bayescal.planning.obstacles import placements, scene
 from bayescal.planning.place import RAISED, TOLERANCE, Place, seconds_between
 from bayescal.planning.pool import Pool
@@ -96,6 +96,10 @@ class Transits:
             some = np.array([k for k, own in enumerate(places) if own is place and not stops[k]], int)
             for k, way in zip(some, place.ways(approach[some - 1], approach[some]), strict=True):
                 via[k] = way
+        for row in [k for k, way in enumerate(via) if way is None and not stops[k]]:
+            # among more solids, where a way to each contact is known
+            every = self._place(int(tool[row]), EVERY)
+            via[row] = every.ways(approach[[row - 1]], approach[[row]])[0]
         words = tuple(by_hand(end) if way is None else "" for end, way in zip(approach, via, strict=True))
         clear = self._clearance(rows, places, leave, via)
         return Ways(tuple(leave), tuple(via), changes, words, clear)
@@ -157,7 +161,7 @@ class Transits:
             if several["placement"] and (k == 0 or label != labels[k - 1]):
                 parts.append(f"move the artefact to placement {label}")
             if load != (payload[k - 1] if k else 0.0):
-                parts.append(f"attach {load:g} kg beyond the tool" if load else "remove the payload")
+                parts.append(f"attach {load:g} kg to the tool" if load else "remove the payload")
             out.append("; ".join(parts))
         return tuple(out)
 
@@ -190,6 +194,6 @@ def stopped(
 
 
 def by_hand(end: np.ndarray) -> str:
-    """How the arm is moved by hand to readings (n,), rad, to which no free way is known."""
+    """How the arm is jogged manually to readings (n,), rad, to which no free way is known."""
     joints = ", ".join(f"J{k} {angle:.1f}" for k, angle in enumerate(np.degrees(end), 1))
-    return f"move by hand: raise the tool above all that stands there, then to {joints} deg"
+    return f"jog manually: raise the tool above all that stands there, then to {joints} deg"

@@ -96,6 +96,8 @@ def budget(
 ) -> BudgetResult:
     """Uncertainty budget of a distance, a parameter or a point (JCGM 100).
 
+    Without distance, parameter and point: the distance that the fit reports first.
+
     Parameters
     ----------
     run : FitResult, GapResult or path
@@ -108,8 +110,6 @@ def budget(
         deg, joint readings at which the TCP is stated.
     tool, payload_kg
         Of the point: name of the tool, and additional payload, kg.
-
-    Without any of the three: the distance that the fit reports first.
 
     Returns
     -------

@@ -53,7 +53,7 @@ class CompensationResult:
 
     @property
     def U(self) -> np.ndarray:
-        """Length (M,), m, that the error of the tool point does not exceed (95.45 %); nan without one."""
+        """Length (M,), m, that the error of the TCP does not exceed (95.45 %); nan without one."""
         import numpy as np
 
         return np.array([own.expanded for own in self.data.found])

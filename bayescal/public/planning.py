@@ -114,6 +114,7 @@ def plan(
     after: Source | GapResult | None = None,
     levers: Sequence[str] | str = ("payload", "approach"),
     order: str = "sweeps",
+    validation: bool = True,
     candidates: int = 5000,
     seed: int = 0,
     allow_xacro: bool = False,
@@ -135,9 +136,12 @@ def plan(
         Continue a measured session: the session, or its diagnosis (a path: the run folder of `diagnose`, and
         `setup` is the session). Then the contacts for the gap decide what the diagnosis could not.
     levers : sequence of str, or str
-        What may be varied beside the pose: 'payload', 'approach'.
+        What may be varied beside the pose: 'payload' (masses that `plan: {payload_kg}` of the setup lists),
+        'approach'.
     order : str
         'sweeps', 'shortest' or 'random'.
+    validation : bool
+        Add contacts that validate spheres of certified distances.
     candidates : int
         Possible contacts among which is chosen.
     seed : int
@@ -184,6 +188,7 @@ def plan(
         pairs=open_.pairs if open_ else (),
         without=parts_of(open_.without, effects) if open_ else (),
         probability=open_.probability if open_ else None,
+        validation=validation,
         progress=progress,
     )
     return PlanResult(found)

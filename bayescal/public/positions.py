@@ -24,7 +24,7 @@ class PositionResult:
 
     @property
     def points(self) -> np.ndarray:
-        """Tool points (C, 3), m, in the frame."""
+        """TCP positions (C, 3), m, in the frame."""
         return self.data.poses[:, :3, 3]
 
     @property

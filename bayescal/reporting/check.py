@@ -25,6 +25,7 @@ def check_summary(of: Check) -> RenderableType:
     lines += [("assessable", _listed(record["assessed"]) or "nothing", "")]
     for reason, names in _by_reason(record["not_assessed"]).items():
         lines.append(("not assessable", f"{_listed(names)}: {reason}", "dim"))
+    lines += [("not shown", text, "dim") for text in record["not_shown"]]
     if not of.findings:
         lines.append(("findings", "none", "green"))
     for kind, own in groupby(of.findings, key=lambda f: f.kind):

@@ -269,7 +269,15 @@ def _of_certificate(certificate: Certificate, key: str) -> str:
 def _plan(draft: Draft) -> Iterator[str]:
     regions = {name: p for outline in draft.outlines.values() for name, p in outline.regions.items()}
     yield from _explained(DatasetFile, "plan")
-    keys = ("volume_of_interest", "regions", "table_mm", "payload_kg", "cone_deg", "poses_deg")
+    keys = (
+        "volume_of_interest",
+        "regions",
+        "table_mm",
+        "payload_kg",
+        "cone_deg",
+        "clearance_mm",
+        "poses_deg",
+    )
     for key in keys:
         yield from _comment(f"  {key}: {PlanEntry.model_fields[key].description}")
     if regions and draft.placed:

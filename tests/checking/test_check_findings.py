@@ -82,6 +82,11 @@ CELLS = {
     "zero of J2": (lambda r: changed(r, ["j2_deg"], lambda v: v + 90), {"convention"}, "zero of J2 differs"),
     "zero of J5": (lambda r: changed(r, ["j5_deg"], lambda v: v - 90), {"convention"}, "zero of J5 differs"),
     "coupling": (lambda r: coupled(r), {"convention"}, "J3 is coupled to J2"),
+    "exchanged columns": (
+        lambda r: [row | {"j4_deg": row["j6_deg"], "j6_deg": row["j4_deg"]} for row in r],
+        {"convention"},
+        "the columns `j4_deg` and `j6_deg` are interchanged",
+    ),
     "beyond a limit": (lambda r: some(r, 7, j1_deg="200"), {"limits"}, "J1 is at 200 deg"),
     "impossible row": (lambda r: turned(r, 7), {"impossible_row"}, "impossible contact"),
     "copy of a row": (
@@ -153,7 +158,13 @@ KEYS = {
         {"not_identifiable", "impossible_row"},
         "axis of J6",
     ),
-    "sphere in inches": (r"diameter_mm: 50.8", "diameter_mm: 2.0", {"diameter"}, "its contacts show about 5"),
+    "sphere in inches": (
+        r"diameter_mm: 50.8",
+        "diameter_mm: 2.0",
+        {"gross_mistake"},
+        "looks like it is in inches",
+    ),
+    "another sphere": (r"diameter_mm: 50.8", "diameter_mm: 20.0", {"diameter"}, "its contacts show about 5"),
     "face x 25.4": (
         r"distance_mm: 228.6",
         "distance_mm: 5806.4",

@@ -1,6 +1,7 @@
 """Tables and programs as files: columns, messages with line and column, and nothing half written."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import programs
@@ -10,6 +11,7 @@ from compensate_arms import arm_with
 from bayescal.errors import BayescalError
 from bayescal.exporting import write_arm
 from bayescal.exporting.compensate.compensation import compensate_file
+from bayescal.exporting.gate import Use
 
 POSES = "id,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg,note\n"
 ROWS = 'a,450,0,200,180,0,0,"one, two"\nb,450,60,200,180,10,30,\nc,1450,0,150,170,0,90,far\n'
@@ -227,3 +229,36 @@ def test_the_command(arm, tmp_path, command):
     code, _, error = command("compensate", str(run), str(source), "--out", str(source))
     assert code == 1
     assert "the output would replace the targets" in error
+
+
+def test_the_tool_and_the_verdict_by_the_command(arm, tmp_path, command):
+    """--tcp is in mm and deg; a bad verdict is in the first line and the file; a failed fit needs --force."""
+    run, source = tmp_path / "run", tmp_path / "p.script"
+    source.write_bytes(programs.URSCRIPT)
+    told = Use((), ("verdict of the fit: not validated",), left_out=("step is named, not confirmed",))
+    run.mkdir()
+    write_arm(replace(arm, use=told), run)
+    code, text, _ = command(
+        "compensate", run, source, "--out", tmp_path / "o.script", "--tcp", "0,0,100,0,0,0"
+    )
+    assert code == 0
+    assert text.splitlines()[0].split() == ["warning", "verdict", "of", "the", "fit:", "not", "validated"]
+    assert "step is named, not confirmed" in text
+    assert b"\n  # verdict of the fit: not validated\n" in (tmp_path / "o.script").read_bytes()
+    code, _, error = command("compensate", run, source, "--out", tmp_path / "b.script", "--tcp", "0,0,100")
+    assert (code, error.count("\n")) == (1, 1)
+    assert "--tcp: `0,0,100` is not six numbers; give X,Y,Z,RX,RY,RZ in mm and deg" in error
+    turned = ("--tcp", "0,0,100,0,0,2")
+    code, _, error = command("compensate", run, source, "--out", tmp_path / "b.script", *turned)
+    assert "is 0 mm and 2 deg away from `tcp`" in error
+    failed = tmp_path / "failed"
+    failed.mkdir()
+    write_arm(replace(arm, use=Use(("the sampler did not converge",))), failed)
+    options = (failed, source, "--out", tmp_path / "c.script", "--tcp", "0,0,100,0,0,0")
+    code, _, error = command("compensate", *options)
+    assert code == 1
+    assert "not compensated: the sampler did not converge" in error
+    code, text, _ = command("compensate", *options, "--force")
+    assert code == 0
+    assert "not to be used: the sampler did not converge" in " ".join(text.split())
+    assert b"# not to be used: the sampler" in (tmp_path / "c.script").read_bytes()

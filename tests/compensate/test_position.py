@@ -1,4 +1,4 @@
-"""Where the tool is: one uncertainty for positions, compensated targets and budgets, checked by simulation."""
+"""Where the tool is: one uncertainty for positions, compensated targets and budgets, checked by draws."""
 
 from dataclasses import replace
 
@@ -9,6 +9,7 @@ import bayescal as bc
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError
 from bayescal.exporting import of_fit
+from bayescal.exporting.compensate.frames import Frame
 from bayescal.exporting.compensate.position import expanded, positions
 from bayescal.exporting.compensate.solve import compensated
 from bayescal.exporting.compensate.targets import Target
@@ -104,7 +105,7 @@ def test_a_length_that_errors_do_not_exceed():
 
 
 def test_another_tool_is_carried_by_the_flange(arm, readings):
-    """The offset of the probe has taken up zero and length of the last joint: they are uncertain for a tool."""
+    """The offset of the probe has taken up zero and length of the last joint: a tool has them in its u."""
     tcp = np.array([0.03, -0.02, 0.15, 0.2, -0.1, 0.4])
     found = positions(arm, readings, tcp=tcp)
     flange = arm.at(readings).flange
@@ -141,6 +142,17 @@ def test_a_tool_of_the_dataset_that_no_row_uses(arm, readings):
     assert found.inside.tolist() == positions(arm, readings).inside.tolist()
     with pytest.raises(BayescalError, match="--tool: the session has several tools"):
         positions(both, readings)
+
+
+def test_the_covariance_is_along_the_axes_of_the_frame(arm, readings, monkeypatch):
+    turn = rpy_matrix(np.array([0.4, -0.9, 1.3]))
+    plain = positions(arm, readings)
+    stand = Frame(np.eye(4), rigid(turn))
+    monkeypatch.setattr("bayescal.exporting.compensate.position.frame_of", lambda *_: stand)
+    found = positions(arm, readings)
+    np.testing.assert_allclose(found.poses[:, :3, 3], plain.poses[:, :3, 3] @ turn, atol=1e-12)
+    expected = turn.T @ plain.uncertain.covariance @ turn
+    np.testing.assert_allclose(found.uncertain.covariance, expected, rtol=1e-6, atol=1e-16)
 
 
 def test_direction_of_motion_and_load(fitted, arm, readings):

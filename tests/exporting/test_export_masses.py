@@ -43,7 +43,7 @@ ARMS = {
 
 
 def expected(arm, load: bool) -> np.ndarray:
-    """Gravity torques (C, n) about the axes of the joints, N m, of the first rows; with the tool or without."""
+    """Gravity torques (C, n) about the axes of the joints, N m, with the tool or without."""
     data, robot = arm.dataset, arm.dataset.robot
     turns = joint_angles(robot, data.measurements.readings[:5])
     state = len(data.measurements.ids) - 1

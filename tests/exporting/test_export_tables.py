@@ -100,7 +100,9 @@ def test_the_tool_in_a_tip_that_is_not_the_flange(tmp_path):
     arm = fake(session_of(UR), ("geometry",))
     out = export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
     tool = out.record("mine.yaml")["tools"][0]
-    np.testing.assert_allclose(np.subtract(tool["centre_in_tip_mm"], tool["centre_mm"]), [0, 0, 5.0], atol=1e-4)
+    np.testing.assert_allclose(
+        np.subtract(tool["centre_in_tip_mm"], tool["centre_mm"]), [0, 0, 5.0], atol=1e-4
+    )
     at = ", ".join(f"{x:.3f}" for x in tool["centre_in_tip_mm"])
     assert f"tool0 is not the flange: the centre of tool {tool['name']} is at {at} mm in it" in out.notes
     readings = arm.dataset.measurements.readings

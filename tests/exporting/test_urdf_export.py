@@ -8,13 +8,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from export_arms import fake, robot_of, session_of, with_robot
+from scipy.spatial.transform import Rotation
 from urdf_texts import arm as random_arm
 from urdf_texts import joint, link, robot
 
+from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
 from bayescal.exporting.geometry import at_zero_poses, geometry_of, joint_angles
 from bayescal.exporting.rows import state_row
+from bayescal.exporting.xml_text import XmlText
 
 LRMATE = robot(
     link("base_link"), link("link_1", 7.0), link("link_2"), link("link_3"), link("link_4"), link("link_5"),
@@ -128,6 +131,27 @@ def test_a_calibrated_file_is_patched_again(tmp_path, degrees):
     for one, other in zip(*(model.jointPlacements for model in models), strict=True):
         assert np.linalg.norm(one.translation - other.translation) < 2e-3
         assert np.linalg.norm(pin.log3(one.rotation.T @ other.rotation)) < np.radians(0.4)
+
+
+def test_an_earlier_calibration_of_the_zeros_is_undone_exactly(tmp_path):
+    """Zeros of all joints, also of the first and the last one, which move no other axis."""
+    xml = XmlText(LRMATE, "arm.urdf")
+    zeros = np.radians([1.2, -0.5, 0.66, 0.3, -0.4, 0.9])
+    for k, zero in enumerate(zeros, start=1):
+        joint = next(e for e in xml.root.iter("joint") if e.get("name") == f"joint_{k}")
+        axis = np.array(joint.find("axis").get("xyz").split(), float)
+        origin = joint.find("origin")
+        turn = rpy_matrix(np.array(origin.get("rpy").split(), float))
+        turn = turn @ Rotation.from_rotvec(-zero * axis).as_matrix()
+        origin.set("rpy", " ".join(map(repr, rpy_of(turn).tolist())))
+    arm, found = fake(session_of(), ("geometry",)), []
+    for text in (LRMATE, xml.text):
+        (tmp_path / "arm.urdf").write_text(text)
+        out = export(arm, "urdf", into=str(tmp_path / "arm.urdf#tool0"))
+        found.append(pin.buildModelFromXML(out.written.content).jointPlacements)
+    assert any("zeros within 1.2 deg" in note for note in out.notes)
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one.homogeneous, other.homogeneous, rtol=0, atol=2e-6)
 
 
 def test_zeros_that_differ_too_much_are_of_another_arm(tmp_path):

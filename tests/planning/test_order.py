@@ -20,7 +20,12 @@ def made_up(count=240, payloads=(0.0, 2.0), targets=TARGETS, seed=0):
     role = np.where(["@" in targets[t] for t in target], "validate", "calibrate")
     payload = np.where(role == "calibrate", rng.choice(payloads, count), 0.0)
     rows = SimpleNamespace(
-        ids=tuple(map(str, range(count))), role=role, target=target, readings=readings, payload=payload
+        tool=np.zeros(count, int),
+        ids=tuple(map(str, range(count))),
+        role=role,
+        target=target,
+        readings=readings,
+        payload=payload,
     )
     session = SimpleNamespace(targets=[SimpleNamespace(name=name) for name in targets], measurements=rows)
     return SimpleNamespace(session=session, approach=readings + 0.01)

@@ -9,6 +9,7 @@ import numpy as np
 
 from bayescal.arm.robot import Robot
 from bayescal.dataset.checks.certified import contradictions
+from bayescal.dataset.checks.conventions import explanation
 from bayescal.dataset.checks.misfit import OFF, contacts, nominal, seen
 from bayescal.dataset.checks.units import suspicion
 from bayescal.dataset.contacts import Contacts, residual, settled
@@ -27,6 +28,7 @@ MANY = 0.3
 LEVER = 0.3
 """m: arm of an angle's uncertainty when a target's place is judged."""
 
+LIKE = "look like"
 LOOKS_LIKE = (
     (180 / np.pi, "radians"),
     (np.pi / 180, "degrees converted twice"),
@@ -40,12 +42,13 @@ LOOKS_LIKE = (
 
 
 def check(dataset: Dataset, table: Table, document: Document) -> None:
-    """Refuse the first implausible row or target, with its line.
+    """Refuse the first implausible row or target, with its line; or the one change that explains all rows.
 
     The uncertainty of a target's pose is that of its prior; the frame of an instrument is unknown.
     """
     for problem in problems(dataset, table, document):
-        raise problem
+        known = LIKE in problem.what
+        raise problem if known else explanation(dataset, document) or problem
 
 
 def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[BayescalError]:
@@ -117,9 +120,7 @@ def _in_other_units(dataset: Dataset, table: Table) -> BayescalError | None:
     every = len(columns) == dataset.robot.n
     noun = "the joint readings" if every else f"the values of {', '.join(columns)}"
     like = next((word for factor, word in LOOKS_LIKE if np.isclose(factor, found.factor)), "another unit's")
-    what = (
-        f"{noun} look like {like}: a row is {1e3 * found.stated:.0f} mm off, and then {1e3 * found.other:.2g}"
-    )
+    what = f"{noun} {LIKE} {like}: a row is {1e3 * found.stated:.0f} mm off, and then {1e3 * found.other:.2g}"
     return table.error(0, what, f"these columns hold {unit}: convert them")
 
 

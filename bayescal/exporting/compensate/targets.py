@@ -58,4 +58,4 @@ class Corrected:
     u: float = np.nan  # m: standard uncertainty of the TCP, length of the vector
     error: float = np.nan  # m: of the TCP at the nominal readings
     inside: bool = False  # the region that the session has probed
-    expanded: float = np.nan  # m: length that the error of the tool point does not exceed (95.45 %)
+    expanded: float = np.nan  # m: length that the error of the TCP does not exceed (95.45 %)

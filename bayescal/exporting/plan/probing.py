@@ -52,7 +52,7 @@ class Step:
 def guarded(plan: Plan, beyond: float) -> Guarded:
     """Where guarded motions begin and end, on the line from each approach through its contact.
 
-    The rotation of the tool goes on as before, so that the contact itself is at the planned readings.
+    The rotation of the tool continues as before, so that the contact itself is at the planned readings.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def steps(plan: Plan, guard: Guarded) -> Iterator[Step]:
             at = ", ".join(f"{angle:.0f}" for angle in np.degrees(motion.readings))
             yield Step(
                 "stop",
-                texts | {"text": f"jog the arm by hand near to J1 to J{len(m.readings[0])} = {at} deg"},
+                texts | {"text": f"jog the arm manually near to J1 to J{len(m.readings[0])} = {at} deg"},
             )
         row = k
         change = plan.changes[k] if plan.changes else ""

@@ -8,6 +8,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.dataset.write import table_text
+from bayescal.importing.onto import CLEARANCE
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 
 
@@ -30,7 +31,8 @@ def count(plan: Plan) -> int:
 def table_of_plan(plan: Plan) -> str:
     """The content of plan.csv: measurements.csv in the order of probing, cells of results empty.
 
-    Columns of what an instrument reads are there for sessions that have instruments.
+    Columns of what an instrument reads are there for sessions that have instruments. The last column is the
+    smallest clearance of the motions of a row.
     """
     m = plan.session.measurements
 
@@ -41,4 +43,12 @@ def table_of_plan(plan: Plan) -> str:
         m, payload=payloads(plan.session), xyz=empty(m.xyz), rpy=empty(m.rpy), length=empty(m.length),
         u=None, stop=None, command=None, torque=None, time=None, temperature=None,
     )  # fmt: skip
-    return table_text(replace(plan.session, measurements=rows), name_tool=True)
+    head, *lines = table_text(replace(plan.session, measurements=rows), name_tool=True).splitlines()
+    cells = zip(lines, clearances(plan), strict=True)
+    return "\n".join([f"{head},{CLEARANCE}", *(f"{line},{own}" for line, own in cells), ""])
+
+
+def clearances(plan: Plan) -> list[str]:
+    """Clearance of the motions of each row, mm, rounded down; empty where it is not known."""
+    known = plan.clearance if len(plan.clearance) else np.full(len(plan.purpose), np.nan)
+    return [f"{np.floor(1e4 * own) / 10:.1f}" if np.isfinite(own) else "" for own in known]

@@ -93,8 +93,12 @@ def _detectable(plan: Plan) -> Section | None:
 
 def _every(plan: Plan) -> Sheet:
     sheet = sheets.contacts(plan)
-    words = tuple(k for k, name in enumerate(sheet.headings, 1) if name in ("purpose", "target", "tool"))
-    return replace(sheet, words=words, caption="the table of plan.csv", shown=0)
+    words = tuple(
+        k for k, name in enumerate(sheet.headings, 1) if name in ("purpose", "target", "tool", "before")
+    )
+    return replace(
+        sheet, words=words, caption="the table of plan.csv, and what is changed before a contact", shown=0
+    )
 
 
 def _inputs(plan: Plan) -> Section | None:

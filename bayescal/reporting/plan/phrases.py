@@ -53,7 +53,11 @@ def contacts(plan: Plan) -> str:
 
 def travel(plan: Plan) -> str:
     """Time of the motions and the order of probing."""
-    return f"{duration(plan.travel)} of motion between contacts; order: {plan.order}"
+    known = plan.clearance[np.isfinite(plan.clearance)]
+    clear = f"; clearance {1e3 * known.min():.1f} mm or more" if len(known) else ""
+    stops = sum(bool(text) for text in plan.changes[1:])
+    stopped = f"; the arm waits {times(stops)} for a change" if stops else ""
+    return f"{duration(plan.travel)} of motion between contacts{clear}{stopped}; order: {plan.order}"
 
 
 def candidates(plan: Plan) -> str:

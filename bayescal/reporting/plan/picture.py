@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayescal.collision import Shape
 from bayescal.model.scene import Scene
+from bayescal.planning.obstacles import scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.reporting.plan.contacts import count
 from bayescal.reporting.plan.phrases import headline, title
@@ -33,6 +35,10 @@ MARGIN = 1.05
 """Width of a view over what it shows."""
 TICKS = (1.0, 1.4, 2.0, 3.0, 4.0, 5.0, 7.0)
 """Labelled values of a decade."""
+TANGENTS = 120
+"""Of the outline of a solid."""
+SOLID = "#eceff1"
+"""Fill of solids."""
 TARGETS = 14
 """Bars at most."""
 
@@ -48,11 +54,15 @@ def draw_plan(plan: Plan) -> Figure:
     views = parts[0].subplots(1, len(VIEWS))
     points, arm, reach = _points(plan)
     seen = np.vstack([points, arm, _ahead(reach, arm[0], points)])
+    solids = [s for s in scene(plan.pool.setup).solids if not s.carries]
+    shapes = [shape for solid in solids for shape in solid.shapes]
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
     half = MARGIN * float(np.max(np.ptp(seen, axis=0))) / 2
     for axes, (name, i, j) in zip(views, VIEWS, strict=True):
         flat = [i, j]
         shown = _view(plan, axes, points[:, flat], arm[:, flat], reach[:, flat])
+        for shape in shapes:
+            axes.fill(*(MM * outlined(shape, i, j).T), facecolor=SOLID, edgecolor=FAINT, lw=0.8, zorder=0)
         if (volume := plan.pool.setup.volume) is not None:
             x, y = MM * (volume.centre - volume.size / 2)[flat]
             outline = Rectangle(
@@ -78,6 +88,16 @@ def draw_plan(plan: Plan) -> Figure:
     tidy(left)
     tidy(right)
     return out
+
+
+def outlined(shape: Shape, i: int, j: int) -> np.ndarray:
+    """The outline (K, 2), m, of a convex shape seen along the third axis: where its tangents meet."""
+    angle = np.linspace(0, 2 * np.pi, TANGENTS, endpoint=False)
+    across = np.zeros((TANGENTS, 3))
+    across[:, i], across[:, j] = np.cos(angle), np.sin(angle)
+    high = np.array([-shape.lowest(-way) for way in across])
+    both = np.stack([across[:, [i, j]], np.roll(across[:, [i, j]], -1, axis=0)], axis=1)
+    return np.linalg.solve(both, np.stack([high, np.roll(high, -1)], axis=1)[..., None])[..., 0]
 
 
 def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

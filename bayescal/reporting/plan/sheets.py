@@ -9,7 +9,7 @@ import numpy as np
 from bayescal.effects.vocabulary import unit_label
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Detectable, ExpectedDistances, Plan
 from bayescal.reporting.page.section import Sheet
-from bayescal.reporting.plan.contacts import payloads
+from bayescal.reporting.plan.contacts import clearances, payloads
 from bayescal.reporting.shared.text import NEVER, percent, size, um2
 
 PURPOSES = {DISTANCES: "distances", GAP: "gap", REPEAT: "repeats", VALIDATE: "validation"}
@@ -171,9 +171,22 @@ def contacts(plan: Plan) -> Sheet:
             *(f"{v:.3f}" for v in np.degrees(m.readings[k])),
             f"{payload:g}",
             "" if m.repeat is None else str(m.repeat[k]),
+            clear,
+            plan.changes[k] if plan.changes else "",
         )
-        for k, (name, purpose, payload) in enumerate(zip(m.ids, plan.purpose, payloads(session), strict=True))
+        for k, (name, purpose, payload, clear) in enumerate(
+            zip(m.ids, plan.purpose, payloads(session), clearances(plan), strict=True)
+        )
     )
     joints = tuple(f"J{k} (deg)" for k in range(1, session.robot.n + 1))
-    headings = ("purpose", "target", *(["tool"] if several else []), *joints, "payload (kg)", "repeat")
+    headings = (
+        "purpose",
+        "target",
+        *(["tool"] if several else []),
+        *joints,
+        "payload (kg)",
+        "repeat",
+        "clearance (mm)",
+        "before",
+    )
     return Sheet("id", headings, rows)

@@ -1,5 +1,6 @@
 """Scenes as people have them: clashing names, includes, meshes, vehicles, calibrated arms."""
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
+from bayescal.exporting.mjcf.replay import Replay, Simulated
 from bayescal.exporting.verify.limits import limit
 
 SCENE = Path(__file__).with_name("ur5e_scene.xml").read_text()
@@ -143,6 +145,24 @@ def test_meshes_are_found_from_another_folder(tmp_path):
         assert "../" not in (tmp_path / "robots" / "arm.xml").read_text()
 
 
+def test_nested_includes_are_found_as_by_mujoco(tmp_path):
+    """Relative to the scene first, else to the file that includes them."""
+    (tmp_path / "parts").mkdir()
+    note = "<mujoco><custom><text name='{}' data='x'/></custom></mujoco>"
+    save(tmp_path / "parts", '<mujoco><include file="a.xml"/><include file="b.xml"/></mujoco>', "all.xml")
+    for folder, name in (("", "a"), ("parts", "a"), ("parts", "b")):
+        save(tmp_path / folder, note.format(f"{folder}{name}"), f"{name}.xml")
+    text = changed(
+        ('  <compiler angle="radian"', '  <include file="parts/all.xml"/>\n  <compiler angle="radian"')
+    )
+    path = save(tmp_path, text)
+    whole = mujoco.MjModel.from_xml_path(str(path))
+    model = mujoco.MjModel.from_xml_string(fits(path, ("geometry",)).written.content)
+    kind = mujoco.mjtObj.mjOBJ_TEXT
+    names = [[mujoco.mj_id2name(m, kind, k) for k in range(m.ntext)] for m in (whole, model)]
+    assert names == [["a", "partsb"]] * 2
+
+
 def test_included_files_stand_in_the_patched_file(tmp_path):
     body = re.search(r"  <worldbody>.*</actuator>\n", SCENE, re.DOTALL)[0]
     (tmp_path / "parts").mkdir()
@@ -174,7 +194,20 @@ def test_an_arm_on_a_vehicle(tmp_path, effects):
     assert model.joint("drive").type == mujoco.mjtJoint.mjJNT_FREE
     assert model.body("vehicle").mass == 80
     if effects == EVERY:
-        assert model.body(model.body("stand").parentid[0]).name == "vehicle"
+        assert model.body(model.body("stand").parentid[0]).name == "base"
+
+
+def test_places_of_parameters_are_those_of_the_scene(tmp_path):
+    """Where the sidecar says that a parameter is: bodies and joints of the scene."""
+    record = fits(save(tmp_path, SCENE), ELASTIC).record("scene.xml")
+    at = {item["parameter"]: (item["element"], item["attribute"]) for item in record["written"]}
+    assert at["a2"] == ("body forearm_link", "pos, quat")  # row 3 of modified DH is before joint 3
+    assert at["theta2"] == ("body upper_arm_link", "pos, quat")
+    assert at["compliance J3"][0].startswith("joint elbow_joint_flex")
+    assert at["ball x"] == ("site ball", "pos")
+    new = export(drawn("universal-robots-ur5e", ELASTIC), "mjcf", force=True).record("arm.xml")
+    at = {item["parameter"]: item["element"] for item in new["written"]}
+    assert (at["a2"], at["theta2"]) == ("body link3", "body link2")
 
 
 def test_masses_of_geoms_stay(tmp_path):
@@ -223,6 +256,16 @@ def test_an_exported_file_is_patched_again(tmp_path, first):
     np.testing.assert_allclose(one.jnt_stiffness, two.jnt_stiffness, rtol=1e-9)
 
 
+def test_gravity_acts_on_links_that_a_scene_compensates(tmp_path):
+    text = changed(('<body name="forearm_link" ', '<body name="forearm_link" gravcomp="1" '))
+    out = fits(save(tmp_path, text), BASE)
+    assert "gravity acts on forearm_link: springs of the arm carry them" in out.notes
+    once = out.written.content
+    twice = fits(save(tmp_path, once), BASE).written.content
+    one, two = (mujoco.MjModel.from_xml_string(t) for t in (once, twice))
+    assert one.names == two.names
+
+
 def test_of_two_arms_the_last_body_says_which(tmp_path):
     arm = re.search(rf"    {re.escape(BASE_TAG)}.*?\n    </body>\n", SCENE, re.DOTALL)[0]
     second = re.sub(r'(name="\w+)(?=")', r"\1_b", arm).replace(
@@ -232,3 +275,22 @@ def test_of_two_arms_the_last_body_says_which(tmp_path):
     with pytest.raises(BayescalError, match=r"several arms .*wrist_3_link, far_link"):
         fits(path)
     assert fits(path, tip="#far_link").record("x")["tip"] == "far_link"
+
+
+def test_the_script_beside_a_scene(tmp_path):
+    """On a vehicle, in a scene that has a site and a body of the names of ours; with a payload."""
+    text = changed((BASE_TAG, VEHICLE), (ENDS, "      </body>\n    </body></body>\n  </worldbody>"))
+    taken = '<body name="payload" pos="3 0 0"><site name="ball"/><geom size=".1" mass="1"/></body>'
+    taken += '<geom name="table"'
+    text = text.replace('<geom name="table"', taken)
+    text = text.replace('qpos="0.6 0.3 0.1 1 0 0 0 ', 'qpos="0.6 0.3 0.1 1 0 0 0 1 2 0.5 0.8 0 0 0.6 ')
+    arm = drawn("universal-robots-ur5e", (*ELASTIC, "coupling"))
+    out = export(arm, "mjcf", into=str(save(tmp_path, text)), readings="script", force=True)
+    out.save(tmp_path / "arm.xml")
+    replay = Replay(json.loads((tmp_path / "arm-replay.json").read_text()))
+    simulated = Simulated(tmp_path / "arm.xml", replay)
+    world, readings = np.array(out.record("x")["root_in_f0"]), arm.dataset.measurements.readings[:2]
+    for payload in (0.0, 1.5):
+        own = np.array([simulated.stand(reading, payload=payload) for reading in readings])
+        model = arm.at(readings, payload_kg=payload).points
+        np.testing.assert_allclose(own @ world[:3, :3].T + world[:3, 3], model, rtol=0, atol=2e-7)

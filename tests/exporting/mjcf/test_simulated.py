@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
+import mujoco
 import numpy as np
 import pytest
 
-mujoco = pytest.importorskip("mujoco")
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
 from analysis.simulators import BASE, CASES, differences, drawn

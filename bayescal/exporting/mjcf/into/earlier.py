@@ -47,7 +47,8 @@ def _only_tips(body: ET.Element) -> bool:
 def _carrier(body: ET.Element, added: set[ET.Element]) -> bool:
     """Whether a body only has added hinges, a joint at most, and one other body."""
     rest = [e.tag for e in body if e not in added and e.tag != "inertial"]
-    return body.get("gravcomp") == "1" and sorted(rest) in (["body"], ["body", "joint"])
+    named = re.fullmatch(r"(stand|.*_carrier)(_\d+)?", body.get("name", ""))
+    return named is not None and sorted(rest) in (["body"], ["body", "joint"])
 
 
 def _unwrap(carrier: ET.Element, parent: ET.Element) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -10,14 +10,15 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from bayescal.arm.transforms import rigid, rotation
+from bayescal.arm.transforms import rigid
 from bayescal.errors import BayescalError
 from bayescal.exporting.digits import number, numbers
 from bayescal.exporting.engine import mujoco
 from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.mjcf.content import Content
+from bayescal.exporting.mjcf.into.checked import check
 from bayescal.exporting.mjcf.into.earlier import without_earlier
-from bayescal.exporting.mjcf.into.found_arm import FoundArm, above, find_arm
+from bayescal.exporting.mjcf.into.found_arm import FoundArm, find_arm
 from bayescal.exporting.mjcf.into.keyframes import with_keyframes
 from bayescal.exporting.mjcf.into.scene_file import (
     compiled,
@@ -38,9 +39,6 @@ from bayescal.exporting.written import Options, Placed, path_of
 
 LIGHT = 1e-3
 """Mass, kg, of a body that only carries hinges; gravity does not act on it."""
-CLOSE = 1e-9
-"""m: difference of the written file's kinematics from the arm's at which it is not handed out."""
-JOINTS = ("joint", "freejoint")
 TURNED = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 """Attributes for an orientation; a quaternion takes the place of any."""
 SAME = 1e-12
@@ -97,8 +95,8 @@ def patched(arm: FittedArm, options: Options) -> Patched:
         flange.set("childclass", DEFAULT)
         tool(flange, load)
         notes += [*_explicit_masses(root, spec, path.name), *_integrator(root, model)]
-        _links(found, where, machine, names, model)
-        _stand(root, found, where, machine, model)
+        notes += _links(found, where, machine, names, model)
+        _stand(root, found, where, machine)
         defaults(root, shown=False)
         world = root.find("worldbody")
         assert world is not None
@@ -115,7 +113,7 @@ def patched(arm: FittedArm, options: Options) -> Patched:
     with_keyframes(scene, before, gone, law, joints, others.get("joint", {}))
     text = scene.xml.text
     after = compiled(text, path.parent, path.name)
-    _check(found, where, machine, model, after, others.get("body", {}), path.name)
+    check(found, where, machine, model, after, others.get("body", {}), path.name)
     details = {
         "into": path.name,
         "tip": model.body(found.ids[-1]).name,
@@ -126,7 +124,8 @@ def patched(arm: FittedArm, options: Options) -> Patched:
         "renamed": others,
     }
     for kind, each in others.items():
-        notes += [f"the file has a {kind} {name}: that of the arm is called {new}" for name, new in each.items()]
+        for name, new in each.items():
+            notes.append(f"the file has a {kind} {name}: that of the arm is called {new}")
     links = [model.body(b).name for b in found.ids]
     return Patched(
         text,
@@ -182,17 +181,22 @@ def _place(element: ET.Element, pose: np.ndarray, before: np.ndarray) -> None:
         element.set("quat", new["quat"])
 
 
-def _links(found: FoundArm, where: Match, machine: Mechanism, names: dict[str, str], model: Any) -> None:
-    """Masses, and hinges behind the joints."""
+def _links(found: FoundArm, where: Match, machine: Mechanism, names: dict[str, str], model: Any) -> list[str]:
+    """Masses, and hinges behind the joints; notes."""
+    known, lifted = any(b.mass > 0 for b in machine.bodies), []
     for k, element in enumerate(found.bodies):
         own = [b for b in machine.bodies if b.name.partition("_")[0] == f"link{k + 1}"]
         to_file = np.linalg.inv(where.own[k] @ np.linalg.inv(rigid(None, found.anchors[k])))
+        if known and model.body_gravcomp[found.ids[k]] != (own[-1].mass <= 0):
+            element.set("gravcomp", "0" if own[-1].mass > 0 else "1")
+            lifted += [element.get("name", "")] if own[-1].mass > 0 else []
         _inertial(element, own[-1], to_file, model, found.ids[k])
         made = ET.Element("holder")
         for h in [h for body in own for h in body.hinges][1:]:
             axis, pos = to_file[:3, :3] @ h.axis, to_file[:3, :3] @ h.pos + to_file[:3, 3]
             hinge(made, Hinge(_named(h.name, names), axis, pos, h.spring, h.rest))
         _insert(found, k, list(made))
+    return [f"gravity acts on {', '.join(lifted)}: springs of the arm carry them"] if lifted else []
 
 
 def _insert(found: FoundArm, k: int, hinges: list[ET.Element]) -> None:
@@ -243,36 +247,26 @@ def _inertial(element: ET.Element, body: Body, to_file: np.ndarray, model: Any, 
     own.set("pos", numbers(to_file[:3, :3] @ body.centre + to_file[:3, 3]))
 
 
-def _stand(root: ET.Element, found: FoundArm, where: Match, machine: Mechanism, model: Any) -> None:
-    """A body for the hinges of the stand, around the arm and what carries it at rest."""
+def _stand(root: ET.Element, found: FoundArm, where: Match, machine: Mechanism) -> None:
+    """A body for the hinges of the stand, around the first link: what carries the arm does not load them."""
     base = machine.bodies[0]
     if not base.hinges:
         return
     parent = {child: e for e in root.iter() for child in e}
     top = found.bodies[0]
-    while parent[top].tag != "worldbody" and not any(e.tag in JOINTS for e in parent[top]):
+    if parent[found.joints[0]] is not top:  # in a body before it
         top = parent[top]
     around = parent[top]
     at = list(around).index(top)
     around.remove(top)
     stand = ET.Element("body", name="stand", gravcomp="1")
     add(stand, "inertial", pos=np.zeros(3), mass=1.0, diaginertia=[0.01] * 3)
-    to_parent = np.linalg.inv(where.root @ _carrying(model, found.ids[0])) @ base.pose
+    to_parent = np.linalg.inv(where.root @ found.steps[0]) @ base.pose
     for h in base.hinges:
         axis, pos = to_parent[:3, :3] @ h.axis, to_parent[:3, :3] @ h.pos + to_parent[:3, 3]
         hinge(stand, replace(h, axis=axis, pos=pos))
     stand.append(top)
     around.insert(at, stand)
-
-
-def _carrying(model: Any, body: int) -> np.ndarray:
-    """Pose (4, 4) of the last moving body before a body, as the file is written; else of the world."""
-    mj = mujoco()
-    moving = [b for b in above(model, body)[:-1] if model.body_jntnum[b]]
-    data = mj.MjData(model)
-    mj.mj_kinematics(model, data)
-    own = moving[-1] if moving else 0
-    return rigid(data.xmat[own].reshape(3, 3), data.xpos[own])
 
 
 def _flange(found: FoundArm, where: Match, machine: Mechanism) -> ET.Element:
@@ -338,51 +332,3 @@ def _carried(model: Any, found: FoundArm) -> list[str]:
     if more <= 1e-6:
         return []
     return [f"the file has {more:.3g} kg on the last body, in addition to the tool of the session"]
-
-
-def _check(
-    found: FoundArm,
-    where: Match,
-    machine: Mechanism,
-    before: Any,
-    after: Any,
-    names: Mapping[str, str],
-    file: str,
-) -> None:
-    """Compare the compiled file with the arm's kinematics, and its other bodies with the file as it was.
-
-    Raises
-    ------
-    BayescalError
-        If they differ: nothing is written.
-    """
-    mj = mujoco()
-    data, rng = mj.MjData(after), np.random.default_rng(0)
-    off = 0.0
-    for turns in (np.zeros(len(found.ids)), *rng.uniform(-np.pi, np.pi, (3, len(found.ids)))):
-        data.qpos[:] = after.qpos0
-        angles = iter(turns.tolist())
-        pose = np.eye(4)
-        for body in machine.bodies:
-            turn = next(angles) if body.name.startswith("link") else 0.0
-            pose = pose @ body.pose @ rigid(rotation(2, turn))
-        for name, sign, turn in zip(found.file.names, where.signs, turns, strict=True):
-            data.joint(name).qpos[0] = sign * turn
-        mj.mj_kinematics(after, data)
-        own = data.body(names.get("flange", "flange"))
-        theirs = where.root @ rigid(own.xmat.reshape(3, 3), own.xpos)
-        off = max(off, float(np.max(np.abs(theirs - pose @ machine.flange))))
-    arm = {before.body(b).name for b in found.ids}
-    others = [before.body(b).name for b in range(1, before.nbody) if before.body(b).name not in arm | {""}]
-    same = after.ngeom == before.ngeom and all(
-        np.allclose(getattr(before.body(name), key), getattr(after.body(name), key), rtol=1e-9, atol=1e-12)
-        for name in others
-        for key in ("mass", "inertia", "pos", "ipos")
-    )
-    if not (off < CLOSE and same):
-        what = (
-            f"moves by {off:.1e} m (or rad) from the calibrated geometry" if same else "changes other bodies"
-        )
-        raise BayescalError(
-            f"the written file {what}", file, "this is a defect of bayescal; nothing is written"
-        )
