@@ -40,6 +40,9 @@ ROTATION = "rotation"
 OF_REFLECTOR = ("x", "y", "z", "u", "rx", "ry", "rz", ROTATION)
 """Quantities that may be those of a named reflector, ``x@A``."""
 
+CLEARANCE = "clearance_mm"
+"""Column of a plan that a session does not have: the smallest clearance of the motions of a row."""
+
 TEXTS = ("id", "role", "target", "tool", "stop", "repeat")
 """Quantities that are text."""
 
@@ -116,6 +119,8 @@ def own_map(header: Sequence[str], n: int, where: str) -> dict[str, Column]:
     every = [*PLAIN, *(c for kind in JOINTS for c in joint_columns(kind, n))]
     out: dict[str, Column] = {}
     for name in header:
+        if name == CLEARANCE:
+            continue
         if name not in every:
             what, remedy = unknown("column", name, every)
             raise BayescalError(what, f"{where}:1", f"{remedy}, or state the columns by --map")

@@ -16,13 +16,11 @@ from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.importing.columns import Columns, columns_of, first
 from bayescal.importing.log import read_log
-from bayescal.importing.mapping import own_map
+from bayescal.importing.mapping import CLEARANCE, own_map
 from bayescal.importing.pair import check_ids
 from bayescal.importing.probing import CONTACT, numbered, state_of, unmade
 
 PLAN = "plan.csv"
-CLEARANCE = "clearance_mm"
-"""Column of a plan that a session does not have."""
 MEASURED = "measured.csv"
 """Rows of the session that a plan continues, beside the plan."""
 UNTOUCHED = 1e-6

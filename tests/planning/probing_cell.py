@@ -19,6 +19,8 @@ import bayescal
 PATCH, DEEP = 5e-3, 12e-3
 """m: radius of a patch, and how far behind it the ball is still inside."""
 KNOTS = 8
+PHASE = 0.37
+"""Of the first control cycle: no cycle ends exactly at a planned contact."""
 COARSE = 40
 """Control cycles of a motion by joint angles: fewer than a controller has, for the time of a test."""
 
@@ -154,7 +156,7 @@ class Cell:
         else:
             span = np.linalg.norm(np.diff(self.nominal.ball(np.stack([self.q, goal])), axis=0))
         count = max(int(np.ceil(span / speed / self.cycle)), 1)
-        shares = np.minimum(np.arange(1, count + 1) * speed * self.cycle / max(span, 1e-12), 1.0)
+        shares = np.minimum((np.arange(count) + PHASE) * speed * self.cycle / max(span, 1e-12), 1.0)
         shares[-1] = 1.0
         if kind == "joint":
             self.path = self.q + shares[:, None] * (goal - self.q)

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.dataset.write import table_text
-from bayescal.importing.onto import CLEARANCE
+from bayescal.importing.mapping import CLEARANCE
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 
 
