@@ -41,7 +41,7 @@ class Step:
     """A step of a program: what it is, its texts, and readings (n,), rad, by name.
 
     `kind` is ``stop`` (text), ``pass`` (at), ``measure`` (at) or ``contact`` (approach, begin, end); all have
-    the texts `id`, `target`, and `number`, that of the row from 1; a contact has `short`, of a shorter search.
+    the texts `id`, `target`, and `number`, that of the row from 1; a contact has `short`, of its search.
     """
 
     kind: str
