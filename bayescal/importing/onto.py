@@ -50,7 +50,7 @@ class Joined:
     far : np.ndarray, shape (N,)
         Rows that are far from their plan.
     by_order : bool
-        The log has no ids, or only numbers: its rows are those of the plan, in their order.
+        The log has no ids, or numbers of another plan: its rows must be those of the plan, in their order.
     """
 
     columns: Columns
@@ -132,11 +132,13 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
         log = _in_order(log, planned)
     check_ids(log)
     check_ids(planned)
+    registers = False
     if not np.isin(log.texts["id"], planned.texts["id"]).any():  # registers of a program, by number
         ids = numbered(log.texts["id"], planned.texts["id"].tolist())
         of_plan = ids != log.texts["id"]
         if of_plan.any():
-            log, by_order = replace(log, texts=log.texts | {"id": ids}).take(of_plan), True
+            log = replace(log, texts=log.texts | {"id": ids}).take(of_plan)
+            registers = True
     log, planned, notes = _by_id(log, planned)
     _contradictions(log, planned)
     joints = [f"j{i + 1}" for i in range(n)]
@@ -172,7 +174,8 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
             "check that the log has the readings at the contact, not the commanded ones"
         ]
     notes += _counted(log.texts["id"][far], f"more than {np.degrees(FAR):.0f} deg from the plan")
-    return Joined(_joined(log, planned), tuple(notes), commanded, far, by_order)
+    other = registers and 2 * np.sum(far) > log.count  # registers of another program
+    return Joined(_joined(log, planned), tuple(notes), commanded, far, by_order or other)
 
 
 def _in_order(log: Columns, planned: Columns) -> Columns:

@@ -19,6 +19,8 @@ import bayescal
 PATCH, DEEP = 5e-3, 12e-3
 """m: radius of a patch, and how far behind it the ball is still inside."""
 KNOTS = 8
+PHASE = 0.37
+"""Of the first control cycle: no cycle ends exactly at a planned contact."""
 COARSE = 40
 """Control cycles of a motion by joint angles: fewer than a controller has, for the time of a test."""
 
@@ -122,6 +124,7 @@ class Cell:
     deepest: float = 0.0
     travelled: list = field(default_factory=list)  # (kind, readings) of ended motions
     by_hand: bool = False
+    open: bool = False  # nothing is touched by motions by joint angles
     inside: np.ndarray = field(default_factory=lambda: np.empty(0))  # depth along the path
 
     def depth(self, q: np.ndarray) -> np.ndarray:
@@ -153,14 +156,14 @@ class Cell:
         else:
             span = np.linalg.norm(np.diff(self.nominal.ball(np.stack([self.q, goal])), axis=0))
         count = max(int(np.ceil(span / speed / self.cycle)), 1)
-        shares = np.minimum(np.arange(1, count + 1) * speed * self.cycle / max(span, 1e-12), 1.0)
+        shares = np.minimum((np.arange(count) + PHASE) * speed * self.cycle / max(span, 1e-12), 1.0)
         shares[-1] = 1.0
         if kind == "joint":
             self.path = self.q + shares[:, None] * (goal - self.q)
         else:
             self.path = self.nominal.line(self.q, goal, shares)
         self.at, self.speed, self.kind = 0, speed, kind
-        self.inside = self.depth(self.path)
+        self.inside = np.full(count, -1.0) if self.open and kind == "joint" else self.depth(self.path)
 
     def tick(self) -> bool:
         """A control cycle of the motion; whether it has ended."""

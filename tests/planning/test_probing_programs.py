@@ -5,6 +5,7 @@ The interpreters and the cell share no code with the package. None of this is a 
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,9 @@ from probing_cell import cell_of, on_planes
 from urscript_interpreter import Program
 
 import bayescal as bc
+from bayescal.dataset.append import taken
 from bayescal.exporting.plan import FORMATS, Probe
+from bayescal.exporting.plan.probing import guarded
 from bayescal.importing import Request, convert
 from bayescal.reporting.plan.files import write_plan
 
@@ -28,8 +31,8 @@ NAMES = ("urscript", "fanuc", "kuka", "abb")
 
 @pytest.fixture(scope="module")
 def plan(cube):
-    """A dozen contacts with a change before the sixth."""
-    return on_planes(made_up_plan(cube(seed=1, count=90).dataset, count=10, validation=2))
+    """Seven contacts with a change before the sixth."""
+    return on_planes(made_up_plan(cube(seed=1, count=90).dataset, count=6, validation=1))
 
 
 def ran(plan, name="urscript", probe=None, **cell):
@@ -68,8 +71,7 @@ def off_surface(cell, readings, rows):
     return -np.einsum("mi,mi->m", cell.true.ball(readings) - cell.points[rows], cell.normals[rows])
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("cycle", [2e-3, 8e-3])
+@pytest.mark.parametrize(("name", "cycle"), [("urscript", 2e-3), *((name, 8e-3) for name in NAMES)])
 def test_every_contact_is_touched_and_latched_in_the_cycle_of_the_touch(plan, folder, tmp_path, name, cycle):
     """The readings come home by `import`, and put the ball on the surface within latency times speed."""
     program = ran(plan, name, cycle=cycle)
@@ -77,12 +79,12 @@ def test_every_contact_is_touched_and_latched_in_the_cycle_of_the_touch(plan, fo
     assert not program.halted
     m = imported(program, folder, tmp_path).dataset.measurements
     assert m.ids == plan.session.measurements.ids
-    depth = off_surface(cell, m.readings, np.arange(12))
+    depth = off_surface(cell, m.readings, np.arange(7))
     assert (depth > -1e-7).all()  # digits of the log
     assert (depth <= FASTER * SPEED * cycle).all()
     assert cell.deepest <= FASTER * (SPEED * 2 * cycle + SPEED**2 / (2 * 0.5))
     ends = np.array([q for kind, q in cell.travelled if kind == "joint"])
-    assert len(ends) == 1 + 12 + 2 * 11  # where it begins, approaches, raised poses
+    assert len(ends) == 1 + 7 + 2 * 6  # where it begins, approaches, raised poses
     np.testing.assert_allclose(ends[0], plan.leave[0][0], atol=1e-6)
     said = " ".join(program.popups if name == "urscript" else program.messages)
     assert "attach 0.5 kg beyond the tool" in said.replace("' ", "")
@@ -138,11 +140,14 @@ def test_the_force_of_a_ur_stops_the_motion(plan):
 
 def test_a_log_becomes_a_calibration(cube, tmp_path):
     """Errors of the arm are found from what an interpreted program has logged."""
-    plan = on_planes(made_up_plan(cube(seed=1, count=90).dataset, count=64, validation=0))
+    dataset = cube(seed=2, count=90).dataset
+    whole = guarded(on_planes(made_up_plan(dataset, count=70, validation=0)), 5e-3).beyond == 5e-3
+    some = taken(dataset.measurements, np.flatnonzero(whole))  # not those at a limit of a joint
+    plan = on_planes(made_up_plan(replace(dataset, measurements=some), count=50, validation=0))
     write_plan(plan, tmp_path / "run")
-    program = ran(plan, "fanuc", cycle=2e-3)
+    program = ran(plan, "fanuc", cycle=8e-3, open=True)
     draft = imported(program, tmp_path / "run", tmp_path)
-    assert len(draft.dataset.measurements.ids) == 64
+    assert len(draft.dataset.measurements.ids) == 50
     fitted = bc.fit(draft.dataset, model="geometry", samples=0)
     rms = [r["rms_um"] for r in fitted.record["residuals"]]
-    assert np.sqrt(np.mean(np.square(rms))) < 5  # 10 µm of a cycle, evenly distributed: 3 µm
+    assert np.sqrt(np.mean(np.square(rms))) < 15  # 40 µm of a cycle, evenly distributed: 12 µm

@@ -41,7 +41,7 @@ class Step:
     """A step of a program: what it is, its texts, and readings (n,), rad, by name.
 
     `kind` is ``stop`` (text), ``pass`` (at), ``measure`` (at) or ``contact`` (approach, begin, end); all have
-    the texts `id`, `target`, and `number`, that of the row from 1.
+    the texts `id`, `target`, and `number`, that of the row from 1; a contact has `short`, of its search.
     """
 
     kind: str
@@ -152,4 +152,6 @@ def steps(plan: Plan, guard: Guarded) -> Iterator[Step]:
             yield Step("measure", texts, {"at": motion.readings})
         elif motion.kind == APPROACH:
             readings = {"approach": motion.readings, "begin": guard.begin[k], "end": guard.end[k]}
-            yield Step("contact", texts, readings)
+            less = guard.beyond[k] < guard.beyond.max()
+            short = f", search to {1e3 * guard.beyond[k]:g} mm beyond" if less else ""
+            yield Step("contact", texts | {"short": short}, readings)
