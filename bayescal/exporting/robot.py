@@ -64,13 +64,15 @@ def calibrated_robot(model: Model, values: np.ndarray, name: str = "", state: in
     )
 
 
-def robot_text(model: Model, values: np.ndarray, tool_in: str, state: int | None = None) -> str:
-    """The text of a robot.yaml of a fitted arm, which says what it is; arguments as of `calibrated_robot`.
+def robot_text(arm: FittedArm, tool_in: str, state: int | None = None) -> str:
+    """The text of a robot.yaml of a fitted arm: what it is, and the reasons not to use it, first.
 
-    `tool_in` is the file that has the tool.
+    `tool_in` is the file that has the tool; `state` as of `calibrated_robot`.
     """
+    model, values = arm.model, arm.values
     robot, dataset = calibrated_robot(model, values, state=state), model.scene.dataset
-    comment = f"{dataset.robot.name} calibrated on {dataset.name}: {', '.join(model.effects)}.\n"
+    comment = "".join(f"NOT TO BE USED: {reason}.\n" for reason in arm.use.against)
+    comment += f"{dataset.robot.name} calibrated on {dataset.name}: {', '.join(model.effects)}.\n"
     comment += f"The tool is not part of it: see {tool_in}."
     rigid = [n for n, c in zip(robot.joint_names, _compliance(model, values), strict=True) if c < 0.0]
     if rigid:
@@ -133,7 +135,7 @@ def _displaced_rows(robot: Robot, delta: np.ndarray) -> Robot:
 
 
 def _write(arm: FittedArm, options: Options) -> Written:
-    return Written(robot_text(arm.model, arm.values, "the sidecar", options.state), robot_items(arm))
+    return Written(robot_text(arm, "the sidecar", options.state), robot_items(arm))
 
 
 def robot_items(arm: FittedArm) -> list[Item]:

@@ -119,11 +119,11 @@ def test_robot_yaml_names_joints_that_were_made_rigid(arm):
     """A negative compliance is not physical: the file has none, and says so."""
     names = [p.name for p in arm.model.parameters]
     values = arm.values.copy()
-    assert "Rigid" not in robot_text(arm.model, values, "the sidecar")
+    assert "Rigid" not in robot_text(arm, "the sidecar")
     for name in ("compliance J3", "compliance J5"):
         values[names.index(name)] = -1e-6
     assert "\n# Rigid here, because the estimated compliance is negative: J3, J5.\n" in robot_text(
-        arm.model, values, "the sidecar"
+        replace(arm, values=values), "the sidecar"
     )
 
 

@@ -84,7 +84,10 @@ def test_the_rule(run):
 
 def test_files_and_reports_say_the_same(run):
     use = of_fit(run.fit).use
-    assert ("robot.yaml" in run.names) == (run.folder / "robot.yaml").exists() == run.allowed
+    head = (run.folder / "robot.yaml").read_text(encoding="utf-8").splitlines()[: len(use.against) + 1]
+    refused = [line for line in head if line.startswith("# NOT TO BE USED: ")]
+    assert refused == [f"# NOT TO BE USED: {reason}." for reason in use.against]
+    assert bool(refused) == (not run.allowed)
     contents = json.loads((run.folder / "fit.json").read_text(encoding="utf-8"))
     assert contents["use"] == use.record() == json.loads((run.folder / "arm.json").read_text())["use"]
     assert read_arm(run.folder).use == use

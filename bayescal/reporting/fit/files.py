@@ -55,7 +55,7 @@ def write_fit(
     Returns
     -------
     tuple of str
-        Names of the files and of the folder of the dataset. An arm that is not to be used has no robot.yaml.
+        Names of the files and of the folder of the dataset.
     """
     arm = of_fit(fit)
     contents = fit_contents(fit, compared)
@@ -64,11 +64,7 @@ def write_fit(
         drawn = begun(contents, parameter_draws(fit)) if pictures else dict
         (stage / FIT).write_text(indented(contents) + "\n", encoding="utf-8")
         save(fit_draws(fit), stage / "posterior.nc")
-        if arm.use.allowed:
-            robot = robot_text(arm.model, arm.values, FIT)
-            (stage / ROBOT).write_text(robot, encoding="utf-8")
-        else:
-            names.remove(ROBOT)
+        (stage / ROBOT).write_text(robot_text(arm, FIT), encoding="utf-8")
         budgets = usual(fit.basis)
         (stage / BUDGET).write_text(json_text(budget_record(budgets, fit.basis, fit.seed)), encoding="utf-8")
         (stage / BUDGET_CSV).write_text(budget_csv(budgets), encoding="utf-8")

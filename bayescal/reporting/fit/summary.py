@@ -135,7 +135,7 @@ def _next(fit: Fit, use: Use) -> Facts:
     told = {check.words for check in fit.acceptance.failed}
     reasons = [reason for reason in use.against if reason not in told]
     if use.against:
-        reasons.append("no robot.yaml is written; export, compensate and certificates need --force")
+        reasons.append("robot.yaml says so; export, compensate and certificates need --force")
     for k, reason in enumerate(reasons):
         yield "" if k else "not to be used", reason, "red"
     words = STEPS[use.next]
