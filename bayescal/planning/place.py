@@ -23,7 +23,7 @@ NEIGHBOURS = 8  # of each configuration, to which motions are considered
 CHAINED = (400, 60), (NODES, 250)
 """Configurations of which a way may pass several, and how many of them are considered next to its ends; the
 second where no way is found with the first."""
-ROUNDS = 40  # of a search for a way over several configurations
+ROUNDS = 200  # of a search for a way over several configurations
 RAISED = 0.1
 """m: distance of the tool from all solids where the arm waits for a change, if it can be had (assumed)."""
 HUBS = 300  # raised configurations between which motions are checked

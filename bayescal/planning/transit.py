@@ -175,7 +175,7 @@ def stopped(
     for both if there is no such way.
     """
     place, end = after
-    raised = place.raised
+    raised = place.hubs
     if before is not None and before[0] is not place:
         away = np.minimum(before[0].away(raised), RAISED)
         raised = raised[away >= 0.5 * away.max(initial=0.0)]

@@ -20,12 +20,13 @@ EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 
 @cache
 def example() -> Setup:
-    """The set-up of the example, with the first placement of its spheres."""
+    """The set-up of the example, with the first placement of its spheres, and a mass of 2 kg."""
     dataset = read_setup(EXAMPLE).dataset
     targets = tuple(t for t in dataset.targets if t.name.partition("@")[2] in ("", "1"))
     names = {t.name for t in targets}
     certificates = tuple(c for c in dataset.certificates if names.issuperset(c.targets))
-    return continued(replace(dataset, targets=targets, certificates=certificates))
+    setup = continued(replace(dataset, targets=targets, certificates=certificates))
+    return replace(setup, payloads=(2.0,))
 
 
 @pytest.fixture(scope="module")
