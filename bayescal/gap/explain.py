@@ -118,5 +118,5 @@ def _promoted(first: Examined) -> bool:
     own = sets.get(frozenset((COMPLIANCE,)))
     best = max(sets.values(), key=lambda h: h.score)
     gained = own is not None and own.score - sets[frozenset()].score > VERDICT.promoted
-    sure = first.decision.probability[COMPLIANCE] >= VERDICT.sure
+    sure = first.decision.probability.get(COMPLIANCE, 0.0) >= VERDICT.sure
     return gained and sure and COMPLIANCE in best.names

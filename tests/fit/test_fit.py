@@ -147,7 +147,7 @@ def test_summary_reads_in_ten_seconds(written):
     _, out, record = written
     lines = out.splitlines()
     assert lines[1].split() == ["verdict", *EXPLAINED.split()]
-    for words in ("distance error", "maximum distance error", "U = ", "next", "parameter", "weakly"):
+    for words in ("distance error", "µm RMS, maximum", "U = ", "next", "parameter", "weakly"):
         assert words in out
     shown = re.search(r"^a2 +300\.\d+ +(\d+\.\d+)\((\d\d)\) +mm", out, re.MULTILINE)
     a2 = next(p for p in record["parameters"] if p["name"] == "a2")
