@@ -68,7 +68,8 @@ def conformance(
         With u and k of its distances.
     checked : Validation
     tests : Acceptance
-        Where the model is not validated, or does not explain the machine, conformance is not proven.
+        Where the model is not validated, does not explain the machine, or rests on priors, conformance is
+        not proven.
     budgets : mapping
         Budget of the error of each certified distance (`assess.budget.of_distances`).
 
@@ -88,6 +89,8 @@ def conformance(
         decision, why = OPEN, "the model does not explain the machine"
     elif not tests.validated:
         decision, why = OPEN, "no validation measurements verify the prediction"
+    elif not tests.determined:
+        decision, why = OPEN, "the prediction rests on priors, not on measurements"
     elif undecided:
         decision = OPEN
         why = f"{len(undecided)} of {len(distances)} certified distances: error within U of the tolerance"

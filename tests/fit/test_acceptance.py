@@ -210,7 +210,8 @@ def test_a_tolerance_is_decided(session):
 
     assert at(1e-6).decision in (OPEN, FAIL)
     assert at(0.5 * expected.workspace.rms).probability < 0.6
-    assert at(1e-3, replace(found.acceptance, validated=False)).decision == OPEN
+    for lacking in ("validated", "determined"):
+        assert at(1e-3, replace(found.acceptance, **{lacking: False})).decision == OPEN
     sick = replace(found.acceptance, checks=(replace(found.acceptance.checks[0], p_value=0.0),))
     assert at(1e-3, sick).decision == OPEN
     with pytest.raises(BayescalError, match="tolerance"):

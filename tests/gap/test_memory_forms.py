@@ -147,7 +147,7 @@ def test_no_element_of_mujoco_has_them(bench, effect, form):
     c = bench.circumstances
     usual, other = (EFFECTS[effect].at(c, setting)[0] for setting in (None, form))
     model = SimpleNamespace(parameters=(usual, other), scene=SimpleNamespace(moments=c.moments))
-    arm = SimpleNamespace(model=model)
+    arm = SimpleNamespace(model=model, values=np.full(2, 1e-6))
     assert holds(arm, 0)
     assert not holds(arm, 1)
 
