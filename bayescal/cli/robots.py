@@ -31,17 +31,12 @@ def robots(
         typer.echo(json_text({"robots": found.reset_index().to_dict("records")}), nl=False)
         return
     from rich.console import Console
-    from rich.table import Table
+    from rich.padding import Padding
 
-    shown = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 1, 0))
-    for heading in ("robot", "joints", "reach (mm)", "masses"):
-        shown.add_column(heading, no_wrap=True, justify="left" if heading == "robot" else "right")
-    shown.add_column("sources")
-    for name, row in found.iterrows():
-        masses = "yes" if row.masses else "no"
-        shown.add_row(str(name), str(row.joints), f"{row.reach_mm:.0f}", masses, row.sources)
     console = Console(highlight=False, markup=False)
-    console.print(shown)
-    console.print(
-        f"{len(found)} built-in robots; any other as robot.yaml or URDF (--robot FILE)", style="dim"
-    )
+    wide = max(map(len, found.index), default=0)
+    for name, row in found.iterrows():
+        masses = "with masses" if row.masses else "without masses"
+        console.print(f"{name:{wide}}  {row.joints} joints  reach {row.reach_mm:4.0f} mm  {masses}")
+        console.print(Padding(row.sources, (0, 0, 1, 2)), style="dim")
+    console.print(f"{len(found)} built-in robots; any other as robot.yaml or URDF (--robot FILE)")
