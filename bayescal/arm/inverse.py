@@ -127,6 +127,14 @@ def to_poses(
     return task
 
 
+def to_frames(arm: NominalArm, goals: np.ndarray) -> Task:
+    """The task of poses `goals` (M, 4, 4), as far as the arm has joints: pose, axis of the tool, or point."""
+    if arm.robot.n >= 6:
+        return to_poses(arm, goals)
+    points = goals[:, :3, 3]
+    return to_axes(arm, points, goals[:, :3, 2]) if arm.robot.n == 5 else to_points(arm, points)
+
+
 def poses_apart(here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Shifts, m, and rotation vectors, rad, (M, 3) in F0 that bring poses `here` (M, 4, 4) to `there`."""
     from scipy.spatial.transform import Rotation  # slow to import, and many sessions need none

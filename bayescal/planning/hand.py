@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from bayescal.arm.inverse import LEVER, PASSES, descend, to_axes, to_points, to_poses
+from bayescal.arm.inverse import LEVER, PASSES, descend, to_axes, to_frames, to_points
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.collision import Clearance, Scene
 from bayescal.collision.path import RETRACT
@@ -272,15 +272,8 @@ class Hand:
         self, goals: np.ndarray, begin: np.ndarray, limits: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Angles (M, n), rad, at poses (M, 4, 4) of the tool, as far as it has joints; which are found."""
-        arm = self.arm
-        if arm.robot.n >= 6:
-            task = to_poses(arm, goals)
-        elif arm.robot.n == 5:
-            task = to_axes(arm, goals[:, :3, 3], goals[:, :3, 2])
-        else:
-            task = to_points(arm, goals[:, :3, 3])
-        low, high = np.broadcast_to(limits, (2, arm.robot.n))
-        return descend(task, begin, low, high, PASSES // 2)
+        low, high = np.broadcast_to(limits, (2, self.arm.robot.n))
+        return descend(to_frames(self.arm, goals), begin, low, high, PASSES // 2)
 
     def _texts(self, clearance: Clearance) -> np.ndarray:
         """Text of each answer of a clearance."""

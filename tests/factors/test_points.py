@@ -10,7 +10,7 @@ from factors.fixed_point import FixedPoint
 from factors.points import CORRELATION, certified_points, form_of, shape
 
 PLATE = np.array([(x, y, 0.0) for x in (0.0, 0.15, 0.3) for y in (0.0, 0.2)])
-"""Balls in a plane: no distance between them tells, to first order, that one stands out of it."""
+"""Balls in a plane: no distance between them tells, to first order, that one lies above it."""
 BODY = np.array([(0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.0, 0.15, 0.0), (0.05, 0.05, 0.1)])
 LINE = np.array([(0.0, 0.0, 0.0), (0.3, 0.3, 0.0), (0.1, 0.1, 0.0), (0.2, 0.2, 0.0)])
 FORMS = {"plate": PLATE, "body": BODY, "line": LINE, "pair": LINE[:2], "three": BODY[:3]}

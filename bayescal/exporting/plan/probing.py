@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bayescal.arm.inverse import descend, poses_apart, to_axes, to_points, to_poses
+from bayescal.arm.inverse import descend, poses_apart, to_frames
 from bayescal.arm.nominal import NominalArm
 from bayescal.arm.transforms import length
 from bayescal.exporting.compensate.solve import nominal_arm
@@ -114,13 +114,7 @@ class _Line:
         goals[:, :3, :3] = (
             Rotation.from_rotvec(share[:, None] * self.turn[some]).as_matrix() @ goals[:, :3, :3]
         )
-        if arm.robot.n >= 6:
-            task = to_poses(arm, goals)
-        elif arm.robot.n == 5:
-            task = to_axes(arm, goals[:, :3, 3], goals[:, :3, 2])
-        else:
-            task = to_points(arm, goals[:, :3, 3])
-        angles, found = descend(task, arm.angles_of(self.near[some]), *arm.robot.limits.T)
+        angles, found = descend(to_frames(arm, goals), arm.angles_of(self.near[some]), *arm.robot.limits.T)
         return arm.readings_of(angles), found
 
 
