@@ -103,14 +103,14 @@ OTHERS = {
 }
 
 
-@pytest.mark.skipif(os.name == "nt", reason="no pipes with a name")
+@pytest.mark.skipif(os.name == "nt", reason="not possible on this system")
 @pytest.mark.parametrize("what", OTHERS)
 def test_what_has_the_name_of_a_lock_is_refused_and_kept(tmp_path, what):
     lock = tmp_path / ".out.bayescal-lock"
     try:
         OTHERS[what](lock)
     except PermissionError:
-        pytest.skip("not allowed here")
+        pytest.skip("not possible on this system")
     before = lock.stat()
     code, said = in_time(tmp_path / "out")
     assert code == 1
@@ -143,10 +143,10 @@ def test_a_lock_that_is_removed_again_and_again_is_one_line(tmp_path, monkeypatc
         pass
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="needs a file system of its own")
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="not possible on this system")
 def test_a_read_only_folder_is_one_line(tmp_path):
     if subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "none", tmp_path], capture_output=True).returncode:
-        pytest.skip("mounting is not allowed")
+        pytest.skip("not possible on this system")
     try:
         for attempt in (alone(tmp_path / "out"), alone(tmp_path / "new" / "out")):
             with pytest.raises(BayescalError, match="Read-only file system; give another --out"), attempt:

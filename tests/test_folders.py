@@ -167,7 +167,7 @@ print(k, *sorted(seen))
 """
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="not possible on this system")
 @pytest.mark.parametrize("way", ["exchange", "rename"])
 def test_killed_before_any_system_call(tmp_path, way):
     here = Path(__file__).parent

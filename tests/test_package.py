@@ -9,8 +9,8 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
+from hatchling.builders import wheel
 
-wheel = pytest.importorskip("hatchling.builders.wheel")
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("bayescal", "factors")
 

@@ -7,12 +7,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from analysis.site import effects, scripts, signatures
 from analysis.site.links import CODE, LINK, TOP, linked, page_of, source_of
 from analysis.site.pages import entries, expanded
 from bayescal.effects import EFFECTS
-
-pytest.importorskip("jupytext")
-from analysis.site import effects, scripts, signatures
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = ("reference/commands.md", "reference/python.md")
@@ -106,7 +104,8 @@ def test_a_constant_error_has_no_curve():
 
 
 def test_formulas_are_read():
-    convert = pytest.importorskip("latex2mathml.converter").convert
+    why = "not in the extra `test`: latex2mathml"
+    convert = pytest.importorskip("latex2mathml.converter", reason=why).convert
     for name in EFFECTS:
         formula = re.search(r"```math\n(.*?)\n```", effects.body(EFFECTS[name]), re.DOTALL)[1]
         assert convert(formula).startswith("<math")

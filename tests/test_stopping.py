@@ -158,7 +158,7 @@ def test_a_working_directory_that_was_removed_is_one_line(tmp_path):
     assert done.stderr == "bayescal: working directory: it does not exist any more; change to another\n"
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="not possible on this system")
 @pytest.mark.parametrize("program", ["print('x')", "print('x' * 100_000)", "print('x'); raise SystemExit(0)"])
 def test_a_full_disk_behind_the_output_is_one_line(program):
     line = f"from bayescal.cli import entry\ndef command(): {program}\nentry._command = command\nentry.run()"

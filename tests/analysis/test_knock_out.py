@@ -4,6 +4,7 @@ import json
 import sys
 from pathlib import Path
 
+import foreign
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -12,7 +13,6 @@ from analysis import knock_out, knock_out_page
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.simulation import Options, simulate
 
-REAL = Path(__file__).parents[3] / "shared" / "data" / "real"
 README = """# A session
 
 | held out, mm | mean | rms | max |
@@ -132,9 +132,9 @@ def test_only_the_right_name_at_the_right_place_counts():
     assert knock_out_page.why(missed(named=[here])) == ""
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason="no shared data")
+@foreign.needs()
 def test_a_joint_of_a_real_arm():
-    found = knock_out.knocked(read_dataset(REAL / "panda-ball-socket-3"), "geometry at joint 4")
+    found = knock_out.knocked(read_dataset(foreign.REAL / "panda-ball-socket-3"), "geometry at joint 4")
     assert found["named"][0].items() >= {"effect": "geometry", "site": "joint 4"}.items()
     held = found["validation"]["points"]
     assert held["before_um"] > 4 * held["whole_um"]

@@ -5,6 +5,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import foreign
 import numpy as np
 import pytest
 
@@ -151,13 +152,10 @@ def test_the_figures_of_others_are_numbers_of_known_levels():
             assert float(row["mean_mm"]) <= float(row["rms_mm"]) <= float(row["max_mm"])
 
 
-REAL = Path(__file__).parents[3] / "shared" / "data" / "real"
-
-
-@pytest.mark.skipif(not REAL.exists(), reason="the shared sessions are not here")
+@foreign.needs()
 def test_the_ur5_as_its_readme_says():
     """Nothing fitted at all: the figure that the session's README quotes."""
-    step = real_sessions.as_in_the_files(real_sessions.Scene(read_dataset(REAL / "ur5-lasertracker")))
+    step = real_sessions.as_in_the_files(real_sessions.Scene(read_dataset(foreign.REAL / "ur5-lasertracker")))
     other = real_sessions_page.quoted()["ur5-lasertracker", "points", "nominal"]
     for what in ("mean_mm", "rms_mm", "max_mm"):
         assert step["points"][what] == pytest.approx(float(other[what]), abs=2e-3)

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("matplotlib")
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis.study import figures, page, pictures, run, session

@@ -135,7 +135,7 @@ def test_moves_sample_the_posterior(small):
     assert np.max(np.abs(draws[:, :-1].mean(axis=0) - small.estimate.z) / sd) < 0.3
 
 
-@pytest.mark.skipif(importlib.util.find_spec("numpyro") is None, reason="numpyro is not installed")
+@pytest.mark.skipif(importlib.util.find_spec("numpyro") is None, reason="not in the extra `test`: numpyro")
 def test_density_in_jax(small):
     from analysis.benchmarks import peer_numpyro
 
@@ -143,7 +143,7 @@ def test_density_in_jax(small):
     assert peer_numpyro.disagreement(small, density) < peer_numpyro.AGREEMENT
 
 
-@pytest.mark.skipif(importlib.util.find_spec("numpyro") is None, reason="numpyro is not installed")
+@pytest.mark.skipif(importlib.util.find_spec("numpyro") is None, reason="not in the extra `test`: numpyro")
 @pytest.mark.parametrize("name", ["nuts", "nuts_given"])
 def test_nuts_samples_the_posterior(small, name):
     from analysis.benchmarks import peer_numpyro
@@ -174,7 +174,7 @@ def _there(package: str) -> bool:
 @pytest.mark.parametrize("package", package_worker.PACKAGES)
 def test_residuals_of_packages(small, package):
     if not _there(package):
-        pytest.skip(f"{package} is not installed")
+        pytest.skip(f"not in the extra `test`: {package}")
     given = peer_packages.export(small)
     residuals, size = package_worker.residual_function(package, given)
     z = 1e-3 * np.random.default_rng(0).normal(size=size)  # products of errors have another order in FIGAROH

@@ -12,8 +12,6 @@ import pytest
 from tiny_work import until
 from typer.testing import CliRunner
 
-pytest.importorskip("pinocchio")
-
 from bayescal.blind import seal
 from bayescal.blind.folder import texts
 from bayescal.blind.run import Task, answered, run

@@ -4,9 +4,6 @@ import csv
 import json
 
 import pytest
-
-pytest.importorskip("pinocchio")
-
 from made_up_worlds import answer, silent, truth
 
 from bayescal.blind import compared, further, rounds, seal

@@ -154,7 +154,6 @@ def test_workers_without_the_package_are_refused(cluster, monkeypatch):
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "tcp://nowhere.invalid:8786"])
 def test_no_scheduler_there(address):
-    pytest.importorskip("distributed")
     with pytest.raises(BayescalError, match="no Dask scheduler there") as told:
         list(results(tiny_work.refuse, [3], dask=address))
     assert "\n" not in str(told.value)

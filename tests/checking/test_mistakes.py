@@ -1,17 +1,14 @@
 """Gross mistakes of stated values are named, good sessions have none, and what cannot be seen is said."""
 
 from dataclasses import replace
-from pathlib import Path
 
+import foreign
 import numpy as np
 import pytest
 
 import bayescal as bc
 from bayescal.checking.mistakes import DIFFERENT, hidden, judged, mistaken
 from bayescal.dataset import Certificate, Dataset, read_dataset
-
-SHARED = Path(__file__).parents[3] / "shared" / "data"
-SESSIONS = [SHARED / name for name in ("real/motoman-planes", "real/panda-ball-socket-4", "worlds-dev/004")]
 
 
 @pytest.fixture(scope="module")
@@ -84,11 +81,10 @@ def test_without_certified_lengths_there_is_no_factor(good):
     assert judged(replace(good, certificates=apart)).scale is not None
 
 
-@pytest.mark.parametrize("folder", SESSIONS, ids=lambda p: p.name)
-def test_no_false_alarm(folder):
-    if not folder.is_dir():
-        pytest.skip("the shared datasets are not here")
-    found = judged(read_dataset(folder))
+@foreign.needs()
+@pytest.mark.parametrize("name", ["real/motoman-planes", "real/panda-ball-socket-4", "worlds-dev/004"])
+def test_no_false_alarm(name):
+    found = judged(read_dataset(foreign.DATA / name))
     assert found is not None
     assert not list(mistaken(found))
 

@@ -17,8 +17,6 @@ from bayescal.exporting.compensate.frames import frame_of
 from bayescal.exporting.compensate.position import positions
 from bayescal.exporting.compensate.solve import compensated, nominal_arm
 from bayescal.exporting.compensate.targets import Target
-
-pytest.importorskip("pinocchio")
 from bayescal.world import arm as true_arms
 from bayescal.world import scene
 from bayescal.world.touch import World

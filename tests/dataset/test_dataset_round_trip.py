@@ -3,6 +3,7 @@
 from dataclasses import fields, replace
 from pathlib import Path
 
+import foreign
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -13,12 +14,11 @@ from bayescal.dataset import Dataset, Record, read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.robots import load_robot
 
-SHARED = Path(__file__).parents[3] / "shared" / "data"
 FOLDERS = sorted(
     p.parent
     for pattern in ("real/*/dataset.yaml", "worlds-dev*/*0/dataset.yaml")  # simulated ones differ little
-    for p in SHARED.glob(pattern)
-)
+    for p in foreign.DATA.glob(pattern)
+) or [foreign.DATA]
 
 
 KEPT = {"payload": 6e-7, "mass": 6e-7, "torque": 6e-7, "velocity": 1e-8, "time": 6e-5, "temperature": 6e-5}
@@ -46,7 +46,7 @@ def same(a: object, b: object, path: str = "") -> None:
         np.testing.assert_array_equal(a, b, err_msg=path)
 
 
-@pytest.mark.skipif(not FOLDERS, reason="the shared datasets are not here")
+@foreign.needs()
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda p: p.name)
 def test_shared_datasets_read_and_come_back(folder, tmp_path):
     data = read_dataset(folder)

@@ -4,6 +4,8 @@ import json
 import re
 from pathlib import Path
 
+import foreign
+import jsonschema
 import pytest
 import yaml
 from tiny_dataset import SETTINGS
@@ -18,9 +20,7 @@ from bayescal.files import stem_of
 from bayescal.robots import schema as of_robots
 from bayescal.starting.schemas import MODELS, UNITS, schema_text
 
-jsonschema = pytest.importorskip("jsonschema")
 ROOT = Path(__file__).parents[2]
-SHARED = ROOT.parent / "shared" / "data"
 ROBOTS = sorted((ROOT / "bayescal" / "robots").glob("*.yaml"))
 CHECKED = (
     schema.DatasetFile, schema.ToolEntry, schema.NoiseEntry, schema.Loose, *map(entry_of, KINDS.values()),
@@ -77,9 +77,9 @@ def test_datasets_are_valid(valid):
     assert valid("dataset", load((ROOT / "data" / "lrmate200ic-cube" / "dataset.yaml").read_text()))
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="no shared data")
+@foreign.needs()
 def test_shared_datasets_are_valid(valid):
-    found = [*SHARED.glob("real/*/dataset.yaml"), *SHARED.glob("worlds-dev*/*0/dataset.yaml")]
+    found = [*foreign.DATA.glob("real/*/dataset.yaml"), *foreign.DATA.glob("worlds-dev*/*0/dataset.yaml")]
     assert found
     assert [str(path) for path in found if not valid("dataset", load(path.read_text(encoding="utf-8")))] == []
     robots = [p.with_name("robot.yaml") for p in found if p.with_name("robot.yaml").is_file()]

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 from xml.etree import ElementTree
 
+import foreign
 import pytest
 
 import bayescal as bc
@@ -11,8 +12,7 @@ from bayescal.exporting.dcc.document import in_digits
 from bayescal.exporting.dcc.xml import DCC, SI
 
 OURS = Path(__file__).parent / "dcc" / "dcc.xsd"
-SHARED = Path(__file__).parents[3] / "shared" / "dcc" / "dcc.xsd"
-OFFICIAL = Path(os.environ.get("BAYESCAL_DCC_XSD", SHARED))
+OFFICIAL = Path(os.environ.get("BAYESCAL_DCC_XSD", foreign.SHARED / "dcc" / "dcc.xsd"))
 ENTRIES = """\
 schema: bayescal-certificate/1
 identifier: "2026-0042"
@@ -71,7 +71,7 @@ def test_valid_and_equal_to_the_budgets(run, entries, tmp_path, command):
     assert "certificates are not replaced" in errors
 
 
-@pytest.mark.skipif(not OFFICIAL.is_file(), reason="no official dcc.xsd: BAYESCAL_DCC_XSD names a copy of it")
+@foreign.needs(OFFICIAL)
 def test_valid_by_the_official_schema(run, entries, tmp_path, command):
     arguments = ("export", run, "--to", "dcc", "--certificate", entries, "--out", tmp_path / "arm.xml")
     code, _, errors = command(*arguments, "--schema", OFFICIAL)

@@ -5,7 +5,9 @@ import re
 from dataclasses import replace
 from xml.etree import ElementTree as ET
 
+import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 from export_arms import fake, robot_of, session_of, with_robot
 
@@ -19,8 +21,6 @@ from bayescal.exporting.geometry import joint_angles
 from bayescal.robots import load_robot
 from bayescal.robots.writing import robot_to_yaml
 
-pin = pytest.importorskip("pinocchio")
-mujoco = pytest.importorskip("mujoco")
 HALF = 0.5 * np.pi
 
 

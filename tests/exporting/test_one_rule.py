@@ -117,7 +117,6 @@ def test_commands_do_the_same(run, tmp_path):
 
 
 def test_verify_states_the_reasons(run, tmp_path):
-    pytest.importorskip("mujoco")
     bc.export(run.folder, "mjcf", force=True).save(tmp_path / "arm.xml")
     sidecar = json.loads((tmp_path / "arm.xml.bayescal.json").read_text(encoding="utf-8"))
     verified = bc.verify(run.folder, tmp_path / "arm.xml")

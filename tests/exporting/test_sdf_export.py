@@ -2,6 +2,7 @@
 
 from xml.etree import ElementTree as ET
 
+import mujoco
 import numpy as np
 import pytest
 from export_arms import fake, session_of
@@ -9,7 +10,6 @@ from export_arms import fake, session_of
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
 from bayescal.exporting.export import export
 
-mujoco = pytest.importorskip("mujoco")
 STEPS = 12
 
 

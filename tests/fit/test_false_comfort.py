@@ -2,8 +2,8 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
+import foreign
 import numpy as np
 import pytest
 from rich.console import Console
@@ -22,7 +22,6 @@ from bayescal.reporting.fit.record import fit_record
 from bayescal.reporting.fit.summary import fit_summary
 
 FULL = ("geometry", "compliance")
-REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
 WORDS = {
     "form": "planes that are not flat",
     "directions": "too few directions are probed",
@@ -204,10 +203,10 @@ def test_a_negative_value_is_judged_by_the_stated_uncertainty(fits):
     assert not_physical(found, found.covariance) == ()
 
 
-@pytest.mark.skipif(not REAL.exists(), reason="the shared sessions are not here")
+@foreign.needs()
 def test_loose_tolerances_on_three_planes_are_seen_through():
     """MA1400: planes are met to a quarter of a millimetre; the tracker's distances say what that is worth."""
-    found = fit(read_dataset(REAL / "motoman-planes"), ("geometry",), samples=0, prior_width=15.0)
+    found = fit(read_dataset(foreign.REAL / "motoman-planes"), ("geometry",), samples=0, prior_width=15.0)
     planes = np.concatenate([p.residuals for p in found.final.validation.planes])
     assert np.sqrt(np.mean(planes**2)) < 0.3e-3
     assert said(found) == set(WORDS)

@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import foreign
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -25,7 +26,6 @@ from bayescal.posterior.inference import load
 
 ROOT = Path(__file__).resolve().parents[2]
 CUBE = ROOT / "data" / "lrmate200ic-cube"
-SHARED = ROOT.parent / "shared" / "data"
 FULL = ("geometry", "compliance")
 LEVELS = ("nominal", "joint offsets", "geometry", "geometry + compliance")
 
@@ -300,21 +300,21 @@ def test_round_trip_through_a_folder_changes_nothing(cube, tmp_path):
     np.testing.assert_allclose(first.final.estimate.z, second.final.estimate.z, atol=2e-3)
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="the shared sessions are not here")
+@foreign.needs()
 def test_simulated_session_of_another_author():
     """Another simulator's arm: distances as small as its own fair floor allows."""
     name = "000"
-    truth = json.loads((SHARED / "worlds-dev" / "truth" / f"{name}.json").read_text())
-    found = fit(read_dataset(SHARED / "worlds-dev" / name), FULL, samples=0)
+    truth = json.loads((foreign.WORLDS / "truth" / f"{name}.json").read_text())
+    found = fit(read_dataset(foreign.WORLDS / name), FULL, samples=0)
     errors = np.array([d.error for d in found.final.validation.distances]) * 1e6
     assert np.sqrt(np.mean(errors**2)) < 1.3 * truth["distance_rms_um"]["fit_without_effect"]
     assert not found.warnings
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="the shared sessions are not here")
+@foreign.needs()
 def test_uneven_tables_are_said_and_the_tracker_is_inside():
     """Motoman: few directions, tables that are not flat. The tracker's truth is held by what is predicted."""
-    found = fit(read_dataset(SHARED / "real" / "motoman-planes"), FULL, samples=0)
+    found = fit(read_dataset(foreign.REAL / "motoman-planes"), FULL, samples=0)
     words = " ".join(found.warnings)
     assert "not flat" in words
     assert "not identifiable" in words

@@ -4,8 +4,8 @@ import io
 import re
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
+import foreign
 import numpy as np
 import pytest
 from rich.console import Console
@@ -15,7 +15,6 @@ from bayescal.dataset import read_dataset
 from bayescal.reporting.fit.summary import fit_summary
 
 FULL = ("geometry", "compliance")
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 FIGURE = re.compile(r"[+-]?\d+(?:\.\d+)?(?:\(\d+(?:\.\d+)?\))?")
 NOT_SAID = ("as drawn", "held out", "worst", "data decide", " um ", "ladder")
 
@@ -41,8 +40,8 @@ def fits(cube, tracker):
         ),
     }
     for name in ("worlds-dev/005", "real/panda-ball-socket-4"):
-        if (SHARED / name).exists():
-            made[name] = fit(read_dataset(SHARED / name), FULL, samples=0, tolerance=2e-5)
+        if (foreign.DATA / name).exists():
+            made[name] = fit(read_dataset(foreign.DATA / name), FULL, samples=0, tolerance=2e-5)
     return made
 
 

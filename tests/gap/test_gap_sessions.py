@@ -2,8 +2,8 @@
 
 import json
 from dataclasses import fields, replace
-from pathlib import Path
 
+import foreign
 import numpy as np
 import pytest
 
@@ -20,7 +20,6 @@ from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.gap.summary import gap_summary
 from bayescal.simulation import Options, simulate
 
-SHARED = Path(__file__).parents[3] / "shared" / "data"
 LITTLE = {"contacts": 160, "later": 40, "repeats": 6, "spheres": 2, "placements": 2}
 KEYS = {
     "schema", "baseline", "gap", "verdict", "effects", "credible_set90", "probability", "where",
@@ -146,11 +145,11 @@ def test_one_seed_one_result(few):
     assert first == second
 
 
-@pytest.mark.skipif(not (SHARED / "worlds-dev").is_dir(), reason="no shared data")
+@foreign.needs()
 @pytest.mark.parametrize("world", ["000", "005", "010", "017", "022"])
 def test_worlds_of_another_author(world):
-    truth = json.loads((SHARED / "worlds-dev" / "truth" / f"{world}.json").read_text())
-    gap = diagnose(read_dataset(SHARED / "worlds-dev" / world))
+    truth = json.loads((foreign.WORLDS / "truth" / f"{world}.json").read_text())
+    gap = diagnose(read_dataset(foreign.WORLDS / world))
     record = sane(gap)
     kind = {"null": "null", "single": "named", "outside": "unknown"}[truth["kind"]]
     assert gap.verdict.kind == kind

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 from functools import cache
 from pathlib import Path
 
+import axe_core_python
 import numpy as np
 import pytest
+from playwright import sync_api as playwright
 
 from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page.build import run_page
-from bayescal.reporting.page.pdf import BROWSERS
 from bayescal.reporting.page.run import Run
 from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.rows import rows_record
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (bayescal[test])")
-PROGRAM = next((path for name in BROWSERS if (path := shutil.which(name))), None)
-pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium or Chrome is installed")
-
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
-from test_gap_report import diagnosis  # noqa: E402
-from test_pages import EVIL, _renamed  # noqa: E402
+from test_gap_report import diagnosis
+from test_pages import EVIL, _renamed
 
 WIDTHS = (380, 1280)
 WAIT = 60_000
@@ -35,9 +31,9 @@ WAIT = 60_000
 
 
 @pytest.fixture(scope="module")
-def browser():
+def browser(chromium):
     with playwright.sync_playwright() as p:
-        running = p.chromium.launch(executable_path=PROGRAM, args=["--no-sandbox"])
+        running = p.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         yield running
         running.close()
 
@@ -205,7 +201,6 @@ def test_figures_are_those_of_the_record(opened, record):
 )
 def test_accessible(opened, width, scheme):
     """Contrast too, in both schemes."""
-    axe = pytest.importorskip("axe_core_python", reason="axe-core-python is not installed (bayescal[test])")
     page = opened("plain", width, scheme=scheme)
     drawn(page, "residuals")
     dark = page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 25, 30)"
@@ -213,7 +208,7 @@ def test_accessible(opened, width, scheme):
     assert page.evaluate("document.getElementById('residual-plot').layout.paper_bgcolor") == (
         "#14191e" if dark else "#fff"
     )
-    script = next(Path(axe.__file__).parent.glob("*.min.js")).read_text(encoding="utf-8")
+    script = next(Path(axe_core_python.__file__).parent.glob("*.min.js")).read_text(encoding="utf-8")
     page.evaluate(script)  # by the debugger: the page's policy does not concern it
     nodes = "r.violations.map(v => [v.id, v.nodes.map(n => n.html.slice(0, 200))])"
     found = page.evaluate(f"axe.run(document).then(r => {nodes})")

@@ -124,8 +124,7 @@ def test_without_a_browser_nothing_is_written(own, monkeypatch):
     assert not out.exists()
 
 
-@pytest.mark.skipif(not any(map(shutil.which, pdf.BROWSERS)), reason="no Chromium or Chrome")
-def test_pdf(own):
+def test_pdf(own, chromium):
     page, printed = bc.report(own, own.parent / "x.html", pdf=True)
     assert printed.read_bytes().startswith(b"%PDF")
     assert page.is_file()

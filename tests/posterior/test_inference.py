@@ -90,7 +90,8 @@ def test_prior_is_as_wide_as_stated(records):
 
 def test_a_picture_of_what_was_predicted(records):
     """Every observed variable has its predictions."""
-    matplotlib = pytest.importorskip("matplotlib")
+    import matplotlib
+
     matplotlib.use("Agg", force=True)
     assert set(records["compliance"]["observed_data"].data_vars) <= set(
         records["compliance"]["posterior_predictive"].data_vars

@@ -5,9 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-
-pytest.importorskip("mujoco")
-pytest.importorskip("pinocchio")
 from spring_arm import Errors, MuJoCoArm, PinocchioArm, Springs, X, Z, parts, tool_points
 
 from bayescal.arm.chain import link_angles

@@ -8,8 +8,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-
 from bayescal.world.build import make
 from bayescal.world.further import Wanted, further
 from bayescal.world.mix import recipe, stage

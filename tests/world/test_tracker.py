@@ -6,9 +6,6 @@ from itertools import chain
 
 import numpy as np
 import pytest
-
-pytest.importorskip("pinocchio")
-
 from scipy.spatial.transform import Rotation
 
 from bayescal.dataset import read_dataset

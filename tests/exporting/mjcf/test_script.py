@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("mujoco")
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
 from analysis.simulators import BASE, differences, drawn

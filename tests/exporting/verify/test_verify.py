@@ -9,8 +9,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-pytest.importorskip("mujoco")
-
 import bayescal as bc
 from bayescal.cli import app
 from bayescal.errors import BayescalError
@@ -99,7 +97,6 @@ def test_a_simulation_that_diverges_is_refused_and_writes_no_log(run, tmp_path, 
 
 @pytest.mark.parametrize("installed", [("MuJoCo", "Pinocchio"), ("Pinocchio",), ("MuJoCo",)], ids=len)
 def test_urdf_has_the_geometry_in_both_simulators(run, urdf, monkeypatch, installed):
-    pytest.importorskip("pinocchio")
     for name in {"MuJoCo", "Pinocchio"} - set(installed):
         monkeypatch.setitem(sys.modules, name.lower(), None)
     result = bc.verify(run / "fit", urdf)
@@ -125,7 +122,6 @@ def changed(urdf, tmp_path, what, by):
 
 def test_continuous_joints_turn_by_their_angles(run, urdf, tmp_path):
     """Pinocchio states such a joint by a cosine and a sine."""
-    pytest.importorskip("pinocchio")
     copy = changed(urdf, tmp_path, 'type="revolute"', 'type="continuous"')
     found = bc.verify(run / "fit", copy)
     assert found.passed
@@ -144,7 +140,6 @@ def test_continuous_joints_turn_by_their_angles(run, urdf, tmp_path):
     ids=["joint", "link", "tree", "doctype"],
 )
 def test_a_urdf_that_a_simulator_refuses(run, urdf, tmp_path, monkeypatch, only, what, by, message):
-    pytest.importorskip("pinocchio")
     monkeypatch.setitem(sys.modules, {"mujoco": "pinocchio", "pinocchio": "mujoco"}[only], None)
     with pytest.raises(BayescalError, match=message) as refusal:
         bc.verify(run / "fit", changed(urdf, tmp_path, what, by))
@@ -153,7 +148,7 @@ def test_a_urdf_that_a_simulator_refuses(run, urdf, tmp_path, monkeypatch, only,
 
 def test_a_file_that_pinocchio_alone_refuses_is_refused(run, urdf, monkeypatch):
     """It is not taken for a simulator that is not installed."""
-    pin = pytest.importorskip("pinocchio")
+    import pinocchio as pin
 
     def refuse(text):
         raise ValueError("made up")
