@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import file_text
 
 from bayescal.arm.nominal import NominalArm
 from bayescal.arm.transforms import rigid
@@ -13,21 +14,7 @@ from bayescal.errors import BayescalError
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 
 PROBE = Tool("ball", np.array([0.06, 0.0, 0.12]), 0.003)
-STANDARD = """\
-schema: bayescal-robot/1
-name: standard
-convention: dh
-joints:
-  - {name: J1, alpha_deg: 90, a_mm: 50, d_mm: 400, offset_deg: 0, limits_deg: [-160, 160]}
-  - {name: J2, alpha_deg: 0, a_mm: 432, d_mm: 0, offset_deg: 0, limits_deg: [-60, 200]}
-  - {name: J3, alpha_deg: -90, a_mm: 120, d_mm: 149, offset_deg: 0, limits_deg: [-220, 50]}
-  - {name: J4, alpha_deg: 90, a_mm: 0, d_mm: 433, offset_deg: 0, limits_deg: [-170, 170]}
-links:
-  - {mass_kg: 10, centre_of_mass_mm: [0, -100, 0]}
-  - {mass_kg: 8, centre_of_mass_mm: [-200, 0, 80], radius_mm: 123}
-  - {mass_kg: 4, centre_of_mass_mm: [0, 0, 60]}
-  - {mass_kg: 2, centre_of_mass_mm: [0, -50, 0]}
-"""
+STANDARD = file_text("robots/thick.yaml")
 
 
 def robot_named(name: str, folder):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import file_text
 from compensate_arms import arm_with
 
 from bayescal.arm.nominal import NominalArm
@@ -11,16 +12,7 @@ from bayescal.exporting.compensate.solve import compensated
 from bayescal.exporting.compensate.targets import Target
 from bayescal.robots import load_robot
 
-FOUR = """\
-schema: bayescal-robot/1
-name: four
-convention: mdh
-joints:
-  - {name: J1, alpha_deg: 0, a_mm: 0, d_mm: 200, offset_deg: 0, limits_deg: [-170, 170]}
-  - {name: J2, alpha_deg: -90, a_mm: 0, d_mm: 0, offset_deg: -90, limits_deg: [-90, 120]}
-  - {name: J3, alpha_deg: 0, a_mm: 400, d_mm: 0, offset_deg: 0, limits_deg: [-150, 150]}
-  - {name: J4, alpha_deg: 0, a_mm: 350, d_mm: 0, offset_deg: 0, limits_deg: [-170, 170]}
-"""
+FOUR = file_text("robots/four.yaml")
 
 
 def session_of(base, robot):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import file_text
 from tiny_dataset import SETTINGS, line_of, write
 
 from bayescal.dataset import read_dataset, write_dataset
@@ -10,14 +11,7 @@ from bayescal.errors import BayescalError
 
 STATED = "  - {kind: distance, between: [ball.A, ball.B], distance_mm: 150.0, u_distance_mm: 0.001}\n"
 USED = SETTINGS.replace(STATED, "").replace("temperature_of", "artefact: plate.yaml\ntemperature_of")
-PLATE = """\
-schema: bayescal-artefact/1
-name: plate
-points:
-  ball.A: {mm: [0, 0, 0], u_mm: 0.002}
-  ball.B: {mm: [90, 120, 0], u_mm: [0.001, 0.003, 0.002]}
-  spare: {mm: [0, 120, 0], u_mm: 0.001}
-"""
+PLATE = file_text("plate.yaml")
 FULL = (
     PLATE.replace(", u_mm: 0.002", "")
     .replace(", u_mm: [0.001, 0.003, 0.002]", "")

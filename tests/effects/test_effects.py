@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import cases
 
 from bayescal.arm import statics
 from bayescal.arm.chain import chain_of, link_angles
@@ -281,22 +282,7 @@ def test_settings_of_several_sites_are_told_once_each():
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [
-        ("geometry@3", "geometry has no setting"),
-        ("backlash@motor", "backlash has no form `motor`"),
-        ("encoder-scale@2", "encoder-scale has no form `2`"),
-        ("step@x", "'x' is not a number"),
-        ("step@", "'' is not a number"),
-        ("step@nan", "'nan' is not a number"),
-        ("thermal-drift@0", "'0' is not a number above 0"),
-        ("gear-mesh@-3", "'-3' is not a number above 0"),
-        ("hysteresis@inf", "'inf' is not a number.*hysteresis@late-20, hysteresis@late-60"),
-        ("gear-mesh@100/50", "2 settings; the number of sites is 0"),
-        ("gear-mesh@100/x at joint 1 and joint 2", "'x' is not a number above 0"),
-        ("gear-mesh@100/50 at joint 1", "2 settings; the number of sites is 1"),
-        ("step@3/4", "step has one setting for all sites"),
-        ("nonsense@1", "no effect is called `nonsense`"),
-    ],
+    cases("setting_refusals"),
 )
 def test_settings_that_cannot_be(name, words, cube):
     scene = Scene(cube(seed=1).dataset)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import cases
 
 from bayescal.effects import parameters_of
 from bayescal.effects.deflection import compliances
@@ -61,18 +62,7 @@ def test_sites_drivers_and_priors(c):
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [
-        ("backlash at joint 9", "no parameters at `joint 9`; its sites are: joint 1, joint 2"),
-        ("backlash at", "no effect is called `backlash at`"),
-        (
-            "coupling at joint 5 by angle 1",
-            "no parameters by `angle 1` there; its drivers there are: angle 3, ang",
-        ),
-        ("backlash in proportion", "no parameters in proportion there; say backlash"),
-        ("backlash at joint 3 x0", "'0' is not a number above 0"),
-        ("backlash x-2", "'-2' is not a number above 0"),
-        ("back lash", "no effect is called `back lash`"),
-    ],
+    cases("selection_refusals"),
 )
 def test_names_that_cannot_be(name, words, c):
     with pytest.raises(BayescalError) as caught:

@@ -8,6 +8,7 @@ from io import StringIO
 
 import numpy as np
 import pytest
+from cases import cases
 
 import bayescal as bc
 from bayescal.assess.budget import budget, parameter
@@ -93,16 +94,7 @@ def test_csv_has_all_components_and_the_sum(run, command):
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [
-        (("--parameter", "zz"), "no parameter `zz`"),
-        (("--distance", "ball.A@1", "cube.+y"), "no target `cube.+y` with a centre"),
-        (("--distance", "ball.A@1", "ball.A@1"), "both ends are ball.A@1"),
-        (("--point-deg", "1,2,3"), "3 readings"),
-        (("--point-deg", "1,2,x,4,5,6"), "no list of numbers"),
-        (("--point-deg", "1,2,nan,4,5,6"), "no finite number"),
-        (("--to", "xml"), "no format `xml`"),
-        (("--parameter", "a2", "--point-deg", "1,2,3,4,5,6"), "more than one measurand"),
-    ],
+    cases("budget_refusals"),
 )
 def test_refusals(run, command, arguments, message):
     code, _, errors = command("budget", run, *arguments)

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import foreign
 import pytest
+from cases import cases, file_text
 
 import bayescal as bc
 from bayescal.exporting.dcc.document import in_digits
@@ -13,19 +14,7 @@ from bayescal.exporting.dcc.xml import DCC, SI
 
 OURS = Path(__file__).parent / "dcc" / "dcc.xsd"
 OFFICIAL = Path(os.environ.get("BAYESCAL_DCC_XSD", foreign.SHARED / "dcc" / "dcc.xsd"))
-ENTRIES = """\
-schema: bayescal-certificate/1
-identifier: "2026-0042"
-language: en
-country: CA
-begin: 2026-11-20
-end: 2026-11-21
-location: laboratory
-laboratory: {name: Laboratory <of> lengths & angles, country: CA, city: Montreal, post_code: H3C 1K3}
-customer: {name: A customer, country: CA, city: Quebec, email: a@b.ca}
-responsible: [{name: A. Person, role: head, main_signer: true}]
-item: {name: robot, manufacturer: FANUC, model: LR Mate 200iC, serial_number: E12345}
-"""
+ENTRIES = file_text("certificate.yaml")
 
 
 @pytest.fixture(scope="module")
@@ -80,14 +69,7 @@ def test_valid_by_the_official_schema(run, entries, tmp_path, command):
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [
-        (("identifier:", "#"), "missing: identifier"),
-        ((", serial_number: E12345", ""), "missing: item.serial_number"),
-        (("begin: 2026-11-20\nend: 2026-11-21\n", ""), "missing: begin, end"),
-        (("country: CA\nbegin", "country: Canada\nbegin"), "country"),
-        (("end: 2026-11-21", "end: 2026-11-01"), "`end` is before `begin`"),
-        (("location:", "locaton: x\nlocation:"), "locaton"),
-    ],
+    cases("certificate_refusals"),
 )
 def test_what_is_missing_is_refused(run, entries, tmp_path, command, change, message):
     assert change[0] in ENTRIES

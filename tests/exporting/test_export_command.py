@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import cases
 
 import bayescal as bc
 
@@ -48,14 +49,7 @@ def test_every_format(run, tmp_path, command, to):
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [
-        (("--to", "usd"), "there is no format `usd`; formats: robot.yaml, urdf"),
-        (("--to", "urdf", "--at-row", "x"), "there is no row `x`"),
-        (("--to", "urdf", "--at-row", "c0001", "--at-time-s", "3"), "a time and a row are given"),
-        (("--to", "urdf", "--readings", "script"), "urdf has no readings `script`"),
-        (("--to", "urdf", "--into", "missing.urdf"), "missing.urdf: no such file"),
-        (("--to", "urdf", "--without", "backlash"), "backlash"),
-    ],
+    cases("export_refusals"),
 )
 def test_bad_input_is_one_line(run, tmp_path, command, arguments, message):
     code, _, errors = command("export", run, *arguments, "--out", tmp_path / "arm")

@@ -4,21 +4,12 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from cases import cases
 
 from bayescal.exporting.xml_text import XmlText
 
 TAGS, VALUES = ("a", "b-c", "long_name"), ("", "1 2", "x > y", "a &amp; b", "&lt;&#181;", "it's")
-GAPS = (
-    "",
-    " ",
-    "\n",
-    "\n   ",
-    "\r\n\t",
-    "\n <!-- <a/> > -->\n  ",
-    "text &amp; more",
-    "<?do it?>",
-    "<![CDATA[<a>]]>",
-)
+GAPS = cases("xml_gaps")
 
 
 def random_xml(rng: np.random.Generator, depth: int = 0) -> str:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import cases
 
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert
@@ -15,15 +16,7 @@ ARM = "fanuc-lrmate200ic"
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [
-        ("j1=A1 mm", "`mm` is a unit of length, not of angle; give one of deg, rad, mrad"),
-        ("x=X furlong", "unknown unit `furlong`; give one of mm, m, cm, um, in"),
-        ("j7=A7 deg", "`j7`, but the robot has 6 joints"),
-        ("j1=A deg, j1=B deg", "`j1` is given twice"),
-        ("xx=X mm", "unknown quantity `xx`"),
-        ("j1", "'j1' is not an entry of a map"),
-        ("x=Actual position", "unknown unit `position`; .*spaces is enclosed in braces: {Actual position}"),
-    ],
+    cases("import_map_refusals"),
 )
 def test_maps(text, words):
     with pytest.raises(BayescalError, match=words):
@@ -66,21 +59,7 @@ def test_quantities():
 
 @pytest.mark.parametrize(
     ("text", "map_", "words"),
-    [
-        ("a;b\n1;2\n3\n", "x=a mm", r"log.csv:3: 1 cells, the header has 2"),
-        (
-            "alpha,b\n1,2\n",
-            "x=Alpha mm",
-            r"log.csv: `x`: no column `Alpha`; is it `alpha`",
-        ),
-        ("a,b\n1,two\n", "x=b mm", r"log.csv:2: `x` is not a number: 'two'"),
-        ("a;b\n1;1.000,5\n", "x=b mm", r"`x` is not a number: '1.000,5'"),
-        ("a,b\n", "x=a mm", "no rows below the header"),
-        ("1,2\n", "x=#3 mm", "log.csv: `x`: there is no column 3, the file has 2 columns"),
-        ("// nothing\n", "x=#3 mm", "no rows"),
-        ("a,b\n1,2\n", "j1=a", r"--map: column `a` of `j1` has no unit; write `j1=a deg`, or one of deg"),
-        ("a,b\n1,2\n", "temperature=b", "`temperature` has no unit; write `temperature=b C`"),
-    ],
+    cases("import_log_refusals"),
 )
 def test_logs(tmp_path, text, map_, words):
     (tmp_path / "log.csv").write_text(text, encoding="utf-8")
@@ -90,20 +69,7 @@ def test_logs(tmp_path, text, map_, words):
 
 @pytest.mark.parametrize(
     ("said", "words"),
-    [
-        ({"robot": ""}, "--robot: the robot is not stated"),
-        (
-            {"map": ""},
-            "log.csv: the contents and units of the columns are not stated.* A1, A2, .*, Y, Z",
-        ),
-        ({"format": "xlsx"}, "--format: `xlsx` is not known; must be csv or robodk"),
-        ({"noise": ""}, "--noise: the uncertainty of the instrument is not stated"),
-        ({"noise": "0.03"}, "--noise: '0.03' is not 1 number and a unit of length"),
-        ({"map": "j*=A* deg"}, "no points, and no template"),
-        ({"map": "j*=A* deg, x=X mm"}, "`y` is not mapped, `x` is"),
-        ({"map": "j1=A1 deg, x=X mm, y=Y mm, z=Z mm"}, "`j2` is not mapped, `j1` is"),
-        ({}, "2 points of `tracker` do not determine its position; give at least 6"),
-    ],
+    cases("import_request_refusals"),
 )
 def test_requests(tmp_path, said, words):
     log = tmp_path / "log.csv"

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import cases, file_text
 
 from bayescal.errors import BayescalError
 from bayescal.importing.columns import columns_of, missing_in
@@ -15,18 +16,7 @@ def read(tmp_path, text, map_, decimal="", encoding="utf-8"):
     return columns_of(read_log(tmp_path / "log.csv", missing=missing_in(said)), said, decimal)
 
 
-LAB = """Metrology report;;;
-Operator: M. Müller
-# a comment
-Point;A1 [deg];X [mm];u / µm
-P1;10;1,5;3
-
-P2;20;0,25;4
-Point;A1 [deg];X [mm];u / µm
-P3;30;1234,5;5
-Total points: 3
-End of report
-"""
+LAB = file_text("lab.csv")
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
@@ -87,35 +77,7 @@ def test_texts_of_several_columns(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "map_", "words"),
-    [
-        ("a,b\n1,2\n", "x=__import__('os') mm", "no column"),
-        ("a,b\n1,2\n", "x=a ** b mm", r"'a \*\* b' is no expression; use columns, numbers, \+ - \* / and"),
-        ("a,b\n1,2\n", "x=a // b mm", "is no expression"),
-        ("a,b\n1,2\n", "x=a(b) mm", "is no expression"),
-        ("a,b\n1,2\n", "x=a.real + 1 mm", "no column `a.real`"),
-        ("a,b\n1,2\n", "x=a + c mm", "no column `c`; known are: a, b"),
-        ("a,b\n1,0\n", "x=a / b mm", "log.csv:2: `x` = a / b has no finite value"),
-        (
-            "a,2\n1,5\n",
-            "x=2 mm, y=a mm",
-            r"`2` is the number 2 and the name of a column; write \{2\} for the column, 2.0",
-        ),
-        ("a,b\n1,2\n3\n", "x=c mm", "no column `c`; known are: a, b"),
-        ("a,a\n1,2\n", "x=a mm", "columns #1 and #2 are both called `a`; give the number"),
-        ("a [m],b\n1,2\n", "x=a mm", r"`x` is stated in mm, but `a \[m\]` of the file is in m"),
-        ("a [m],b [mm]\n1,2\n", "x=a + b", "has no unit"),
-        ("a [deg],b\n1,2\n", "x=a", "`deg` is a unit of angle, not of length"),
-        (
-            "a;b\n1;2,500\n",
-            "x=b mm",
-            "'2,500' may have a decimal comma or a separator of thousands; give --dec",
-        ),
-        ("a;b\n1.5;2,5\n", "x=a mm, y=b mm", "`y` is not a number: '2,5'; write numbers without separators"),
-        ("a;b\n1;1 234,5\n", "x=b mm", "not a number: '1 234,5'; write numbers without separators"),
-        ("a;b\n1;1'234.5\n", "x=b mm", "write numbers without separators"),
-        ("id,x\np1,1\np2\n", "id=id, x=x mm", "log.csv:3: 1 cells, the header has 2|left out"),
-        ("id,x,y\np1,1,2\np2,3\n", "id=id, x=x mm", "log.csv:3: 2 cells, the header has 3"),
-    ],
+    cases("log_refusals"),
 )
 def test_refused(tmp_path, text, map_, words):
     if "left out" in words:  # a line at the end without a number: left out, and the note shows it
@@ -145,51 +107,7 @@ MIDNIGHT = [0.0, 1.5, 86399.25, 86401.0]
 
 @pytest.mark.parametrize(
     ("kind", "cells", "clock"),
-    [
-        (
-            "iso",
-            ["2026-11-22T00:00:00", "2026-11-22 00:00:01.5", "2026-11-22 23:59:59.25", "2026-11-23T00:00:01"],
-            "local",
-        ),
-        (
-            "iso",
-            [
-                "2026-11-22T02:00:00+02:00",
-                "2026-11-22T00:00:01.5Z",
-                "2026-11-22T18:59:59.250-0500",
-                "2026-11-23T00:00:01 UTC",
-            ],
-            "UTC",
-        ),
-        (
-            "dmy",
-            ["22.11.2026 00:00", "22.11.2026 0:00:01,5", "22.11.2026 23:59:59.25", "23.11.2026 00:00:01"],
-            "local",
-        ),
-        (
-            "mdy",
-            [
-                "11/22/2026 12:00:00 AM",
-                "11/22/2026 12:00:01.5 am",
-                "11/22/2026 11:59:59.25 PM",
-                "11/23/2026 12:00:01 AM",
-            ],
-            "local",
-        ),
-        (
-            "ymd",
-            [
-                "2026/11/22 00:00:00",
-                "2026/11/22 00:00:01.50",
-                "2026/11/22 23:59:59.25",
-                "2026/11/23 00:00:01",
-            ],
-            "local",
-        ),
-        ("clock", ["00:00:00", "00:00:01.5", "23:59:59.25", "00:00:01"], "day"),
-        ("epoch_s", ["1795305600", "1795305601.5", "1795391999.25", "1795392001"], "UTC"),
-        ("epoch_ms", ["1795305600000", "1795305601500", "1795391999250", "1795392001000"], "UTC"),
-    ],
+    cases("time_stamps"),
 )
 def test_time_stamps(tmp_path, kind, cells, clock):
     text = "\n".join(["t;x", *(f"{cell};1" for cell in cells)])
@@ -208,20 +126,7 @@ def test_date_and_time_in_two_columns(tmp_path):
 
 @pytest.mark.parametrize(
     ("cells", "kind", "words"),
-    [
-        (["2026-13-01 00:00:00"], "iso", "log.csv:2: `time`: '2026-13-01 00:00:00' is not a date and time"),
-        (
-            ["22.11.2026 10:00:00"],
-            "iso",
-            "is not a date and time .iso.; state the kind, one of iso, ymd, dmy",
-        ),
-        (["22.11.2026 10:00:00"], "mdy", "is not a date and time .mdy."),
-        (["10:00:00", "09:59:00"], "clock", "log.csv:3: `time`: the time of day '09:59:00' is before"),
-        (["25:00:00"], "clock", "not a time of day"),
-        (["2026-11-22T00:00:00Z", "2026-11-22T00:00:00"], "iso", "some time stamps state their time zone"),
-        (["1795305600"], "epoch_ms", "1795305600 is not a time since 1970 in this unit"),
-        (["1795305600"], "s", "longer than three years: since 1970.; write `time=t epoch_s`"),
-    ],
+    cases("time_stamp_refusals"),
 )
 def test_no_time_stamps(tmp_path, cells, kind, words):
     with pytest.raises(BayescalError, match=words):

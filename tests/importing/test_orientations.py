@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import cases
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rpy_matrix
@@ -125,16 +126,7 @@ def test_another_convention_is_refused_and_the_right_one_named(posed, tmp_path, 
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [
-        ("rotation=o1 o2 o3 o4", "the convention of the orientation is not stated; write .*wxyz"),
-        ("rotation=o1 o2 o3 abc", "the orientation has no unit; write `rotation=o1 o2 o3 abc deg`"),
-        ("rotation=o1 o2 o3 o4 wxyz deg", "wxyz has no unit; remove `deg`"),
-        ("rotation=o1 o2 o3 wxyz", "wxyz needs 4 columns, 3 are given"),
-        ("rotation=A1 A2 A3 A4 wxyz", r"log.csv:2: \(.*\) is not a unit quaternion"),
-        ("rotation=#2..#10 matrix", r"is not a rotation matrix; check the columns"),
-        ("rotation=o1 o2 o3 o4 wxyz, rx=o1 deg, ry=o2 deg, rz=o3 deg", "`rotation` and `rx` are both mapped"),
-        ("rx=o1 deg, ry=o2 deg", "`rz` is not mapped, `rx` is"),
-    ],
+    cases("orientation_refusals"),
 )
 def test_refused(posed, tmp_path, words, said):
     data, turns = posed

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import cases
 from made_up_logs import said, table
 
 from bayescal.dataset import write_dataset
@@ -70,15 +71,7 @@ def test_targets(cube):
 
 @pytest.mark.parametrize(
     ("rule", "words"),
-    [
-        ("every:1", "'every:1' is not a rule for validation measurements; write every:5, stop"),
-        ("random", "'random' is not a rule"),
-        ("last:120%", "is not a rule"),
-        ("every:99", "'every:99' selects none of the 40 rows"),
-        ("targets ball.*", r"no target of a row is called `ball.\*`; there are tracker"),
-        ("targets *", r"'targets \*' selects all of the 40 rows"),
-        ("stops b*", "the rows do not state their stops"),
-    ],
+    cases("role_refusals"),
 )
 def test_refused(tracked, rule, words):
     with pytest.raises(BayescalError, match="^--validate: .*" + words):

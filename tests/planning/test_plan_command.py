@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from cases import cases
 
 import bayescal as bc
 from bayescal.planning.setup import read_setup
@@ -109,15 +110,7 @@ def test_a_diagnosis_is_continued(session, setup, tmp_path):
 
 @pytest.mark.parametrize(
     ("options", "words"),
-    [
-        (("--to", "rapid"), "there is no format `rapid`"),
-        (("--for", "fun"), "`fun` is not known"),
-        (("--order", "alphabet"), "`alphabet` is not known"),
-        (("--levers", "payload,magic"), "`magic` is not known"),
-        (("--model", "geometri"), "geometri"),
-        (("--contacts", "5"), "not more than"),
-        (("--after", "."), "there is no dataset.yaml and no gap.json"),
-    ],
+    cases("plan_refusals"),
 )
 def test_refusals_are_one_line(setup, options, words, tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)

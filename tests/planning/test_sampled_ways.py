@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import cases
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -124,16 +125,7 @@ def test_own_solids_are_read_written_and_avoided(tmp_path):
 
 @pytest.mark.parametrize(
     ("entry", "words"),
-    [
-        ("{kind: mesh, file: none.stl}", "there is no file none.stl"),
-        ("{kind: mesh, file: ../x.stl}", "outside"),
-        ("{kind: mesh, file: dataset.yaml}", "has no body"),
-        ("{kind: box, centre_mm: [0, 0, 0], size_mm: [1, 1, 0]}", "size_mm"),
-        (
-            '{kind: box, centre_mm: [0, 0, 0], size_mm: [1, 1, 1], placement: "9"}',
-            "no target has the placement `9`",
-        ),
-    ],
+    cases("solid_refusals"),
 )
 def test_solids_that_are_refused(entry, words, tmp_path):
     with pytest.raises(BayescalError) as error:

@@ -8,6 +8,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from boxes import clashes, texts
+from cases import cases
 from gap_diagnoses import bare, diagnosis, plane, seven
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
@@ -330,23 +331,7 @@ def lightness(colour):
     return 116 * np.cbrt(y) - 16 if y > 0.008856 else 903.3 * y
 
 
-DEFICIENCIES = {
-    "protanopia": [
-        [0.152286, 1.052583, -0.204868],
-        [0.114503, 0.786281, 0.099216],
-        [-0.003882, -0.048116, 1.051998],
-    ],
-    "deuteranopia": [
-        [0.367322, 0.860646, -0.227968],
-        [0.280085, 0.672501, 0.047413],
-        [-0.011820, 0.042940, 0.968881],
-    ],
-    "tritanopia": [
-        [1.255528, -0.076749, -0.178779],
-        [-0.078411, 0.930809, 0.147602],
-        [0.004733, 0.691367, 0.303900],
-    ],
-}
+DEFICIENCIES = cases("deficiencies")
 """Machado, Oliveira, Fernandes (2009), severity 1, of linear RGB."""
 
 

@@ -8,6 +8,7 @@ import re
 from dataclasses import replace
 
 import pytest
+from cases import cases
 from gap_diagnoses import diagnosis
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -75,16 +76,7 @@ def test_headline_effects_and_probabilities_are_of_one_rule(session, p, unknown,
 
 @pytest.mark.parametrize(
     ("kind", "named", "unknown", "expected"),
-    [
-        ("named", False, 0.6, "unknown"),
-        ("named", False, 0.4, "ambiguous"),
-        ("named+unexplained", False, 0.5, "unknown"),
-        ("named+unexplained", True, 0.1, "named+unexplained"),
-        ("unknown", False, 0.499, "ambiguous"),
-        ("unknown", False, 0.5, "unknown"),
-        ("ambiguous", True, 0.9, "ambiguous"),
-        ("null", False, 0.7, "null"),
-    ],
+    cases("verdicts"),
 )
 def test_a_verdict_is_one_that_its_probabilities_support(kind, named, unknown, expected):
     assert settled(kind, named, {"unknown": unknown}) == expected

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
+from cases import cases
 
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
@@ -81,34 +82,7 @@ def test_script_leaves_errors_of_readings_out():
     assert "_error" not in text
 
 
-REFUSALS = {
-    "no include": ("<asset>", '<include file="other.xml"/><asset>', "other.xml.>: there is no such file"),
-    "included elsewhere": ("<asset>", '<include file="/etc/x.xml"/><asset>', "no relative path"),
-    "included itself": ("<asset>", '<include file="scene.xml"/><asset>', "included twice"),
-    "another arm": (
-        'pos="0 -0.131 0.425"',
-        'pos="0 -0.131 0.45"',
-        "shoulder_lift_joint and elbow_joint is 450",
-    ),
-    "zeros": (
-        '<body name="wrist_2_link"',
-        '<body name="wrist_2_link" quat="0.9 0 0.4 0"',
-        "the zero of wrist_1_joint is 47.91 deg off",
-    ),
-    "a second joint": ('<geom name="cube"', '<joint/><geom name="cube"', "MuJoCo refuses the file"),
-    "scaled masses": (
-        'autolimits="true"',
-        'autolimits="true" settotalmass="30"',
-        "settotalmass: MuJoCo changes",
-    ),
-    "a joint in a frame": (
-        '<joint name="elbow_joint" class="size3_limited"/>',
-        '<frame><joint name="elbow_joint" class="size3_limited"/></frame>',
-        "the joint of body forearm_link is in a <frame>",
-    ),
-    "doctype": ("<mujoco ", '<!DOCTYPE x [<!ENTITY a "b">]><mujoco ', "DOCTYPE"),
-    "name": ('name="table"', 'name="cube"', "MuJoCo refuses the file"),
-}
+REFUSALS = cases("mjcf_refusals")
 
 
 @pytest.mark.parametrize("name", REFUSALS)

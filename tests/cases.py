@@ -1,0 +1,18 @@
+"""Tables of cases and texts of files that tests read: they are data, in `tests/data`, a file for each."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+DATA = Path(__file__).parent / "data"
+
+
+def file_text(name: str) -> str:
+    """The text of a file."""
+    return (DATA / name).read_text(encoding="utf-8")
+
+
+def cases(name: str) -> Any:
+    """The table of a file: a list of rows, or a mapping of names to rows."""
+    return yaml.safe_load(file_text(f"{name}.yaml"))
