@@ -28,10 +28,10 @@ BREACHES = [
     ("factors.plane", "gtsam", "graph"),
     ("bayescal.model.model", "arviz", "sampler"),
     ("bayescal.estimate.estimate", "emcee", "sampler"),
-    ("bayescal.world.build", "bayescal.arm.chain", "world"),
+    ("analysis.world.build", "bayescal.arm.chain", "world"),
     ("bayescal.model.model", "pinocchio", "pinocchio"),
     ("bayescal.model.model", "mujoco", "mujoco"),
-    ("bayescal.blind.workers", "distributed", "dask"),
+    ("analysis.blind.workers", "distributed", "dask"),
     ("bayescal.cli.fit", "bayescal.calibration", "commands"),
 ]
 """An import that is not there, and the contract that forbids it."""

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bayescal.preparing.check import check
 from cases import cases
 from typer.testing import CliRunner
 
 import bayescal as bc
-from bayescal.checking.check import check
 from bayescal.errors import BayescalError
 
 ROOT = Path(__file__).parents[2]

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bayescal.probing.scene import arm_capsules, link_radii
 from cases import file_text
 
-from bayescal.arm.nominal import NominalArm
+from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid
-from bayescal.collision import arm_capsules, link_radii
 from bayescal.dataset import Tool
 from bayescal.errors import BayescalError
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml

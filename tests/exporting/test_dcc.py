@@ -9,8 +9,7 @@ import pytest
 from cases import cases, file_text
 
 import bayescal as bc
-from bayescal.exporting.dcc.document import in_digits
-from bayescal.exporting.dcc.xml import DCC, SI
+from bayescal.exporting.dcc import DCC, SI, in_digits
 
 OURS = Path(__file__).parent / "dcc" / "dcc.xsd"
 OFFICIAL = Path(os.environ.get("BAYESCAL_DCC_XSD", foreign.SHARED / "dcc" / "dcc.xsd"))

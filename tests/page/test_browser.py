@@ -16,9 +16,9 @@ from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page.build import run_page
-from bayescal.reporting.page.run import Run
+from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.rows import rows_record
+from bayescal.reporting.shared.origin import rows_record
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))

@@ -10,18 +10,20 @@ from cases import cases
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from bayescal.probing.clearance import Clearance
+from bayescal.probing.scene import Solid
+from bayescal.probing.shapes import Box, Cylinder, Hull
+from bayescal.probing.sweep import distances
+
 from analysis.planning import ways as study
 from analysis.planning.sampled import Cell, Table
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.collision import Clearance, Solid
-from bayescal.collision.exact import distances
-from bayescal.collision.shapes import Box, Cylinder, Hull
 from bayescal.dataset import read_dataset
 from bayescal.dataset.read import read_settings
 from bayescal.dataset.solids import hull_stl
 from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
-from bayescal.planning.obstacles import scene
+from bayescal.planning.place import scene
 from bayescal.planning.setup import continued, read_setup
 
 EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"

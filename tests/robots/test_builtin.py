@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from cases import cases
 
-from bayescal.arm.chain import chain_of, frames, link_angles
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot, chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
 from bayescal.robots import builtin_robots, load_robot
 

@@ -7,11 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-
-from bayescal.world.build import make
-from bayescal.world.further import Wanted, further
-from bayescal.world.mix import recipe, stage
-from bayescal.world.scene import NAMES
+from analysis.world.build import make
+from analysis.world.further import Wanted, further
+from analysis.world.mix import recipe, stage
+from analysis.world.scene import NAMES
 
 SEED = 101
 
