@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bayescal.effects import Parameter, Site
-from bayescal.effects.location import ARM
+from bayescal.effects.location import ARM as ARM_SITE
 from bayescal.effects.selection import Selection, plain
 from bayescal.errors import BayescalError
 
@@ -74,7 +74,7 @@ def parts_of(
 
 
 def _recorded(words: str) -> Part:
-    return Part.of(words) if " at " in words else Part("", ARM, words.strip())
+    return Part.of(words) if " at " in words else Part("", ARM_SITE, words.strip())
 
 
 def kept(parameters: Sequence[Parameter], without: Sequence[Part]) -> tuple[Parameter, ...]:

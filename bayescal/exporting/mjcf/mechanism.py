@@ -100,7 +100,7 @@ def mechanism(content: Content, law: Law) -> Mechanism:
     )
     foot, *places, flange = poses(content, law)
     bodies = [Body("base", foot, _stand(stand_hinges(content), foot, chain))]
-    for j, (name, place) in enumerate(zip(robot.joint_names, places, strict=True)):
+    for j, (name, frame) in enumerate(zip(robot.joint_names, places, strict=True)):
         low, high = sorted((np.sign(robot.link_from_reading[j, j]) * robot.limits[j]).tolist())
         hinges = [Hinge(name, Z, 0.0 * Z, limits=(low, high))]
         if wrong[j]:
@@ -110,7 +110,7 @@ def mechanism(content: Content, law: Law) -> Mechanism:
         hinges += _yielding(name, tilts.get(j), bends.get(j, ()), _moved(delta[j + 1], (1,)))
         mass = 0.0 if robot.masses is None else float(robot.masses[j])
         centre = np.zeros(3) if robot.centres_of_mass is None else centre_in_frame(robot, chain, delta, j)
-        bodies.append(Body(f"link{j + 1}", place, tuple(hinges), mass, centre))
+        bodies.append(Body(f"link{j + 1}", frame, tuple(hinges), mass, centre))
     return Mechanism(tuple(bodies), flange, loads(content), scene.dataset.gravity)
 
 
