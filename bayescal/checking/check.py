@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from bayescal.checking.finding import KINDS, Finding
-from bayescal.checking.missing import missing, model_of
-from bayescal.checking.mistakes import hidden, judged, mistaken
+from bayescal.checking.missing import missing
+from bayescal.checking.mistakes import hidden, judged, mistaken, model_of
 from bayescal.checking.odd import odd
 from bayescal.dataset import Certificate, Dataset
 from bayescal.dataset.read import read_parts

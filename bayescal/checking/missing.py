@@ -13,12 +13,11 @@ from bayescal.checking.finding import Finding
 from bayescal.dataset import Dataset
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.target_kinds import kinds_of
-from bayescal.effects import parameters_of
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
 from bayescal.gap.search.candidates import Candidates
 from bayescal.model import ARM
-from bayescal.model.model import Model, with_parameters
+from bayescal.model.model import Model
 from bayescal.model.scene import Scene
 from bayescal.planning.information import RESERVE
 from bayescal.predict.rows import check_located
@@ -44,23 +43,6 @@ def missing(
         what = "no joint velocities: backlash and other errors by direction of motion cannot be assessed"
         remedy = "add the columns `j1_degps` ...; their signs are the direction of approach"
         yield Finding("no_velocities", "missing", what, TABLE, remedy)
-
-
-def model_of(scene: Scene, effects: tuple[str, ...]) -> tuple[Model | None, tuple[str, ...]]:
-    """The model of a session with those effects that it can have, and their names; None without rows."""
-    rows = scene.rows("calibrate")
-    if not len(rows):
-        return None, ()
-    circumstances = scene.circumstances(rows)
-    possible = []
-    for name in effects:
-        try:
-            parameters_of((name,), circumstances, lenient=True)
-            possible.append(name)
-        except BayescalError:
-            continue
-    own = tuple(possible)
-    return with_parameters(scene, own, parameters_of(own, circumstances, lenient=True)), own
 
 
 def _roles(dataset: Dataset) -> Iterator[Finding]:

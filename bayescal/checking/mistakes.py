@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.checking.missing import model_of
 from bayescal.dataset import Certificate, Dataset
 from bayescal.dataset.append import taken
 from bayescal.dataset.target_kinds import kinds_of
+from bayescal.effects import parameters_of
+from bayescal.errors import BayescalError
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model.block import Turned
-from bayescal.model.model import Model
+from bayescal.model.model import Model, with_parameters
 from bayescal.model.scene import Scene
 
 MODEL = ("geometry", "compliance")
@@ -44,6 +45,23 @@ DIFFERENT = 3e-3
 MOST_GROUPS = 12
 """Spheres and cylinders of which each is judged alone."""
 STEP = 1e-6
+
+
+def model_of(scene: Scene, effects: tuple[str, ...]) -> tuple[Model | None, tuple[str, ...]]:
+    """The model of a session with those effects that it can have, and their names; None without rows."""
+    rows = scene.rows("calibrate")
+    if not len(rows):
+        return None, ()
+    circumstances = scene.circumstances(rows)
+    possible = []
+    for name in effects:
+        try:
+            parameters_of((name,), circumstances, lenient=True)
+            possible.append(name)
+        except BayescalError:
+            continue
+    own = tuple(possible)
+    return with_parameters(scene, own, parameters_of(own, circumstances, lenient=True)), own
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bayescal.model import Block, Model, Turned
+from bayescal.model.block import Block, Turned
+from bayescal.model.model import Model
 
 
 def length_blocks(model: Model) -> tuple[Block, ...]:
