@@ -2,23 +2,6 @@
 
 from __future__ import annotations
 
-from bayescal.cli import (  # noqa: F401  (they register their commands)
-    blind,
-    budget,
-    check,
-    compare,
-    compensate,
-    export,
-    fit,
-    gap,
-    import_,
-    init,
-    plan,
-    report,
-    robots,
-    simulate,
-    verify,
-)
 from bayescal.cli.root import app
 
 __all__ = ["app"]

@@ -9,7 +9,7 @@ import signal
 import sys
 
 from bayescal.errors import BayescalError
-from bayescal.stopping import Stopped, leave, stoppable
+from bayescal.storage.stopping import Stopped, leave, stoppable
 
 FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 """A full disk, a limit on the size of files, an exhausted quota: no defect of ours."""

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from sealed_worlds import here, made_up
 
-from bayescal.blind import seal
-from bayescal.blind.folder import FILES, PLAN, write
-from bayescal.blind.make import Drawn, make
-from bayescal.blind.run import run
-from bayescal.blind.unseal import opened
-from bayescal.blind.workers import Lost
+from analysis.blind import seal
+from analysis.blind.folder import FILES, PLAN, write
+from analysis.blind.make import Drawn, make
+from analysis.blind.run import run
+from analysis.blind.unseal import opened
+from analysis.blind.workers import Lost
 from bayescal.errors import BayescalError
-from bayescal.folders import LIST
+from bayescal.storage.folders import LIST
 
 WORLDS, SEED = 3, 5
 pytestmark = pytest.mark.usefixtures("_no_pinocchio_needed")
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("_no_pinocchio_needed")
 
 @pytest.fixture
 def _no_pinocchio_needed(monkeypatch):
-    monkeypatch.setattr("bayescal.blind.make.find_spec", lambda name: name)
+    monkeypatch.setattr("analysis.blind.make.find_spec", lambda name: name)
 
 
 @pytest.fixture
@@ -208,7 +208,7 @@ def test_a_worker_with_other_sources_is_refused(made, monkeypatch):
     def results(work, tasks, workers, dask):
         yield 0, {"world": "000", "code_sha256": "other"}
 
-    monkeypatch.setattr("bayescal.blind.run.results", results)
+    monkeypatch.setattr("analysis.blind.run.results", results)
     with pytest.raises(BayescalError, match=r"^tcp://there: a worker has a different version"):
         run(made, dask="tcp://there")
     assert not (made / "answers").exists()
@@ -216,7 +216,7 @@ def test_a_worker_with_other_sources_is_refused(made, monkeypatch):
 
 def test_a_world_that_kills_its_workers_is_a_crash(made, monkeypatch):
     monkeypatch.setattr(
-        "bayescal.blind.run.results",
+        "analysis.blind.run.results",
         lambda _, tasks, *how: ((k, Lost("killed")) for k, _ in enumerate(tasks)),
     )
     assert run(made).crashed == WORLDS
@@ -225,7 +225,7 @@ def test_a_world_that_kills_its_workers_is_a_crash(made, monkeypatch):
 
 def test_making_goes_on(tmp_path, monkeypatch):
     """The same worlds and the same truth as in one go, and none made twice."""
-    monkeypatch.setattr("bayescal.blind.make.secrets.token_hex", lambda count: count * "ab")
+    monkeypatch.setattr("analysis.blind.make.secrets.token_hex", lambda count: count * "ab")
     done = here(monkeypatch, most=2)
     with pytest.raises(KeyboardInterrupt):
         make(tmp_path / "parts", WORLDS, SEED)
@@ -254,7 +254,7 @@ def test_sealing_goes_on(tmp_path, monkeypatch, after):
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayescal.blind.make.write", killed)
+        patch.setattr("analysis.blind.make.write", killed)
         with pytest.raises(KeyboardInterrupt):
             make(folder, WORLDS, SEED)
     with pytest.raises(BayescalError, match="not all made"):
@@ -290,7 +290,7 @@ def test_made_once(made):
 
 def test_a_drawn_seed_is_told_by_the_truth_alone(tmp_path, monkeypatch):
     here(monkeypatch)
-    monkeypatch.setattr("bayescal.blind.make.secrets.randbelow", lambda below: 1234567)
+    monkeypatch.setattr("analysis.blind.make.secrets.randbelow", lambda below: 1234567)
     make(tmp_path / "blind", 1)
     assert json.loads((tmp_path / "blind/truth.json").read_text())["seed"] == 1234567
 

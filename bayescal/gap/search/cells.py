@@ -20,9 +20,8 @@ from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, li
 from bayescal.effects.plane_form import shapes
 from bayescal.effects.stand import base_terms, tilts
 from bayescal.effects.step import reflectors
-from bayescal.gap.search import history
-from bayescal.gap.search.cell import Cell, at_joint, moves, passes, sides_of, smooth
-from bayescal.gap.search.combined import MAKERS as COMBINED
+from bayescal.gap.search import makers as history
+from bayescal.gap.search.makers import COMBINED, Cell, at_joint, moves, passes, sides_of, smooth
 from bayescal.gap.settings import CELLS
 
 
