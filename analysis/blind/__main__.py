@@ -1,4 +1,4 @@
-"""`bayescal blind`: simulate, diagnose and score the blind check of `bayescal gap`."""
+"""`python -m analysis.blind`: simulate, diagnose and score the blind check of `bayescal gap`."""
 
 from __future__ import annotations
 
@@ -7,27 +7,29 @@ from typing import Annotated
 
 import typer
 
+from bayescal.cli.entry import run as run_command
 from bayescal.cli.output import said
-from bayescal.cli.root import app, ending
+from bayescal.cli.root import ending
 from bayescal.storage.stopping import keeping
 
 KEPT = "completed sessions are kept; the same command continues"
 """What a stopped command reports."""
-commands = typer.Typer(
+app = typer.Typer(
     no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
     rich_markup_mode=None,
     help="Blind check of the diagnosis: simulate test sessions, diagnose them without ground truth, score.",
-    **ending("bayescal blind make --out blind --worlds 20", "bayescal blind run blind"),
+    **ending("python -m analysis.blind make --out blind --worlds 20", "python -m analysis.blind run blind"),
 )
-app.add_typer(commands, name="blind")
 
-Folder = Annotated[Path, typer.Argument(help="Folder written by `bayescal blind make`.")]
+Folder = Annotated[Path, typer.Argument(help="Folder written by `python -m analysis.blind make`.")]
 Workers = Annotated[int, typer.Option(min=1, help="Worker processes on this machine.")]
 Dask = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="Use the workers of this Dask scheduler instead, tcp://HOST:PORT (bayescal[dask]).",
+        help="Use the workers of this Dask scheduler instead, tcp://HOST:PORT (bayescal[blind]).",
     ),
 ]
 Rounds = Annotated[
@@ -35,10 +37,10 @@ Rounds = Annotated[
 ]
 
 
-@commands.command(
+@app.command(
     **ending(
-        "bayescal blind make --out blind --worlds 20",
-        "bayescal blind make --out blind --worlds 200 --seed 7 --workers 8",
+        "python -m analysis.blind make --out blind --worlds 20",
+        "python -m analysis.blind make --out blind --worlds 200 --seed 7 --workers 8",
     )
 )
 def make(
@@ -60,7 +62,7 @@ def make(
 ) -> None:
     """Simulate test sessions with unmodelled effects, and seal the ground truth.
 
-    The simulator is independent of the model (needs bayescal[world]). The ground truth of all sessions is in
+    The simulator is independent of the model (needs bayescal[blind]). The ground truth of all sessions is in
     a single file; its SHA-256 is printed and stored in every session. An interrupted run continues.
     """
     from analysis.blind.make import make as run
@@ -73,7 +75,11 @@ def make(
     typer.echo(f"SHA-256 of the ground truth  {sealed}")
 
 
-@commands.command(**ending("bayescal blind run blind", "bayescal blind run blind --workers 8 --rounds 2"))
+@app.command(
+    **ending(
+        "python -m analysis.blind run blind", "python -m analysis.blind run blind --workers 8 --rounds 2"
+    )
+)
 def run(folder: Folder, workers: Workers = 1, dask: Dask = None, rounds: Rounds = 1) -> None:
     """Diagnose every test session with `bayescal gap` without its ground truth, and seal the answers.
 
@@ -101,8 +107,11 @@ def run(folder: Folder, workers: Workers = 1, dask: Dask = None, rounds: Rounds 
         typer.echo(f"SHA-256 after 60 {arm:<6} contacts, {own.worlds} sessions  {own.sha256}")
 
 
-@commands.command(
-    **ending("bayescal blind score blind", "bayescal blind score blind --rounds 2 --no-pictures")
+@app.command(
+    **ending(
+        "python -m analysis.blind score blind",
+        "python -m analysis.blind score blind --rounds 2 --no-pictures",
+    )
 )
 def score(
     folder: Folder,
@@ -151,3 +160,7 @@ def score(
         said(shown, what, f"{about[f'{what}_sha256']}{changed}", 9)
     names = ", ".join(written) + (f"; {page}" if page else "")
     said(shown, "written", f"{target}/{names}", 9)
+
+
+if __name__ == "__main__":
+    run_command(lambda: app)

@@ -35,7 +35,7 @@ class Cluster:
             from distributed.comm.addressing import get_address_host_port
         except ImportError:
             raise BayescalError(
-                "needs the package `distributed`", "--dask", "pip install 'bayescal[dask]'"
+                "needs the package `distributed`", "--dask", "pip install 'bayescal[blind]'"
             ) from None
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported here
         self.address, self.jobs, self._killed = address, dict[Future[Any], Job](), KilledWorker

@@ -20,7 +20,7 @@ from bayescal.storage.folders import check_free, whole
 
 SEEDS = 2**48
 """Number of possible seeds."""
-NO_PINOCCHIO = BayescalError("simulating test sessions needs Pinocchio", "", "pip install 'bayescal[world]'")
+NO_PINOCCHIO = BayescalError("simulating test sessions needs Pinocchio", "", "pip install 'bayescal[blind]'")
 GENERATOR = 4
 """Version of the simulator for new sessions; a seed gives the same sessions within one version."""
 Notify = Callable[[str, float], None]

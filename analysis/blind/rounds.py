@@ -67,7 +67,9 @@ def second_round(
         anything open, or Pinocchio is missing.
     """
     if not (folder / SEALED).is_file():
-        raise BayescalError("its answers are not sealed", str(folder), f"run `bayescal blind run {folder}`")
+        raise BayescalError(
+            "its answers are not sealed", str(folder), f"run `python -m analysis.blind run {folder}`"
+        )
     plans = _plans(folder, workers, dask, notify)
     if all(ERROR in rows for rows in plans.values()):
         raise BayescalError("no answer leaves anything open", str(folder), "make more test sessions")

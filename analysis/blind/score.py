@@ -55,7 +55,7 @@ def records(truths: Mapping[str, dict], answers: Mapping[str, dict]) -> list[Rec
             raise BayescalError(
                 f"{key} is missing in the ground truth or the answer",
                 f"session {name}",
-                "run `bayescal blind run` again",
+                "run `python -m analysis.blind run` again",
             ) from None
         title, detail = reason(r)
         out.append(r | {"reason": title, "detail": detail})

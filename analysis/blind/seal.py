@@ -15,7 +15,7 @@ from bayescal.errors import BayescalError
 
 TRUTHS, ANSWERED = "bayescal-blind-truth/1", "bayescal-blind-answers/1"
 """Schemas of the two sealed files."""
-PACKAGES = ("bayescal", "factors")
+PACKAGES = ("bayescal", "factors", "analysis.world", "analysis.blind")
 TIMED = "seconds"
 """The only key of an answer that its seal does not cover: it differs from run to run."""
 
@@ -67,11 +67,13 @@ def truth_seal(folder: Path) -> str:
         If there are no test sessions, the set is incomplete, or their seals differ.
     """
     if (folder / PLAN).exists():
-        raise BayescalError("its worlds are not all made", str(folder), "run `bayescal blind make` again")
+        raise BayescalError(
+            "its worlds are not all made", str(folder), "run `python -m analysis.blind make` again"
+        )
     found = names(folder)
     if not found:
         raise BayescalError(
-            "no blind worlds here", str(folder), "make some: bayescal blind make --out FOLDER"
+            "no blind worlds here", str(folder), "make some: python -m analysis.blind make --out FOLDER"
         )
     seals = {name: read(folder / WORLDS / name / SEAL).strip() for name in found}
     first = seals[found[0]]
@@ -110,5 +112,5 @@ def check_unsealed(folder: Path) -> None:
         raise BayescalError(
             "the answers are sealed already",
             str(folder),
-            "`bayescal blind score` opens the truth; to answer anew, make other worlds",
+            "`python -m analysis.blind score` opens the truth; to answer anew, make other worlds",
         )

@@ -42,7 +42,9 @@ def opened(folder: Path) -> tuple[Records, Records, dict[str, Any]]:
     """
     truth_sha256 = seal.truth_seal(folder)
     if not (folder / SEALED).is_file():
-        raise BayescalError("its answers are not sealed", str(folder), f"run `bayescal blind run {folder}`")
+        raise BayescalError(
+            "its answers are not sealed", str(folder), f"run `python -m analysis.blind run {folder}`"
+        )
     text = read(folder / SEALED)
     sealed = parsed(text, folder / SEALED)
     try:

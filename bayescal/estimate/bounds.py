@@ -36,7 +36,7 @@ from scipy.special import ndtr, ndtri
 from bayescal.arm.motion import Motion, Term
 from bayescal.effects import UNITS, Parameter
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, add_constraints, linearise
+from bayescal.estimate import add_constraints, linearise
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.estimate import Estimate, at_solution, estimate, smallest_noise
 from bayescal.model import ARM, Block, Model

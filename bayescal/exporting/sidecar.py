@@ -145,6 +145,6 @@ def pinocchio() -> ModuleType:
     try:
         import pinocchio as module
     except ImportError:
-        remedy = "pip install 'bayescal[mujoco]' or 'bayescal[world]'"
+        remedy = "pip install 'bayescal[mujoco]' or 'bayescal[pinocchio]'"
         raise BayescalError("neither MuJoCo nor Pinocchio is installed", "simulator", remedy) from None
     return module

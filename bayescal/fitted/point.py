@@ -12,7 +12,8 @@ import numpy as np
 from bayescal.assess.inputs import READINGS, Basis, Input
 from bayescal.assess.measurand import POINT, Measurand
 from bayescal.errors import BayescalError
-from bayescal.estimate.discrepancy import families, inputs, mixed, sized
+from bayescal.estimate.discrepancy import inputs, mixed, sized
+from bayescal.estimate.families import families
 from bayescal.fitted.arm import FittedArm, Poses
 from bayescal.fitted.unmodelled import Circumstance, posed_rows
 from bayescal.model import ARM, Model

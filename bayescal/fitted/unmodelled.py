@@ -29,8 +29,8 @@ from bayescal.dataset.append import appended
 from bayescal.effects import Parameter
 from bayescal.effects.masses import masses
 from bayescal.errors import BayescalError
-from bayescal.estimate.discrepancy import MASSES, families, mixed, sized
-from bayescal.estimate.families import compliant
+from bayescal.estimate.discrepancy import MASSES, mixed, sized
+from bayescal.estimate.families import compliant, families
 from bayescal.model import ARM, Model
 from bayescal.model.equilibrium import settled_model
 

@@ -138,6 +138,7 @@ def budget(
     import numpy as np
 
     from bayescal.assess import budget as work
+    from bayescal.assess import measurand as measurands
 
     if (distance is not None) + bool(parameter) + (point is not None) > 1:
         what = "more than one measurand is asked for"
@@ -146,9 +147,9 @@ def budget(
     if distance is not None:
         if len(distance) != 2:
             raise BayescalError(f"{len(distance)} targets", "--distance", "name two targets")
-        measurand = work.distance(basis, (distance[0], distance[1]))
+        measurand = measurands.distance(basis, (distance[0], distance[1]))
     elif parameter:
-        measurand = work.parameter(basis, parameter)
+        measurand = measurands.parameter(basis, parameter)
     elif point is not None:
         from bayescal.fitted.point import point as pointed
 

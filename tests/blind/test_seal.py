@@ -100,7 +100,10 @@ TAMPERED = {
         lambda f: shutil.copy(f / "answers/002.json", f / "answers/003.json"),
         "003.json: an answer that was not sealed",
     ),
-    "answers not sealed": (lambda f: (f / "answers.json").unlink(), "not sealed; run `bayescal blind run"),
+    "answers not sealed": (
+        lambda f: (f / "answers.json").unlink(),
+        "not sealed; run `python -m analysis.blind run",
+    ),
     "no seal of `run`": (lambda f: (f / "answers.json").write_text("{}"), "answers.json: lacks 'answers'"),
     "answers to another truth": (
         lambda f: edit(f / "answers.json", '"truth_sha256": "', '"truth_sha256": "0'),
@@ -162,7 +165,7 @@ def test_other_sources_are_told(answered, monkeypatch):
 
 def test_sealed_answers_stay(answered):
     before = files(answered)
-    with pytest.raises(BayescalError, match=r"sealed already; `bayescal blind score`"):
+    with pytest.raises(BayescalError, match=r"sealed already; `python -m analysis.blind score`"):
         run(answered)
     assert files(answered) == before
 
@@ -231,7 +234,7 @@ def test_making_goes_on(tmp_path, monkeypatch):
         make(tmp_path / "parts", WORLDS, SEED)
     assert not (tmp_path / "parts/truth.json").exists()
     for command in (run, opened):
-        with pytest.raises(BayescalError, match=r"not all made.*`bayescal blind make`"):
+        with pytest.raises(BayescalError, match=r"not all made.*`python -m analysis.blind make`"):
             command(tmp_path / "parts")
     (tmp_path / "parts/worlds/.002.1.part").mkdir()  # as a killed process leaves it
     last = here(monkeypatch)
@@ -311,7 +314,9 @@ def test_a_folder_with_something_else_is_refused(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("command", [run, opened])
 def test_no_blind_folder(tmp_path, command):
-    with pytest.raises(BayescalError, match=r"no blind worlds here; make some: bayescal blind make"):
+    with pytest.raises(
+        BayescalError, match=r"no blind worlds here; make some: python -m analysis.blind make"
+    ):
         command(tmp_path / "nowhere")
     assert not (tmp_path / "nowhere").exists()
 
@@ -319,7 +324,7 @@ def test_no_blind_folder(tmp_path, command):
 def test_without_pinocchio(tmp_path, monkeypatch):
     monkeypatch.undo()
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    with pytest.raises(BayescalError, match=r"needs Pinocchio; pip install 'bayescal\[world\]'"):
+    with pytest.raises(BayescalError, match=r"needs Pinocchio; pip install 'bayescal\[blind\]'"):
         make(tmp_path / "blind", WORLDS, SEED)
     assert not (tmp_path / "blind").exists()
 

@@ -162,5 +162,5 @@ def test_no_scheduler_there(address):
 
 def test_dask_is_asked_for_where_it_is_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(BayescalError, match=r"pip install 'bayescal\[dask\]'"):
+    with pytest.raises(BayescalError, match=r"pip install 'bayescal\[blind\]'"):
         list(results(tiny_work.refuse, [3], dask="tcp://127.0.0.1:9"))
