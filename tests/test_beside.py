@@ -86,7 +86,10 @@ def test_a_created_folder_with_a_result_stays(tmp_path):
 
 def in_time(path):
     """Lock a path in a process that must end: its exit code and what it prints."""
-    line = "import pathlib, sys; from bayescal.storage import locks; locks.alone(pathlib.Path(sys.argv[1])).__enter__()"
+    line = (
+        "import pathlib, sys; from bayescal.storage.locks import alone; "
+        "alone(pathlib.Path(sys.argv[1])).__enter__()"
+    )
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent)}
     done = subprocess.run(
         [sys.executable, "-c", line, path], capture_output=True, text=True, timeout=120, env=environment
