@@ -32,6 +32,7 @@ from concurrent.futures import ThreadPoolExecutor
 from html.parser import HTMLParser
 from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -45,7 +46,7 @@ DROPPED = {"software"}
 FROM_TESTS = ("ur5e_scene.xml", "dcc.xsd", "SI_Format.xsd")
 """Files of the tests that commands read, in whatever folder they are."""
 PROGRESS = re.compile(r"^.* \d+ %, \d+ s$\n?", re.MULTILINE)
-VERSIONS = re.compile(r"\b(bayescal|python|gtsam|numpy|scipy|numba|emcee|arviz|run by) \d+(\.\d+)+")
+VERSIONS = re.compile(r"\b(?:bayescal|run by) \d+(?:\.\d+)+(?:, \w+ \d+(?:\.\d+)+)*")
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR")
 SCRIPT = re.compile(r"<script([^>]*)>(.*?)</script>", re.DOTALL)
@@ -107,9 +108,9 @@ READERS: dict[str, Callable[[bytes], str]] = {
 """Files that are not recorded as they are; others are text."""
 
 
-def arrays(path: Path) -> dict[str, np.ndarray]:
+def arrays(path: Path) -> dict[str, Any]:
     """The arrays of a NetCDF file; texts as text."""
-    found: dict[str, np.ndarray] = {}
+    found: dict[str, Any] = {}
 
     def visit(name: str, item: object) -> None:
         if isinstance(item, h5py.Dataset):
@@ -125,7 +126,7 @@ def normalised(text: str, folders: dict[Path, str]) -> str:
     """Text without paths of the machine, progress and versions."""
     for folder, name in folders.items():
         text = text.replace(str(folder), name)
-    return VERSIONS.sub(r"\1 VERSION", PROGRESS.sub("", text.replace("\r\n", "\n")))
+    return VERSIONS.sub("VERSIONS", PROGRESS.sub("", text.replace("\r\n", "\n")))
 
 
 def keep(source: Path, out: Path, folders: dict[Path, str]) -> None:
@@ -165,9 +166,9 @@ def recorded(name: str, out: Path, code: Path, shared: Path) -> float:
         shutil.copytree(HERE / "analysis" / "golden_inputs", work / "inputs")
         for path in (p for n in FROM_TESTS for p in HERE.glob(f"tests/**/{n}")):
             shutil.copy(path, work / "inputs")
-        for root, path in (("shared", shared), ("checkout", HERE)):
-            if root in case:
-                shutil.copytree(path / case[root], work / name)
+        for key, root in (("shared", shared), ("checkout", HERE)):
+            if key in case:
+                shutil.copytree(root / case[key], work / name)
         environment = dict(
             os.environ, PYTHONPATH=str(code), COLUMNS="120", NO_COLOR="1", TERM="dumb", TZ="UTC"
         )
@@ -185,8 +186,8 @@ def recorded(name: str, out: Path, code: Path, shared: Path) -> float:
             (to / "stdout").write_text(normalised(run.stdout.decode(), folders))
             (to / "stderr").write_text(normalised(run.stderr.decode(), folders))
             after = state(work)
-            for path in sorted(p for p in after if after[p] != before.get(p)):
-                keep(work / path, to / "files" / path, folders)
+            for file in sorted(p for p in after if after[p] != before.get(p)):
+                keep(work / file, to / "files" / file, folders)
             gone = sorted(set(before) - set(after))
             (to / "removed").write_text("".join(f"{p}\n" for p in gone))
     return time.monotonic() - began

@@ -77,8 +77,8 @@ def test_a_missing_file_is_seen(tmp_path):
 
 
 def test_paths_progress_and_versions_are_left_out():
-    text = "estimate 25 %, 10 s\nwritten /w/run, bayescal 0.1.0\n25 % of it, 10 s\n"
-    assert normalised(text, {Path("/w"): "WORK"}) == "written WORK/run, bayescal VERSION\n25 % of it, 10 s\n"
+    text = "estimate 25 %, 10 s\nwritten /w/run, bayescal 0.1.0, numpy 2.4.6; 3.1 mm\n25 % of it, 10 s\n"
+    assert normalised(text, {Path("/w"): "WORK"}) == "written WORK/run, VERSIONS; 3.1 mm\n25 % of it, 10 s\n"
 
 
 def test_a_style_is_no_text_of_a_page():
