@@ -10,12 +10,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+
+from bayescal.errors import BayescalError
 from bayescal.storage import locks
 from bayescal.storage.files import write_together
 from bayescal.storage.folders import claimed, whole
 from bayescal.storage.locks import alone, scratch
-
-from bayescal.errors import BayescalError
 
 BUSY = r"another run \(process \d+\) writes to it; wait for its end, or give another --out"
 HOLDS = """
@@ -86,7 +86,10 @@ def test_a_created_folder_with_a_result_stays(tmp_path):
 
 def in_time(path):
     """Lock a path in a process that must end: its exit code and what it prints."""
-    line = "import pathlib, sys; from bayescal.storage.locks import alone; alone(pathlib.Path(sys.argv[1])).__enter__()"
+    line = (
+        "import pathlib, sys; from bayescal.storage.locks import alone; "
+        "alone(pathlib.Path(sys.argv[1])).__enter__()"
+    )
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent)}
     done = subprocess.run(
         [sys.executable, "-c", line, path], capture_output=True, text=True, timeout=120, env=environment

@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from bayescal.storage import locks
-from bayescal.storage.folders import LIST, check_free, whole
 
 from bayescal.errors import BayescalError
+from bayescal.storage import locks
+from bayescal.storage.folders import LIST, check_free, whole
 
 FIT = "fit.json"
 

@@ -22,8 +22,7 @@ from bayescal.model.scene import Scene
 from bayescal.planning.candidates import candidates
 from bayescal.planning.pool import Setup
 from bayescal.simulation.options import GROUP, Options, stream
-from bayescal.simulation.record import heading, key_of, parameters_record
-from bayescal.simulation.truth import draws
+from bayescal.simulation.record import draws, heading, key_of, parameters_record
 
 SPARE = 1.3
 """Candidates for each contact."""

@@ -9,12 +9,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from analysis.blind import seal
-from analysis.blind.folder import texts
-from analysis.blind.run import Task, answered, run
 from tiny_work import until
 from typer.testing import CliRunner
 
+from analysis.blind import seal
+from analysis.blind.folder import texts
+from analysis.blind.run import Task, answered, run
 from bayescal.cli import app
 from bayescal.errors import BayescalError
 

@@ -4,13 +4,13 @@ import csv
 import json
 
 import pytest
+from made_up_worlds import answer, silent, truth
+
 from analysis.blind import compared, further, rounds, seal
 from analysis.blind.folder import SEALED, TRUTH, answer_path, record, texts, write
 from analysis.blind.further import ERROR, Open, planned, probed
 from analysis.blind.make import make
 from analysis.blind.rounds import ARMS, ROUND, is_open, second_round
-from made_up_worlds import answer, silent, truth
-
 from bayescal.errors import BayescalError
 
 SEED = 101

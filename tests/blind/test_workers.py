@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 import tiny_work
-from analysis.blind.workers import DEPTH, KILLS, Lost, results
-from bayescal.storage.stopping import Stopped
 from tiny_work import Tiny, until
 
+from analysis.blind.workers import DEPTH, KILLS, Lost, results
 from bayescal.errors import BayescalError
+from bayescal.storage.stopping import Stopped
 
 COUNT = 12
 SQUARES = {k: k**2 for k in range(COUNT)}
@@ -161,5 +161,5 @@ def test_no_scheduler_there(address):
 
 def test_dask_is_asked_for_where_it_is_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(BayescalError, match=r"pip install 'bayescal\[dask\]'"):
+    with pytest.raises(BayescalError, match=r"pip install 'bayescal\[blind\]'"):
         list(results(tiny_work.refuse, [3], dask="tcp://127.0.0.1:9"))

@@ -5,9 +5,9 @@ from dataclasses import replace
 import foreign
 import numpy as np
 import pytest
-from bayescal.assess.mistakes import DIFFERENT, hidden, judged, mistaken
 
 import bayescal as bc
+from bayescal.assess.mistakes import DIFFERENT, hidden, judged, mistaken
 from bayescal.dataset import Certificate, Dataset, read_dataset
 
 

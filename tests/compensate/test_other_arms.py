@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bayescal.compensating.solve import compensated
-from bayescal.programs.targets import Target
 from cases import file_text
 from compensate_arms import arm_with
 
 from bayescal.arm.motion import NominalArm
+from bayescal.compensating.solve import compensated
+from bayescal.programs.targets import Target
 from bayescal.robots import load_robot
 
 FOUR = file_text("robots/four.yaml")

@@ -5,20 +5,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
 from analysis.world import arm as true_arms
 from analysis.world import scene
 from analysis.world.touch import World
+from bayescal.arm.inverse import nearest, solutions
+from bayescal.arm.transforms import rpy_of
+from bayescal.calibration import fit
 from bayescal.compensating.compensation import compensate_file
 from bayescal.compensating.position import frame_of, positions
 from bayescal.compensating.solve import compensated, nominal_arm
 from bayescal.fitted.arm import of_fit
 from bayescal.programs import PROGRAMS
 from bayescal.programs.targets import Target
-from scipy.spatial.transform import Rotation
-
-from bayescal.arm.inverse import nearest, solutions
-from bayescal.arm.transforms import rpy_of
-from bayescal.calibration import fit
 
 NOISE = 10e-6
 

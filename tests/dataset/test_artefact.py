@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from bayescal.dataset.consistency import contradictions
 from cases import file_text
 from tiny_dataset import SETTINGS, line_of, write
 
 from bayescal.dataset import read_dataset, write_dataset
+from bayescal.dataset.consistency import contradictions
 from bayescal.errors import BayescalError
 
 STATED = "  - {kind: distance, between: [ball.A, ball.B], distance_mm: 150.0, u_distance_mm: 0.001}\n"

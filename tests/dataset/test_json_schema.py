@@ -8,8 +8,6 @@ import foreign
 import jsonschema
 import pytest
 import yaml
-from bayescal.preparing.artefacts import MODELS, UNITS, schema_text
-from bayescal.storage.files import stem_of
 from cases import cases
 from tiny_dataset import SETTINGS
 
@@ -19,7 +17,9 @@ from bayescal.dataset.schema import CERTIFICATES, entry_of
 from bayescal.dataset.table import COLUMNS, JOINT, PLAIN
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
+from bayescal.preparing.artefacts import MODELS, UNITS, schema_text
 from bayescal.robots import schema as of_robots
+from bayescal.storage.files import stem_of
 
 ROOT = Path(__file__).parents[2]
 ROBOTS = sorted((ROOT / "bayescal" / "robots").glob("*.yaml"))

@@ -5,13 +5,13 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from bayescal.fitted import gate
-from bayescal.fitted.arm import of_fit, of_gap
-from bayescal.fitted.file import read_arm
 from rich.console import Console
 
 import bayescal as bc
 from bayescal.errors import BayescalError
+from bayescal.fitted import gate
+from bayescal.fitted.arm import of_fit, of_gap
+from bayescal.fitted.file import read_arm
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import Named
 from bayescal.public.results import FitResult

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bayescal.dataset.consistency import contradictions
 from cases import cases
 from fuzz_cases import CHECKED, FIT, Ran, case, judged, run
 from fuzz_mutations import PLAUSIBLE
@@ -14,6 +13,7 @@ from fuzz_seeds import datasets
 
 from bayescal import calibration
 from bayescal.dataset import read_dataset
+from bayescal.dataset.consistency import contradictions
 from bayescal.errors import BayescalError
 from bayescal.estimate import check_converged
 from bayescal.model.scene import Scene

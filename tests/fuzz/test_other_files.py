@@ -7,20 +7,20 @@ import re
 import zipfile
 
 import pytest
+from fuzz_commands import command
+
 from bayescal.compensating.compensation import compensate_file
+from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.scene_arm import read_scene
 from bayescal.fitted import ur_yaml
 from bayescal.fitted.file import read_arm
-from bayescal.storage.folders import LIST, check_unchanged
-from bayescal.storage.reading import read_json
-from fuzz_commands import command
-
-from bayescal.errors import BayescalError
 from bayescal.importing import log
 from bayescal.importing.log import sheet_lines
 from bayescal.reporting.page.build import write_report
 from bayescal.robots import load_robot
 from bayescal.robots.tree import MOST
+from bayescal.storage.folders import LIST, check_unchanged
+from bayescal.storage.reading import read_json
 
 ROBOT = '<robot name="a"><link name="root"/>{}</robot>'
 

@@ -6,12 +6,12 @@ from dataclasses import fields, replace
 import foreign
 import numpy as np
 import pytest
-from bayescal.fitted.arm import open_run
-from bayescal.fitted.gate import NOTHING
 
 from bayescal.dataset import Measurements, read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate, settled
+from bayescal.fitted.arm import open_run
+from bayescal.fitted.gate import NOTHING
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import VERDICTS
 from bayescal.model import build

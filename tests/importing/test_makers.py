@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bayescal.dataset.consistency import nominal
 from made_up_logs import spatial_analyzer
 
 from bayescal.dataset import Target, read_dataset, write_dataset
+from bayescal.dataset.consistency import nominal
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
 

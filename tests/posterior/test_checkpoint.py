@@ -7,8 +7,6 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from bayescal.storage import locks, stopping
-from bayescal.storage.locks import first_line
 
 from bayescal.estimate import estimate
 from bayescal.model import build
@@ -19,6 +17,8 @@ from bayescal.posterior.checkpoint import Checkpoint
 from bayescal.posterior.density import Density
 from bayescal.posterior.linearised import CHAINS, Linearised
 from bayescal.posterior.sample import sample
+from bayescal.storage import locks, stopping
+from bayescal.storage.locks import first_line
 
 OPTIONS = {"effective": 60, "seed": 3, "max_steps": 20}
 

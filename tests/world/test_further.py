@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+
 from analysis.world.build import make
 from analysis.world.further import Wanted, further
 from analysis.world.mix import recipe, stage

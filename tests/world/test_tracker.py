@@ -6,6 +6,8 @@ from itertools import chain
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
 from analysis.world import (  # fmt: skip
     arm,
     forms_frames,
@@ -24,8 +26,6 @@ from analysis.world.outside import OUTSIDE
 from analysis.world.outside_more import MORE, RESERVED
 from analysis.world.touch import Moved
 from analysis.world.write import dataset_text, measurements_text, robot_text
-from scipy.spatial.transform import Rotation
-
 from bayescal.dataset import read_dataset
 from bayescal.estimate import estimate, settled
 from bayescal.model import build as model_of

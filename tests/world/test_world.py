@@ -8,9 +8,10 @@ import subprocess
 import sys
 from itertools import chain
 
-import analysis.world
 import numpy as np
 import pytest
+
+import analysis.world
 from analysis.blind.make import GENERATOR
 from analysis.world import arm, scene, session, visible
 from analysis.world import build as world
@@ -19,7 +20,6 @@ from analysis.world.outside import OUTSIDE
 from analysis.world.outside_more import MORE, RESERVED
 from analysis.world.touch import World
 from analysis.world.write import plain
-
 from bayescal.dataset import read_dataset
 from bayescal.estimate import estimate, settled
 from bayescal.model import build

@@ -12,11 +12,10 @@ from cases import cases
 
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
-from bayescal.verifying.levels import limit
-
 from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
+from bayescal.verifying.levels import limit
 
 SCENE = Path(__file__).with_name("ur5e_scene.xml")
 EVERY = (*BASE, "base-compliance", "hysteresis", "coupling", "eccentricity", "backlash")

@@ -11,12 +11,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
-from bayescal.verifying.levels import File, Place
-
 from analysis.simulators import BASE, differences, drawn
 from bayescal.exporting.export import export
 from bayescal.exporting.mjcf.format import replay_table
 from bayescal.exporting.mjcf.replay import Replay
+from bayescal.verifying.levels import File, Place
 
 SCENE = Path(__file__).with_name("ur5e_scene.xml")
 EFFECTS = (*BASE, "encoder-scale", "coupling", "eccentricity", "gear-mesh@100", "backlash")
