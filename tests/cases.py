@@ -5,7 +5,10 @@ from typing import Any
 
 import yaml
 
-DATA = Path(__file__).parent / "data"
+ROOT = Path(__file__).parents[1]
+EXAMPLE = ROOT / "data" / "lrmate200ic-cube"
+"""The session that comes with the project."""
+DATA = ROOT / "tests" / "data"
 
 
 def file_text(name: str) -> str:

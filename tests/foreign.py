@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import pytest
+from cases import ROOT
 
-SHARED = Path(__file__).parents[2] / "shared"
+SHARED = ROOT.parent / "shared"
 DATA = SHARED / "data"
 REAL, WORLDS = DATA / "real", DATA / "worlds-dev"
 

@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from cases import ROOT
 
 from bayescal.errors import BayescalError
 from bayescal.storage import locks
@@ -35,7 +36,7 @@ def other(tmp_path):
         [sys.executable, "-c", HOLDS, str(tmp_path / "out")],
         stdout=subprocess.PIPE,
         text=True,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent), "TMPDIR": str(tmp_path)},
+        env=os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)},
     )
     yield process, Path(process.stdout.readline().strip())
     process.kill()
@@ -90,7 +91,7 @@ def in_time(path):
         "import pathlib, sys; from bayescal.storage.locks import alone; "
         "alone(pathlib.Path(sys.argv[1])).__enter__()"
     )
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent)}
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         [sys.executable, "-c", line, path], capture_output=True, text=True, timeout=120, env=environment
     )

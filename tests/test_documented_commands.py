@@ -3,15 +3,14 @@
 import re
 import shlex
 from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 import typer
+from cases import ROOT
 from typer.testing import CliRunner
 
 from bayescal.cli import app
 
-ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 LINE = re.compile(r"^(?: {4})?(?:\$ )?(bayescal [a-z].*)$", re.MULTILINE)
 INLINE = re.compile(r"`(bayescal [^`]+)`")

@@ -9,10 +9,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from cases import ROOT
 
 from analysis import every_python
 
-ROOT = Path(__file__).parents[1]
 PROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 HERE = "{}.{}".format(*sys.version_info)
 

@@ -1,15 +1,15 @@
 """Imports go down only, as `.importlinter` says: its contracts hold, and each of them sees a wrong import."""
 
 from copy import deepcopy
-from pathlib import Path
 
 import grimp
 import pytest
+from cases import ROOT
 from importlinter.api import read_configuration
 from importlinter.contracts.forbidden import ForbiddenContract
 from importlinter.contracts.layers import LayersContract
 
-CONFIGURATION = read_configuration(str(Path(__file__).parents[1] / ".importlinter"))
+CONFIGURATION = read_configuration(str(ROOT / ".importlinter"))
 SESSION = CONFIGURATION["session_options"]
 KINDS = {"layers": LayersContract, "forbidden": ForbiddenContract}
 CONTRACTS = {

@@ -2,17 +2,16 @@
 
 import posixpath
 import re
-from pathlib import Path
 
 import pytest
 import yaml
+from cases import ROOT
 
 from analysis.site import effects, scripts, signatures
 from analysis.site.links import CODE, LINK, TOP, linked, page_of, source_of
 from analysis.site.pages import entries, expanded
 from bayescal.effects import EFFECTS
 
-ROOT = Path(__file__).parents[1]
 REFERENCE = ("reference/commands.md", "reference/python.md")
 OWN = {p.relative_to(ROOT / "docs").as_posix(): p for p in (ROOT / "docs").rglob("*.md")}
 INCLUDED = {page: ROOT / path for path, page in TOP.items() if path != "README.md"}

@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from cases import ROOT
 
-TOP = Path(__file__).parent.parent
-SESSION = TOP / "data" / "lrmate200ic-cube"
+SESSION = ROOT / "data" / "lrmate200ic-cube"
 
 
 def hears():
@@ -20,7 +20,7 @@ def hears():
 def started(*line: str) -> subprocess.Popen:
     return subprocess.Popen(
         [sys.executable, *line],
-        env=os.environ | {"PYTHONPATH": str(TOP), "PYTHONUNBUFFERED": ""},
+        env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": ""},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -150,7 +150,7 @@ def test_a_working_directory_that_was_removed_is_one_line(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", line],
         cwd=tmp_path / "gone",
-        env=os.environ | {"PYTHONPATH": str(TOP)},
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
     )

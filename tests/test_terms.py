@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from cases import cases
+from cases import ROOT, cases
 
-ROOT = Path(__file__).parents[1]
 TERMS = cases("terms")
 """What must not be written, as a regular expression of whole words, and what to write instead."""
 PATTERN = re.compile(r"(?<![\w@./-])(?:" + "|".join(TERMS) + r")(?![\w/(]|\.\w|-\w)", re.IGNORECASE)

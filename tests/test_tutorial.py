@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from cases import ROOT
 
-ROOT = Path(__file__).parents[1]
 FENCE = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMANDS = [
     line

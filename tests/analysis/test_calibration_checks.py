@@ -1,14 +1,10 @@
 """Simulation-based calibration in small: a right posterior passes, 0.7 of its covariance does not."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis.calibration_checks import figures, page, run
 from analysis.calibration_checks.designs import DESIGNS, Design

@@ -4,11 +4,8 @@ import json
 import subprocess
 import sys
 from collections import Counter
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis.kills import COMMANDS, SIDECAR, contents, killed, kills, state
 from bayescal.storage.folders import whole

@@ -1,13 +1,9 @@
 """The knock-outs in small: what is taken out of a simulated session is found, and a miss has its reason."""
 
 import json
-import sys
-from pathlib import Path
 
 import foreign
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis import knock_out, knock_out_page
 from bayescal.dataset import read_dataset, write_dataset

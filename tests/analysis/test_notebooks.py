@@ -1,13 +1,12 @@
 """The notebooks run from top to bottom and draw what they promise."""
 
 import runpy
-from pathlib import Path
 
 import matplotlib
 import numpy as np
 import pytest
+from cases import ROOT
 
-ROOT = Path(__file__).parents[2]
 FIGURES = {
     "correlations": 2,
     "first_fit": 3,

@@ -1,12 +1,8 @@
 """The study of sessions of our own in small: what they state wrongly, and what counts as a false name."""
 
-import sys
 from dataclasses import fields
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis import own_sessions as own
 from bayescal.dataset import Dataset

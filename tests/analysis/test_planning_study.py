@@ -1,12 +1,8 @@
 """The study of plans in small: the errors of simulated sessions are as large as the plan expects."""
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis.planning import page, run, session
 

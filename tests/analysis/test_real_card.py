@@ -1,14 +1,11 @@
 """The card of real sessions in small: two sessions with made-up records, and one half that is diagnosed."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis import real_card, real_halves, real_names
 from bayescal.model.scene import Scene

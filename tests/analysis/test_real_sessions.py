@@ -1,15 +1,11 @@
 """The page of real sessions in small: sockets at three places, each of them kept back in turn."""
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import foreign
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis import real_sessions, real_sessions_page
 from bayescal.dataset import Certificate, Noise, Target, read_dataset, write_dataset

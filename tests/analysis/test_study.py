@@ -1,13 +1,9 @@
 """The study in small: true arms are found as surely as is said, and a false certainty would be seen."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis.study import figures, page, pictures, run, session
 from bayescal.simulation import Options

@@ -1,13 +1,12 @@
 """Compiled functions work where no folder for compiled code can be written."""
 
 import runpy
-from pathlib import Path
 
 import pytest
+from cases import ROOT
 from numba import njit
 from numba.core import caching
 
-ROOT = Path(__file__).parents[2]
 COMPILED = sorted(
     path
     for package in ("bayescal", "factors")

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
-
 from analysis.benchmarks import growth
 from analysis.benchmarks.growth import Cost
 from analysis.benchmarks.large import session

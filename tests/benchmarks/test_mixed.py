@@ -1,9 +1,8 @@
 """The mixed session of the benchmark is its parts put together, and no more work than they are."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from cases import EXAMPLE
 
 from analysis.benchmarks.mixed import EFFECTS, KINDS, mixed, over_parts, part
 from bayescal.dataset import read_dataset
@@ -11,12 +10,10 @@ from bayescal.estimate import linearise, unit_weights
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
 
-FOLDER = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
-
 
 @pytest.fixture(scope="module")
 def whole():
-    return mixed(read_dataset(FOLDER))
+    return mixed(read_dataset(EXAMPLE))
 
 
 def test_mixed_is_its_parts(whole):

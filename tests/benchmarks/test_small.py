@@ -1,15 +1,11 @@
 """The benchmark's own sums: flops counted by hand, and peers that compute the same thing."""
 
 import importlib.util
-import sys
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis.benchmarks import (
     effective,

@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import cases
+from cases import ROOT, cases
 from typer.testing import CliRunner
 
 import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.preparing.check import check
 
-ROOT = Path(__file__).parents[2]
 JOINTS = [f"j{k}_deg" for k in range(1, 7)]
 
 

@@ -1,10 +1,10 @@
 """Plain cases, brute force, contacts that must not count, and the way to them."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import EXAMPLE
 
 from bayescal.arm.transforms import rigid
 from bayescal.dataset import Tool, read_dataset
@@ -13,14 +13,13 @@ from bayescal.probing.scene import Scene, Solid, on_table, scene_of
 from bayescal.probing.shapes import Ball, Box
 from bayescal.robots import load_robot
 
-SESSION = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 TOOL = Tool("ball", np.array([0.06, 0.0, 0.12]), 0.003)
 UP = np.array([0.0, 0.0, 1.0])
 
 
 @pytest.fixture(scope="module")
 def session():
-    dataset = read_dataset(SESSION)
+    dataset = read_dataset(EXAMPLE)
     scene = scene_of(dataset)
     rows = dataset.measurements
     return dataset, scene, rows.readings, scene.touched([dataset.targets[i].name for i in rows.target])

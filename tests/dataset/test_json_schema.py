@@ -2,13 +2,12 @@
 
 import json
 import re
-from pathlib import Path
 
 import foreign
 import jsonschema
 import pytest
 import yaml
-from cases import cases
+from cases import ROOT, cases
 from tiny_dataset import SETTINGS
 
 import bayescal as bc
@@ -21,7 +20,6 @@ from bayescal.preparing.artefacts import MODELS, UNITS, schema_text
 from bayescal.robots import schema as of_robots
 from bayescal.storage.files import stem_of
 
-ROOT = Path(__file__).parents[2]
 ROBOTS = sorted((ROOT / "bayescal" / "robots").glob("*.yaml"))
 CHECKED = (
     schema.DatasetFile, schema.ToolEntry, schema.NoiseEntry, schema.Loose, *map(entry_of, KINDS.values()),

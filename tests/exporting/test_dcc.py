@@ -6,12 +6,12 @@ from xml.etree import ElementTree
 
 import foreign
 import pytest
-from cases import cases, file_text
+from cases import DATA, cases, file_text
 
 import bayescal as bc
 from bayescal.exporting.dcc import DCC, SI, in_digits
 
-OURS = Path(__file__).parent / "dcc" / "dcc.xsd"
+OURS = DATA / "dcc" / "dcc.xsd"
 OFFICIAL = Path(os.environ.get("BAYESCAL_DCC_XSD", foreign.SHARED / "dcc" / "dcc.xsd"))
 ENTRIES = file_text("certificate.yaml")
 

@@ -3,11 +3,11 @@
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import foreign
 import numpy as np
 import pytest
+from cases import EXAMPLE, ROOT
 from typer.testing import CliRunner
 
 from bayescal.assess.acceptance import EXPLAINED
@@ -23,8 +23,6 @@ from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.posterior.inference import load
 
-ROOT = Path(__file__).resolve().parents[2]
-CUBE = ROOT / "data" / "lrmate200ic-cube"
 FULL = ("geometry", "compliance")
 LEVELS = ("nominal", "joint offsets", "geometry", "geometry + compliance")
 
@@ -33,7 +31,7 @@ LEVELS = ("nominal", "joint offsets", "geometry", "geometry + compliance")
 def written(tmp_path_factory):
     """One run of the command on the dataset that comes with the project."""
     folder = tmp_path_factory.mktemp("run") / "fit"
-    arguments = ["fit", str(CUBE), "--samples", "600", "--out", str(folder)]
+    arguments = ["fit", str(EXAMPLE), "--samples", "600", "--out", str(folder)]
     done = CliRunner().invoke(app, arguments, env={"COLUMNS": "100"}, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return folder, done.stdout, json.loads((folder / "fit.json").read_text())
@@ -99,7 +97,7 @@ def test_distances_come_down_to_the_noise(written):
 def test_parameters_agree_with_the_truth(written):
     """The simulated truth that came with the dataset, which the command never opened."""
     _, _, record = written
-    truth = json.loads((CUBE / "truth.json").read_text())
+    truth = json.loads((EXAMPLE / "truth.json").read_text())
     true = {p["name"]: p for p in truth["parameters"]}
     scores = []
     for p in record["parameters"]:
@@ -128,7 +126,7 @@ def test_calibrated_robot_is_a_robot_file(written, tmp_path):
     session = tmp_path / "again"
     session.mkdir()
     for name in ("dataset.yaml", "measurements.csv"):
-        (session / name).write_text((CUBE / name).read_text())
+        (session / name).write_text((EXAMPLE / name).read_text())
     text = (session / "dataset.yaml").read_text()
     (session / "dataset.yaml").write_text(text.replace("robot: fanuc-lrmate200ic", "robot: robot.yaml"))
     (session / "robot.yaml").write_text((folder / "robot.yaml").read_text())
@@ -165,14 +163,14 @@ def test_one_seed_one_result(tmp_path, cube):
     ("arguments", "words"),
     [
         (["nowhere"], "no such folder"),
-        ([str(CUBE), "--model", "geometry,elasticity"], "no effect is called `elasticity`"),
-        ([str(CUBE), "--model", "geometry@3"], "--model geometry@3: geometry has no setting"),
-        ([str(CUBE), "--model", "geometry,step@x"], "--model step@x: 'x' is not a number"),
-        ([str(CUBE), "--model", "nonsense@1"], "no effect is called `nonsense`"),
-        ([str(CUBE), "--model", "hysteresis@0.02,hysteresis@0.06"], "an effect is named twice"),
-        ([str(CUBE), "--model", "geometry,gear-mesh"], "no reductions in the robot file"),
-        ([str(CUBE), "--prior-width", "0"], "without priors"),
-        ([str(CUBE), "--latent-joints"], "joint_deg"),
+        ([str(EXAMPLE), "--model", "geometry,elasticity"], "no effect is called `elasticity`"),
+        ([str(EXAMPLE), "--model", "geometry@3"], "--model geometry@3: geometry has no setting"),
+        ([str(EXAMPLE), "--model", "geometry,step@x"], "--model step@x: 'x' is not a number"),
+        ([str(EXAMPLE), "--model", "nonsense@1"], "no effect is called `nonsense`"),
+        ([str(EXAMPLE), "--model", "hysteresis@0.02,hysteresis@0.06"], "an effect is named twice"),
+        ([str(EXAMPLE), "--model", "geometry,gear-mesh"], "no reductions in the robot file"),
+        ([str(EXAMPLE), "--prior-width", "0"], "without priors"),
+        ([str(EXAMPLE), "--latent-joints"], "joint_deg"),
     ],
 )
 def test_bad_input_is_one_line(arguments, words, tmp_path, command):
@@ -185,7 +183,7 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, command):
 
 def test_foreign_folder_is_left_alone(tmp_path, command):
     (tmp_path / "thesis.txt").write_text("mine")
-    code, _, errors = command("fit", CUBE, "--samples", "0", "--out", tmp_path)
+    code, _, errors = command("fit", EXAMPLE, "--samples", "0", "--out", tmp_path)
     assert code == 1
     assert "thesis.txt" in errors
     assert (tmp_path / "thesis.txt").read_text() == "mine"

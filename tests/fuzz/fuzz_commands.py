@@ -268,7 +268,7 @@ COMMANDS: dict[str, tuple[float, Callable[[], Command]]] = {
     ),
     "into mjcf": (
         6.0,
-        lambda: _of_ur("mjcf", "arm.xml", (ROOT / "tests/exporting/mjcf/ur5e_scene.xml").read_bytes()),
+        lambda: _of_ur("mjcf", "arm.xml", (ROOT / "tests/data/ur5e_scene.xml").read_bytes()),
     ),
     "into ur-yaml": (1.0, lambda: _of_ur("ur-yaml", "mine.yaml", _ur_yaml())),
     "verify urdf": (0.6, lambda: _verify("urdf")),

@@ -11,8 +11,8 @@ from fuzz_commands import command
 
 from bayescal.compensating.compensation import compensate_file
 from bayescal.errors import BayescalError
-from bayescal.exporting.mjcf.scene_arm import read_scene
 from bayescal.exporting import ur_yaml
+from bayescal.exporting.mjcf.scene_arm import read_scene
 from bayescal.fitted.file import read_arm
 from bayescal.importing import log
 from bayescal.importing.log import sheet_lines

@@ -2,16 +2,12 @@
 
 import io
 import json
-import sys
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis.methods import session
 from bayescal.dataset import Dataset

@@ -3,17 +3,13 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
+from cases import ROOT
 
 from analysis.methods import page, session
 from bayescal.dataset import write_dataset
 from bayescal.simulation import Options
-
-ROOT = Path(__file__).parents[2]
 
 HELD = {"points": 0, "plane_contacts": 40, "planes_rms_um": 5.0, "points_mean_um": None}
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from functools import cache
 from pathlib import Path
 
@@ -11,6 +10,8 @@ import axe_core_python
 import numpy as np
 import pytest
 from playwright import sync_api as playwright
+from test_gap_report import diagnosis
+from test_pages import EVIL, _renamed
 
 from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
@@ -19,11 +20,6 @@ from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import rows_record
-
-sys.path.insert(0, str(Path(__file__).parent))
-sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
-from test_gap_report import diagnosis
-from test_pages import EVIL, _renamed
 
 WIDTHS = (380, 1280)
 WAIT = 60_000

@@ -7,11 +7,10 @@ import copy
 import html
 import json
 import re
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from test_gap_report import SETS, diagnosis
 
 import bayescal as bc
 from bayescal.errors import BayescalError
@@ -24,9 +23,6 @@ from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.section import Run, length, read_run
 from bayescal.reporting.shared.body import arm_drawing, posed
 from bayescal.reporting.shared.origin import rows_record
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
-from test_gap_report import SETS, diagnosis
 
 EVIL = "<script>alert(1)</script><!--"
 

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
-from pathlib import Path
 
 import pytest
+from test_pages import words
 from typer.testing import CliRunner
 
 import bayescal as bc
 from bayescal.cli import app
 from bayescal.errors import BayescalError
 from bayescal.reporting.page import build
-
-sys.path.insert(0, str(Path(__file__).parent))
-from test_pages import words
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,10 @@
 
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import EXAMPLE
 
 from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rpy_matrix
@@ -21,7 +21,6 @@ from bayescal.probing.approach import FASTEST
 from bayescal.probing.clearance import RETRACT, Clearance
 from bayescal.probing.reach import Arm
 
-EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 KG = 2.0
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import EXAMPLE
 
 from bayescal.dataset.types import Box
 from bayescal.errors import BayescalError
@@ -15,8 +15,6 @@ from bayescal.planning.plan import plan
 from bayescal.planning.pool import Setup
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.setup import continued, read_setup
-
-EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 
 
 @cache

@@ -1,14 +1,10 @@
 """Planned motions by a sampling of 0.05 degrees that shares no code with the check; own solids."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import cases
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
+from cases import EXAMPLE, cases
 
 from analysis.planning import ways as study
 from analysis.planning.sampled import Cell, Table
@@ -25,7 +21,6 @@ from bayescal.probing.scene import Solid
 from bayescal.probing.shapes import Box, Cylinder, Hull
 from bayescal.probing.sweep import distances
 
-EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 

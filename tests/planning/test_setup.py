@@ -1,10 +1,10 @@
 """Setups of a session: regions of targets, what validates, refusals."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import EXAMPLE
 
 from bayescal.dataset import Certificate, Patch, PlanSettings, Target, read_dataset
 from bayescal.errors import BayescalError
@@ -12,7 +12,6 @@ from bayescal.model.scene import Scene
 from bayescal.planning.place import scene
 from bayescal.planning.setup import EDGE, connected, continued, read_setup, regions_of
 
-EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 HALF = 0.1143  # m, of the cube's edge
 
 

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import EXAMPLE
 
 from bayescal.planning import order as orders
 from bayescal.planning.candidates import candidates
@@ -16,7 +16,6 @@ from bayescal.planning.setup import continued, read_setup
 from bayescal.planning.transit import Transits
 from bayescal.probing.clearance import Clearance
 
-EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 FINE = np.radians(0.2)
 
 

@@ -1,10 +1,10 @@
 """Targets whose stated place is far off: located all the same, or refused by name."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import EXAMPLE
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import read_dataset
@@ -19,7 +19,6 @@ from factors.distance import Distance
 from factors.instrument import Instrument
 from factors.sphere import Sphere
 
-CUBE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 DIAMETER, RADIUS, SIGMA = 50.8e-3, 3e-3, 5e-6
 LOOSE = np.array([0.05, 0.05, 0.05, 1e-3])
 TRUE = np.array([0.4, -0.1, 0.2])
@@ -41,7 +40,7 @@ def from_above(rng, count=11, low=0.0):
 @pytest.fixture(scope="module")
 def example():
     """The example's calibration, of its fitted contacts alone: they do not see where a sphere is stated."""
-    return calibrated(Scene(read_dataset(CUBE)), ("geometry", "compliance"))
+    return calibrated(Scene(read_dataset(EXAMPLE)), ("geometry", "compliance"))
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -5,12 +5,12 @@ import shlex
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import typer
+from cases import EXAMPLE
 from gap_diagnoses import SETS, bare, diagnosis, plane, seven
 from rich.console import Console
 from typer.testing import CliRunner
@@ -24,8 +24,6 @@ from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
 
-ROOT = Path(__file__).resolve().parents[2]
-CUBE = ROOT / "data" / "lrmate200ic-cube"
 PICTURES = {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}
 
 
@@ -212,7 +210,7 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
         return diagnosis(session, "named")
 
     monkeypatch.setitem(sys.modules, "bayescal.gap.diagnose", SimpleNamespace(diagnose=diagnose))
-    arguments = ["gap", str(CUBE), "--model", "geometry", "--seed", "7", "--no-robust", "--no-pictures"]
+    arguments = ["gap", str(EXAMPLE), "--model", "geometry", "--seed", "7", "--no-robust", "--no-pictures"]
     arguments += ["--without", "geometry at joint 4, geometry at link 2"]
     done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "run")])
     assert done.exit_code == 0, done.output
@@ -235,7 +233,7 @@ def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(sessi
         found = diagnosis(session, kind)
         module = SimpleNamespace(diagnose=lambda *_, found=found: found)
         monkeypatch.setitem(sys.modules, "bayescal.gap.diagnose", module)
-        done = CliRunner().invoke(app, ["gap", str(CUBE), "--no-pictures", "--out", str(out)])
+        done = CliRunner().invoke(app, ["gap", str(EXAMPLE), "--no-pictures", "--out", str(out)])
         assert done.exit_code == 0, done.output
         lines[kind] = [line for line in done.output.splitlines() if line.startswith("to discriminate")]
     assert lines["named"] == []
@@ -244,7 +242,7 @@ def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(sessi
     assert (program, command) == ("bayescal", "plan")
     plan = typer.main.get_command(app).commands["plan"]
     asked = plan.make_context("plan", arguments).params
-    assert (asked["setup"], asked["after"], asked["purpose"]) == (CUBE, out, "gap")
+    assert (asked["setup"], asked["after"], asked["purpose"]) == (EXAMPLE, out, "gap")
     assert (out / "gap.json").is_file()
 
 
@@ -252,7 +250,7 @@ def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(sessi
     ("arguments", "words"),
     [
         (["nowhere"], "no such folder"),
-        ([str(CUBE), "--model", "geometry,elasticity"], "no effect is called"),
+        ([str(EXAMPLE), "--model", "geometry,elasticity"], "no effect is called"),
     ],
 )
 def test_bad_input_is_one_line(arguments, words, tmp_path, command):
@@ -265,7 +263,7 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, command):
 
 def test_command_leaves_a_foreign_folder_alone(tmp_path, command):
     (tmp_path / "thesis.txt").write_text("mine")
-    code, _, errors = command("gap", CUBE, "--out", tmp_path)
+    code, _, errors = command("gap", EXAMPLE, "--out", tmp_path)
     assert code == 1
     assert "the folder contains files that bayescal did not write: thesis.txt" in errors
     assert len(errors.strip().splitlines()) == 1

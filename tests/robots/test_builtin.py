@@ -3,11 +3,9 @@
 Poses of the flange at random readings, in formulas of their own; nothing is read from the built-in files.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from cases import cases
+from cases import ROOT, cases
 
 from bayescal.arm.chain import Robot, chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
@@ -142,7 +140,7 @@ def flange(robot: Robot, readings: np.ndarray) -> np.ndarray:
 
 def test_each_has_a_second_source():
     assert set(builtin_robots()) == {*STANDARD, *ORIGINS, *WRISTED} | OWN_TEST
-    page = (Path(__file__).parents[2] / "docs/robots.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/robots.md").read_text(encoding="utf-8")
     assert all(f"| `{name}` |" in page for name in builtin_robots())
 
 

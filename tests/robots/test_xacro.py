@@ -2,17 +2,16 @@
 
 import shutil
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import EXAMPLE
 from typer.testing import CliRunner
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.errors import BayescalError
 from bayescal.robots import load_robot, xacro_file
 
-SESSION = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 ARM = """<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro">
 <xacro:arg name="reach" default="0.3"/><xacro:include filename="part.xacro"/>
 <xacro:part length="$(arg reach)"/></robot>"""
@@ -68,7 +67,7 @@ def test_no_expression_runs_unasked(tmp_path, place):
 def test_every_command_refuses_and_takes_the_option(tmp_path):
     from bayescal.cli import app
 
-    folder = shutil.copytree(SESSION, tmp_path / "set")
+    folder = shutil.copytree(EXAMPLE, tmp_path / "set")
     settings = (folder / "dataset.yaml").read_text()
     (folder / "dataset.yaml").write_text(settings.replace("robot: fanuc-lrmate200ic", "robot: arm.xacro"))
     (folder / "arm.xacro").write_text('<robot name="arm"><link name="base"/></robot>')

@@ -1,23 +1,20 @@
 """A user's scene with the fitted arm in it: everything else stays, and what cannot be patched is refused."""
 
 import re
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 import pytest
-from cases import cases
-
-sys.path.insert(0, str(Path(__file__).parents[3]))
+from cases import DATA, cases
 
 from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
 from bayescal.verifying.levels import limit
 
-SCENE = Path(__file__).with_name("ur5e_scene.xml")
+SCENE = DATA / "ur5e_scene.xml"
 EVERY = (*BASE, "base-compliance", "hysteresis", "coupling", "eccentricity", "backlash")
 
 

@@ -1,15 +1,11 @@
 """Scenes of arms with arbitrary frames, axes, references and orientations: the patched arm is the model."""
 
-import sys
-from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-
-sys.path.insert(0, str(Path(__file__).parents[3]))
 
 from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.arm.transforms import rigid

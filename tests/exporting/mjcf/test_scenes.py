@@ -2,15 +2,13 @@
 
 import json
 import re
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[3]))
+from cases import DATA
 
 from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.errors import BayescalError
@@ -18,7 +16,7 @@ from bayescal.exporting.export import export
 from bayescal.exporting.mjcf.replay import Replay, Simulated
 from bayescal.verifying.levels import limit
 
-SCENE = Path(__file__).with_name("ur5e_scene.xml").read_text()
+SCENE = DATA / "ur5e_scene.xml".read_text()
 ELASTIC = (*BASE, "base-compliance")
 EVERY = (*ELASTIC, "hysteresis", "eccentricity", "backlash")
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"

@@ -4,12 +4,10 @@ import csv
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[3]))
+from cases import DATA
 
 from analysis.simulators import BASE, differences, drawn
 from bayescal.exporting.export import export
@@ -17,7 +15,7 @@ from bayescal.exporting.mjcf.format import replay_table
 from bayescal.exporting.mjcf.replay import Replay
 from bayescal.verifying.levels import File, Place
 
-SCENE = Path(__file__).with_name("ur5e_scene.xml")
+SCENE = DATA / "ur5e_scene.xml"
 EFFECTS = (*BASE, "encoder-scale", "coupling", "eccentricity", "gear-mesh@100", "backlash")
 
 

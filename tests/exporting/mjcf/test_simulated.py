@@ -1,7 +1,6 @@
 """Arms with drawn parameters in MuJoCo, an independent simulator, against our own model."""
 
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -9,8 +8,6 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[3]))
 
 from analysis.simulators import BASE, CASES, differences, drawn
 from bayescal.arm.motion import Term
