@@ -85,9 +85,9 @@ def pytest_terminal_summary(terminalreporter):
         outcome: sum("foreign" in getattr(r, "keywords", ()) for r in terminalreporter.getreports(outcome))
         for outcome in ("passed", "failed", "skipped")
     }
-    terminalreporter.write_line(
-        "data of others: " + ", ".join(f"{number} {outcome}" for outcome, number in count.items())
-    )
+    if any(count.values()):
+        each = ", ".join(f"{number} {outcome}" for outcome, number in count.items())
+        terminalreporter.write_line(f"data of others: {each}")
 
 
 @pytest.fixture(scope="session")

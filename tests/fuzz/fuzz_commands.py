@@ -159,7 +159,7 @@ def _ur_yaml() -> bytes:
 
 
 def _certificate() -> Command:
-    from exporting.test_dcc import ENTRIES
+    from test_dcc import ENTRIES
 
     return _export("dcc", {"entries.yaml": ENTRIES.encode()}, "--certificate", "{in}/entries.yaml")
 
@@ -195,7 +195,7 @@ def _several() -> Command:
 
 def _controllers() -> dict[str, Callable[[], Command]]:
     """Listings of controllers, with the points of a tracker in a file of their own."""
-    from importing.test_makers import LISTED
+    from test_makers import LISTED
 
     from bayescal.dataset import read_dataset
 
