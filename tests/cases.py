@@ -19,3 +19,8 @@ def file_text(name: str) -> str:
 def cases(name: str) -> Any:
     """The table of a file: a list of rows, or a mapping of names to rows."""
     return yaml.safe_load(file_text(f"{name}.yaml"))
+
+
+def robot_file(name: str) -> str:
+    """The path of a robot description."""
+    return str(DATA / "robots" / f"{name}.yaml")

@@ -446,9 +446,6 @@ def fits(cube, tracker):
             cube(seed=6, count=120).dataset, (*FULL, "eccentricity", "second-harmonic"), samples=0
         ),
     }
-    for name in ("worlds-dev/005", "real/panda-ball-socket-4"):
-        if (foreign.DATA / name).exists():
-            made[name] = fit(read_dataset(foreign.DATA / name), FULL, samples=0, tolerance=2e-5)
     return made
 
 

@@ -32,6 +32,8 @@ NAMED_EFFECTS = (
     "plane-form",
 )  # fmt: skip
 """Of the vocabulary except for what these contacts hardly show: the artefact and the ball's radius."""
+MISNAMED: dict[str, str] = {}
+"""Effects that are taken for another one, and for which."""
 
 
 @pytest.fixture(scope="module")
@@ -66,17 +68,12 @@ def test_gross_contacts_name_nothing(bench):
     assert np.mean(left_out) == pytest.approx(0.03 * COUNT, abs=1.0)
 
 
-def test_every_effect_is_named(bench):
-    right, in_set = [], []
-    for k, effect in enumerate(NAMED_EFFECTS):
-        p = bench.made_up(200 + k, bench.of_effect(effect, STRONG, seed=k))
-        decision, _ = bench.decided(p)
-        right.append(names(decision) == [effect])
-        in_set.append(effect in decision.credible)
-        assert decision.kind != "null", effect
-    named = dict(zip(NAMED_EFFECTS, right, strict=True))
-    assert sum(right) >= len(NAMED_EFFECTS) - 4, named
-    assert sum(in_set) >= len(NAMED_EFFECTS) - 2, dict(zip(NAMED_EFFECTS, in_set, strict=True))
+@pytest.mark.parametrize("effect", NAMED_EFFECTS)
+def test_every_effect_is_named(bench, effect):
+    k = NAMED_EFFECTS.index(effect)
+    decision, _ = bench.decided(bench.made_up(200 + k, bench.of_effect(effect, STRONG, seed=k)))
+    assert names(decision) == [MISNAMED.get(effect, effect)]
+    assert effect in decision.credible
 
 
 def test_one_joint_alone_is_named_as_such(bench):

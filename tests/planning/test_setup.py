@@ -286,8 +286,9 @@ def test_ways_around_are_free(pool, ordered):
     assert times[1] < times[0] < times[1] + 10.0 * blocked.sum()
 
 
-def test_no_way_is_said(pool, ordered):
+def test_no_way_is_said(pool, ordered, monkeypatch):
     """An approach inside of the cube cannot be left."""
+    monkeypatch.setattr("bayescal.planning.transit.WAITING", 6)  # each is searched in vain
     inside = pool.approach.copy()
     row = int(pool.candidates[0])
     inside[row] = pool.session.measurements.readings[row] - 2 * (

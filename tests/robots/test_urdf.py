@@ -217,8 +217,14 @@ def test_no_expression_runs_unasked(tmp_path, place):
     assert witness.exists()  # the file does what it seems to do: the test would see it
 
 
-def test_every_command_refuses_and_takes_the_option(tmp_path):
+def test_every_command_refuses_and_takes_the_option(tmp_path, monkeypatch):
+    """Without the option none expands the file; with it the content is taken as it is, which is no arm."""
     from bayescal.cli import app
+
+    def taken(path, allowed):
+        return path.read_bytes() if allowed else xacro_file.expanded(path, allowed)
+
+    monkeypatch.setattr("bayescal.robots.markup.expanded", taken)
 
     folder = shutil.copytree(EXAMPLE, tmp_path / "set")
     settings = (folder / "dataset.yaml").read_text()
