@@ -5,6 +5,7 @@ from dataclasses import replace
 import foreign
 import numpy as np
 import pytest
+from sessions import with_columns
 
 import bayescal as bc
 import bayescal.assess.shared_causes as groups_module
@@ -109,7 +110,7 @@ def test_nothing_to_verify_with_is_said():
 def session(cube):
     session = cube(seed=6, count=300).dataset
     role = np.where(np.arange(300) % 5 == 4, "validate", "calibrate")
-    return replace(session, measurements=replace(session.measurements, role=role))
+    return with_columns(session, role=role)
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +180,7 @@ def slipped(session, rows, angle):
     """The session with joint 3 read wrong by an angle, rad, in some rows."""
     readings = session.measurements.readings.copy()
     readings[rows, 2] += angle
-    return replace(session, measurements=replace(session.measurements, readings=readings))
+    return with_columns(session, readings=readings)
 
 
 def test_rows_that_share_a_cause_stay_in_the_fit_and_outliers_do_not(session):

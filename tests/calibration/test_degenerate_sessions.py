@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from rich.console import Console
+from sessions import with_columns
 from typer.testing import CliRunner
 
 from bayescal import calibration
@@ -75,7 +76,7 @@ def one_pose(cube):
     session = on_faces(cube(seed=3, count=150).dataset, "cube.+z")
     m = session.measurements
     same = np.repeat(m.readings[:1], len(m.ids), axis=0)
-    return replace(session, measurements=replace(m, readings=same, payload=None))
+    return with_columns(session, readings=same, payload=None)
 
 
 def random_readings(lrmate, count=80):
@@ -265,7 +266,7 @@ def first(session, count):
     m = session.measurements
     order = np.cumsum(m.role == "calibrate")
     role = np.where((m.role == "calibrate") & (order > count), "validate", m.role)
-    return replace(session, measurements=replace(m, role=role))
+    return with_columns(session, role=role)
 
 
 @pytest.mark.parametrize("known", [{"u": 0.0, "u_angle": 0.0}, {"u": 0.0}])
@@ -287,7 +288,7 @@ def test_repeats_that_read_identically_are_no_noise(cube):
         rows = np.flatnonzero((m.role == "calibrate") & (m.target == target))[:4]
         readings[rows] = readings[rows[0]]
         repeat[rows] = f"r{target}"
-    same = replace(session, measurements=replace(m, readings=readings, repeat=repeat.astype(str)))
+    same = with_columns(session, readings=readings, repeat=repeat.astype(str))
     found = fit(same, ("geometry",), samples=0)
     scatter, dof = repeat_scatter(Scene(same), found.final.estimate)
     assert (scatter, dof > 5) == (None, True)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from cases import EXAMPLE, ROOT
 from rich.console import Console
+from sessions import with_columns
 from typer.testing import CliRunner
 
 from bayescal.arm.chain import chain_of, link_angles, points
@@ -239,7 +240,7 @@ def bent(session, amount):
     lever = scene.points[:, 0]  # turning J1 moves a contact on +y along the normal by its x
     readings = m.readings.copy()
     readings[:, 0] += bulge / lever
-    return replace(session, measurements=replace(m, readings=readings))
+    return with_columns(session, readings=readings)
 
 
 def test_a_bulging_face_is_seen_and_fitted(cube):
@@ -340,7 +341,7 @@ def split(cube):
     """Contacts of an arm with errors, a quarter of them validation measurements."""
     dataset = cube(seed=11, count=160).dataset
     role = np.where(np.arange(160) % 4 == 0, "validate", "calibrate")
-    return replace(dataset, measurements=replace(dataset.measurements, role=role))
+    return with_columns(dataset, role=role)
 
 
 @pytest.fixture(scope="module")
@@ -350,7 +351,7 @@ def misread(cube):
     rows, coupling = dataset.measurements, dataset.robot.link_from_reading
     links = rows.readings @ coupling.T - ZEROS
     readings = links @ np.linalg.inv(coupling).T / (1.0 + SCALES)
-    return replace(dataset, measurements=replace(rows, readings=readings))
+    return with_columns(dataset, readings=readings)
 
 
 def test_every_level_reduces_validation_errors(split):
@@ -434,7 +435,7 @@ def printed(found, width: int, verbose: bool = False) -> str:
 
 def validating(session, every: int = 4):
     role = np.where(np.arange(len(session.measurements.ids)) % every == 0, "validate", "calibrate")
-    return replace(session, measurements=replace(session.measurements, role=role))
+    return with_columns(session, role=role)
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sessions import with_columns
 
 from bayescal.arm.chain import Robot, chain_of, link_angles
 from bayescal.arm.statics import Stance, gravity_loads
@@ -45,7 +46,7 @@ def ball(dataset, effects, mass=0.0):
 
 def unloaded(dataset):
     """The session without payload."""
-    return replace(dataset, measurements=replace(dataset.measurements, payload=None))
+    return with_columns(dataset, payload=None)
 
 
 @pytest.mark.parametrize("stated", [False, True])
@@ -88,7 +89,7 @@ def test_a_payload_that_hangs_elsewhere_is_a_tool_with_another_centre_of_mass(cu
 def test_the_centre_of_an_added_load_acts_in_the_rows_that_carry_it(cube):
     dataset = cube(seed=3, count=24).dataset
     payload = np.where(np.arange(24) % 3 == 0, 2.0, 0.0)
-    scene = Scene(replace(dataset, measurements=replace(dataset.measurements, payload=payload)))
+    scene = Scene(with_columns(dataset, payload=payload))
     c = scene.circumstances(scene.rows("calibrate"))
     by = {p.name: p for s in ("payload@elsewhere", "payload@added") for p in parameters_of((s,), c)}
     for axis in "xyz":
@@ -230,7 +231,7 @@ def test_a_target_or_tool_that_is_not_fitted_ties_nothing(cube):
     """Stated by `validate` rows alone, a place says nothing of the base."""
     dataset = stating(cube(seed=1).dataset, target=1e-3)
     role = np.where(dataset.measurements.target == 0, "validate", "calibrate")
-    assert names_of(replace(dataset, measurements=replace(dataset.measurements, role=role))) == LOOSE | TOOL
+    assert names_of(with_columns(dataset, role=role)) == LOOSE | TOOL
 
 
 def test_one_direction_is_left_to_the_prior(cube):

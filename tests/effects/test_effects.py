@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import cases
+from sessions import with_columns
 
 from bayescal.arm import statics
 from bayescal.arm.chain import chain_of, link_angles
@@ -293,7 +294,7 @@ def test_settings_that_cannot_be(name, words, cube):
 
 def test_a_time_constant_needs_the_time(cube):
     dataset = cube(seed=1).dataset
-    timeless = Scene(replace(dataset, measurements=replace(dataset.measurements, time=None)))
+    timeless = Scene(with_columns(dataset, time=None))
     c = timeless.circumstances(timeless.rows("calibrate"))
     assert parameters_of(("thermal-drift",), c)
     with pytest.raises(BayescalError, match="time_s"):
@@ -387,7 +388,7 @@ def test_payload_and_tool_weigh(cube, monkeypatch):
     dataset = cube(seed=1).dataset
     m = dataset.measurements
     loaded = Scene(dataset).moments
-    empty = Scene(replace(dataset, measurements=replace(m, payload=None))).moments
+    empty = Scene(with_columns(dataset, payload=None)).moments
     heavier = replace(dataset.tools[0], mass=dataset.tools[0].mass + 0.5)
     both = Scene(replace(dataset, tools=(heavier,), measurements=replace(m, payload=None))).moments
     carries = m.payload > 0

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sessions import with_columns
 
 from bayescal.arm.chain import chain_of, frames, points, wrenches
 from bayescal.arm.motion import CONTACT
@@ -20,10 +21,6 @@ from bayescal.model.scene import Scene
 def circumstances(dataset):
     scene = Scene(dataset)
     return scene.circumstances(scene.rows("calibrate"))
-
-
-def with_columns(dataset, **columns):
-    return replace(dataset, measurements=replace(dataset.measurements, **columns))
 
 
 def drivers(dataset, effect):

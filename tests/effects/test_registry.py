@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from cases import cases
 from scipy.spatial.transform import Rotation
+from sessions import with_columns
 
 from bayescal import effects
 from bayescal.arm.chain import frames, link_angles, points
@@ -474,7 +475,7 @@ def measured(dataset, arm, depth, compliance, noise, seed=0):
     frame = rigid(rpy_matrix(np.asarray(target.values["rpy"])), np.asarray(target.values["xyz"]))
     xyz = (ball - frame[:3, 3]) @ frame[:3, :3]
     xyz = xyz + noise * np.random.default_rng(seed).standard_normal(xyz.shape)
-    return replace(dataset, measurements=replace(m, xyz=xyz, torque=None, temperature=None))
+    return with_columns(dataset, xyz=xyz, torque=None, temperature=None)
 
 
 @pytest.fixture(scope="module", params=["wall", "ceiling"])

@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import least_squares
 from scipy.stats import chi2 as chi2_distribution
+from sessions import with_columns
 
 from bayescal.arm.statics import Stance
 from bayescal.errors import BayescalError
@@ -286,7 +287,7 @@ def test_few_contacts_are_not_fitted_beyond_their_noise():
     """Hardly more rows than unknowns: the median of what is left is no measure of the noise."""
     session = simulate(Options(seed=3, contacts=80, repeats=5, later=0, placements=0)).dataset
     m = session.measurements
-    few = replace(session, measurements=replace(m, role=np.where(np.arange(80) < 14, m.role, "validate")))
+    few = with_columns(session, role=np.where(np.arange(80) < 14, m.role, "validate"))
     found = estimate(build(Scene(few), ("geometry", "compliance")))
     assert not len(found.rejected)
     assert 0.6 < found.weights.scale["contact"] < 1.5

@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 import foreign
 import numpy as np
 import pytest
+from sessions import with_columns
 
 from bayescal.cli import main
 from bayescal.dataset import Measurements, read_dataset, write_dataset
@@ -177,9 +178,9 @@ def lacking(dataset, what):
     """The session without something."""
     m = dataset.measurements
     if what in ("velocity", "time", "temperature", "repeat"):
-        return replace(dataset, measurements=replace(m, **{what: None}))
+        return with_columns(dataset, **{what: None})
     if what == "time and temperature":
-        return replace(dataset, measurements=replace(m, time=None, temperature=None))
+        return with_columns(dataset, time=None, temperature=None)
     if what == "validation measurements":
         return some(dataset, np.flatnonzero(m.role == "calibrate"))
     if what == "encoders":

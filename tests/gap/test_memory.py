@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gap_problems import Bench
+from sessions import with_columns
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.arm.transforms import rpy_matrix
@@ -499,7 +500,7 @@ def slipped(tracker):
     moved = replace(d, tools=(replace(d.tools[0], centre=d.tools[0].centre + OFF),))
     change = (Scene(moved).points - Scene(d).points) @ rpy_matrix(np.asarray(d.targets[0].values["rpy"]))
     change[:FIRST] = 0.0
-    return replace(d, measurements=replace(d.measurements, xyz=d.measurements.xyz + change))
+    return with_columns(d, xyz=d.measurements.xyz + change)
 
 
 def test_a_slipped_reflector_is_found_with_its_row_and_not_deleted(slipped):

@@ -9,6 +9,7 @@ import pytest
 from cases import EXAMPLE
 from made_up_plans import made_up_plan
 from probing_cell import on_planes
+from sessions import with_columns
 from simulated_pools import MODEL, linear, pool, pool_of
 
 import bayescal as bc
@@ -328,7 +329,7 @@ def mixed(measured, rows):
     session, plan = measured
     readings = session.measurements.readings.copy()
     readings[rows] = plan[rows]
-    return replace(session, measurements=replace(session.measurements, readings=readings))
+    return with_columns(session, readings=readings)
 
 
 def test_a_single_contact_is_found(measured):
@@ -454,7 +455,7 @@ def test_distances_of_the_region_follow_from_the_tool_points():
 def test_fitted_spheres_are_no_goal_where_the_fit_uses_the_distance():
     d = pool().session
     m = d.measurements
-    fitted = replace(d, measurements=replace(m, role=np.full(len(m.role), "calibrate")))
+    fitted = with_columns(d, role=np.full(len(m.role), "calibrate"))
     found = linearised(pool_of(fitted), MODEL)
     assert certified(found) is None
     assert [g.over for g in goals(pool_of(fitted), found)] == [REGION]
@@ -464,13 +465,13 @@ def test_mixed_ends_and_certificates_without_rows():
     d = pool().session
     m = d.measurements
     first = next(k for k, t in enumerate(d.targets) if t.kind == "sphere")
-    half = replace(d, measurements=replace(m, role=np.where(m.target == first, "calibrate", m.role)))
+    half = with_columns(d, role=np.where(m.target == first, "calibrate", m.role))
     found = linearised(pool_of(half), MODEL)
     goal = certified(found)
     assert len(goal.slopes) == 3
     own = found.model.slices[d.targets[first].name]
     assert np.sum(np.any(goal.slopes[:, own] != 0, axis=1)) == 2
-    bare = replace(d, measurements=replace(m, role=np.where(m.role == "validate", "locate", m.role)))
+    bare = with_columns(d, role=np.where(m.role == "validate", "locate", m.role))
     assert certified(linearised(pool_of(bare), MODEL)) is None  # spheres are located by their validation data
 
 

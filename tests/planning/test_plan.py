@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from cases import EXAMPLE, cases
 from made_up_plans import made_up_plan
+from sessions import with_columns
 
 import bayescal as bc
 from bayescal.arm.motion import NominalArm
@@ -400,7 +401,7 @@ def test_points_that_are_passed_come_before_the_approach(exported_plan):
 def test_names_do_not_leave_their_comment_or_string(exported_plan):
     m = exported_plan.session.measurements
     ids = ('a"\n  movej([0,0,0,0,0,0])', *m.ids[1:])
-    hostile = replace(exported_plan, session=replace(exported_plan.session, measurements=replace(m, ids=ids)))
+    hostile = replace(exported_plan, session=with_columns(exported_plan.session, ids=ids))
     for name in ("urscript", "fanuc", "kuka", "abb"):
         text, plain = text_of(hostile, name), text_of(exported_plan, name)
         assert text.count("\n") == plain.count("\n")

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from made_up_plans import made_up_plan
 from rich.console import Console
+from sessions import with_columns
 
 import bayescal as bc
 from bayescal.dataset import read_dataset
@@ -36,7 +37,7 @@ def plan(session):
     """Contacts near those of a session; the arm that will measure them is not nominal."""
     m = session.dataset.measurements
     away = 1e-3 * np.random.default_rng(1).standard_normal(m.readings.shape)
-    planned = replace(session.dataset, measurements=replace(m, readings=m.readings + away))
+    planned = with_columns(session.dataset, readings=m.readings + away)
     return made_up_plan(planned, count=70, validation=10)
 
 
@@ -150,7 +151,7 @@ def test_the_plan_itself_is_no_measurement(folder, probed, plan, tmp_path):
         converted(folder, folder / "plan.csv")
     half = np.arange(len(plan.purpose)) < 50
     readings = np.where(half[:, None], probed.measurements.readings, plan.session.measurements.readings)
-    mixed = replace(probed, measurements=replace(probed.measurements, readings=readings))
+    mixed = with_columns(probed, readings=readings)
     draft = converted(folder, log_of(mixed, tmp_path / "log.csv"))
     assert draft.dataset.measurements.ids == probed.measurements.ids[:50]
     assert any("30 rows of log.csv without a measurement" in note for note in draft.notes)
@@ -314,7 +315,7 @@ def test_targets_of_validation_alone_share_a_row(reported_plan):
     m = reported_plan.session.measurements
     target = np.where(np.array(reported_plan.purpose) == VALIDATE, np.where(m.target == 3, 2, m.target), 3)
     target[40:] = [0, 1, 2, 0, 1, 2, 0, 1]
-    session = replace(reported_plan.session, measurements=replace(m, target=target))
+    session = with_columns(reported_plan.session, target=target)
     rows = sheets.by_target(replace(reported_plan, session=session)).rows
     assert [row[:2] for row in rows] == [("cube.+z", "40"), ("3 validation targets", "8"), ("all", "48")]
 
