@@ -3,12 +3,19 @@
 import numpy as np
 import pytest
 
-from bayescal.arm.inverse import descend, poses_apart, to_points, to_poses
-from bayescal.arm.nominal import NominalArm
-from bayescal.arm.solutions import nearest, solutions, without_solution
+from analysis.world import reach
+from bayescal.arm.inverse import (
+    descend,
+    nearest,
+    poses_apart,
+    solutions,
+    to_points,
+    to_poses,
+    without_solution,
+)
+from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
 from bayescal.robots import load_robot
-from bayescal.world import reach
 
 TOOL = np.array([0.06, 0.0, 0.12])
 

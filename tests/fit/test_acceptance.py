@@ -5,13 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import bayescal.assess.groups as groups_module
+import bayescal.assess.shared_causes as groups_module
 import bayescal.assess.shared_causes as shared_causes_module
-from bayescal.assess.acceptance import CONTRADICTED, EXPLAINED, LEVEL, UNVERIFIED, acceptance, widened
-from bayescal.assess.conformance import FAIL, OPEN, PASS, conformance, decide
-from bayescal.assess.groups import Group, groups_of
+from bayescal.assess.acceptance import (
+    CONTRADICTED,
+    EXPLAINED,
+    FAIL,
+    LEVEL,
+    OPEN,
+    PASS,
+    UNVERIFIED,
+    acceptance,
+    conformance,
+    decide,
+    widened,
+)
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
-from bayescal.assess.shared_causes import shared, shared_causes
+from bayescal.assess.shared_causes import Group, groups_of, shared, shared_causes
 from bayescal.calibration import fit
 from bayescal.errors import BayescalError
 from bayescal.estimate.unexplained import Unexplained

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayescal.estimate import estimate
-from bayescal.gap.outcome.levels import difference, log_predictive, model_levels
+from bayescal.gap.outcome.magnitude import difference, log_predictive, model_levels
 from bayescal.gap.outcome.margins import holm, margins
 from bayescal.model import build, with_parameters
 from bayescal.model.scene import Scene

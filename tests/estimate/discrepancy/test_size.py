@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-import bayescal.estimate.discrepancy.size as size_module
-from bayescal.estimate.discrepancy.size import variances, within_poses
+import bayescal.estimate.moments as size_module
+from bayescal.estimate.moments import variances, within_poses
 
 ROWS, FIRST, SECOND = 600, 12, 8
 FAMILY = np.repeat([0, 1], [FIRST, SECOND])
