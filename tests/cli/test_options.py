@@ -27,8 +27,6 @@ from bayescal.cli import progress as module
 from bayescal.cli.progress import progress
 
 CALLED = {
-    "blind make": ("analysis.blind.make.make",),
-    "blind run": ("analysis.blind.run.run", "analysis.blind.rounds.second_round"),
     "budget": ("bayescal.public.budgets.budget",),
     "check": ("bayescal.public.starting.check",),
     "compare": ("bayescal.public.functions.compare",),
@@ -46,11 +44,10 @@ CALLED = {
     "verify": ("bayescal.public.compensating.verify",),
 }
 """What each command calls: stand-ins record it."""
-ELSEWHERE = {"blind score": "prints a card: tests/blind/test_score_card.py"}
+ELSEWHERE: dict[str, str] = {}
 VALUES: dict[tuple[str, str], tuple[str, Any]] = {
     ("budget", "--point-deg"): ("1,2,3", [1.0, 2.0, 3.0]),  # in deg, also in Python
     ("budget", "--to"): ("csv", None),
-    ("blind run", "--rounds"): ("2", "second_round"),
     ("check", "--to"): ("json", None),
     ("robots", "--to"): ("csv", None),
     ("compensate", "--tcp"): (

@@ -172,7 +172,7 @@ print(k, *sorted(seen))
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="not possible on this system")
 @pytest.mark.parametrize("way", ["exchange", "rename"])
 def test_killed_before_any_system_call(tmp_path, way):
-    paths = os.pathsep.join(map(str, (ROOT, Path(__file__).parent)))
+    paths = os.pathsep.join(map(str, (ROOT, ROOT / "tests", Path(__file__).parent)))
     done = subprocess.run(
         [sys.executable, "-c", KILLED, str(tmp_path), way],
         env=os.environ | {"PYTHONPATH": paths},

@@ -10,17 +10,18 @@ import sys
 from pathlib import Path
 
 import pytest
+from cases import ROOT
 from made_up_worlds import answer, silent, truth
 from tiny_work import until
 from typer.testing import CliRunner
 
 from analysis.blind import compared, further, rounds, seal
+from analysis.blind.__main__ import app
 from analysis.blind.folder import SEALED, TRUTH, answer_path, record, texts, write
 from analysis.blind.further import ERROR, Open, planned, probed
 from analysis.blind.make import make
 from analysis.blind.rounds import ARMS, ROUND, is_open, second_round
 from analysis.blind.run import Task, answered, run
-from bayescal.cli import app
 from bayescal.errors import BayescalError
 
 WORLDS, SEED = 2, 101
@@ -38,9 +39,7 @@ sys.addaudithook(told)
 
 
 def command(*words: object) -> str:
-    import analysis.blind.__main__  # noqa: F401  (registers itself)
-
-    done = CliRunner().invoke(app, ["blind", *map(str, words)])
+    done = CliRunner().invoke(app, [*map(str, words)])
     if done.exception:
         raise done.exception
     return done.output
@@ -60,8 +59,8 @@ def ran(made, tmp_path_factory) -> tuple[Path, str, list[str]]:
     folder, log = Path(shutil.copytree(made[0], top / "blind")), top / "opened"
     truth = shutil.move(folder / "truth.json", top / "truth.json")
     (top / "sitecustomize.py").write_text(WATCH.format(blind=str(folder), log=str(log)))
-    line = [sys.executable, "-m", "bayescal.cli", "blind", "run", str(folder), "--workers", "2"]
-    environment = os.environ | {"PYTHONPATH": str(top)}
+    line = [sys.executable, "-m", "analysis.blind", "run", str(folder), "--workers", "2"]
+    environment = os.environ | {"PYTHONPATH": f"{top}{os.pathsep}{ROOT}"}
     done = subprocess.run(line, env=environment, capture_output=True, text=True, check=True)
     shutil.move(truth, folder / "truth.json")
     return folder, done.stdout, log.read_text().splitlines()
@@ -106,7 +105,7 @@ def hears_ctrl_c():
 
 def test_interrupted_and_resumed_on_dask_the_seal_is_the_same(made, ran, cluster, tmp_path):
     folder = Path(shutil.copytree(made[0], tmp_path / "blind"))
-    line = [sys.executable, "-m", "bayescal.cli", "blind", "run", str(folder)]
+    line = [sys.executable, "-m", "analysis.blind", "run", str(folder)]
     process = subprocess.Popen(
         line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=hears_ctrl_c
     )
