@@ -28,7 +28,7 @@ def robot_file(name: str) -> str:
     return str(DATA / "robots" / f"{name}.yaml")
 
 
-def printed(what: Any, width: int = 100) -> str:
+def terminal_text(what: Any, width: int = 100) -> str:
     """The text of what is printed on a terminal of a width."""
     console = Console(width=width, record=True, file=io.StringIO(), highlight=False)
     console.print(what)

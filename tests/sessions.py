@@ -18,6 +18,8 @@ from bayescal.arm.motion import NominalArm
 from bayescal.arm.statics import gravity_loads
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Measurements, Noise, Target, Tool
+from bayescal.effects import Circumstances
+from bayescal.model.scene import Scene
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, Simulation, simulate
 
@@ -263,6 +265,12 @@ LITTLE = {"contacts": 60, "later": 12, "repeats": 3, "placements": 1, "sphere_co
 def little(**options: object) -> Simulation:
     """A little session of the built-in arm."""
     return simulated(**(LITTLE | {"seed": 4} | options))
+
+
+def circumstances(dataset: Dataset) -> Circumstances:
+    """What the effects of a session may depend on, at its rows to calibrate."""
+    scene = Scene(dataset)
+    return scene.circumstances(scene.rows("calibrate"))
 
 
 def with_columns(dataset: Dataset, **columns: object) -> Dataset:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import foreign
 import numpy as np
 import pytest
-from rich.console import Console
+from cases import terminal_text
 from scipy.stats import norm
 from sessions import with_columns
 
@@ -137,9 +137,7 @@ def test_more_contacts_leave_less_to_the_prior(cube):
 
 
 def test_the_summary_leads_with_the_distance_error(fits, tmp_path):
-    console = Console(width=200, record=True, file=(tmp_path / "out").open("w"))
-    console.print(fit_summary(fits["too few"]))
-    lines = console.export_text().splitlines()
+    lines = terminal_text(fit_summary(fits["too few"]), 200).splitlines()
     assert lines[1].startswith("verdict")
     assert any(line.startswith("distance error") and "predicted" in line for line in lines[:8])
     assert any(line.startswith("validation") and "none" in line for line in lines[:12])

@@ -2,12 +2,12 @@
 
 import json
 import re
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
-from sessions import with_columns
+from cases import terminal_text
+from sessions import with_columns, with_rows
 from typer.testing import CliRunner
 
 from bayescal import calibration
@@ -39,16 +39,6 @@ from bayescal.statistics import spawned
 
 FULL = ("geometry", "compliance")
 FULL_RANGE = "in poses over most of the range of"
-
-
-def with_rows(session, rows):
-    """The session with some of its rows."""
-    m = session.measurements
-    kept = {f.name: getattr(m, f.name) for f in fields(m) if getattr(m, f.name) is not None}
-    kept["ids"] = tuple(f"c{k}" for k in range(len(rows)))
-    kept |= {name: v[rows] for name, v in kept.items() if name not in ("ids", "line")}
-    kept["line"] = np.arange(len(rows)) + 2
-    return replace(session, measurements=type(m)(**kept))
 
 
 def on_faces(session, *faces):
@@ -205,11 +195,9 @@ def test_no_effect_in_rows_of_one_pose_is_no_success(diagnosed):
 def test_a_diagnosis_of_one_pose_has_a_page_and_no_nan(diagnosed, tmp_path):
     """A page of one block of rows ended with a traceback, and the terminal printed nan."""
     write_gap(diagnosed, tmp_path / "run", pictures=False)
-    console = Console(width=150)
-    with console.capture() as said:
-        console.print(gap_summary(diagnosed))
-    assert "nan" not in said.get()
-    assert "no interval: the validation measurements have one pose" in said.get()
+    text = terminal_text(gap_summary(diagnosed), 150)
+    assert "nan" not in text
+    assert "no interval: the validation measurements have one pose" in text
 
 
 def test_an_arm_of_one_pose_is_not_exported(cube):
@@ -235,10 +223,8 @@ def test_a_budget_that_priors_decide_says_so(twelve, cube):
     told = {}
     for name, found in {"few": twelve, "many": fit(cube(seed=3, count=150).dataset, FULL, samples=0)}.items():
         of = budget(found.basis, parameter(found.basis, "a2"))
-        console = Console(width=150)
-        with console.capture() as said:
-            console.print(budget_table(of))
-        told[name] = of.prior_share, "not determined" in said.get()
+        text = terminal_text(budget_table(of), 150)
+        told[name] = of.prior_share, "not determined" in text
         assert measurand_record(of)["prior_share"] == of.prior_share
     assert told["few"][0] > 0.5 > told["many"][0]
     assert (told["few"][1], told["many"][1]) == (True, False)

@@ -1,6 +1,5 @@
 """The calibration end to end, in memory and on the command line."""
 
-import io
 import json
 import re
 from collections import Counter
@@ -9,8 +8,7 @@ from dataclasses import replace
 import foreign
 import numpy as np
 import pytest
-from cases import EXAMPLE, ROOT
-from rich.console import Console
+from cases import EXAMPLE, ROOT, terminal_text
 from sessions import with_columns
 from typer.testing import CliRunner
 
@@ -428,9 +426,7 @@ NOT_SAID = ("as drawn", "held out", "worst", "data decide", " um ", "ladder")
 
 
 def printed(found, width: int, verbose: bool = False) -> str:
-    console = Console(width=width, record=True, file=io.StringIO())
-    console.print(fit_summary(found, verbose))
-    return console.export_text()
+    return terminal_text(fit_summary(found, verbose), width)
 
 
 def validating(session, every: int = 4):

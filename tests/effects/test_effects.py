@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import cases
-from sessions import with_columns
+from sessions import circumstances, with_columns
 
 from bayescal.arm import statics
 from bayescal.arm.chain import chain_of, link_angles
@@ -255,16 +255,14 @@ def told(parameters):
 
 def test_without_a_setting_it_is_the_usual_one(cube):
     """What an effect is where none is named: the middle of the rows, 6 % of the usual torque."""
-    scene = Scene(cube(seed=1).dataset)
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = circumstances(cube(seed=1).dataset)
     for name, setting in (("step", "61"), ("hysteresis", "0.06")):
         assert told(parameters_of((name,), c)) == told(parameters_of((f"{name}@{setting}",), c))
 
 
 def test_gear_mesh_without_reductions_needs_a_ratio(cube):
     dataset = cube(seed=1).dataset
-    scene = Scene(replace(dataset, robot=replace(dataset.robot, reductions=None)))
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = circumstances(replace(dataset, robot=replace(dataset.robot, reductions=None)))
     with pytest.raises(BayescalError, match="gear-mesh@100"):
         parameters_of(("gear-mesh",), c)
     names = [p.name for p in parameters_of(("gear-mesh@100",), c)]

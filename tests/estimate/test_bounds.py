@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 from scipy.stats import chi2, truncnorm
-from sessions import with_columns
+from sessions import circumstances, with_columns
 
 import bayescal as bc
 from bayescal.arm.statics import torques_on_links
@@ -153,11 +153,6 @@ def pulled():
 def scale(dataset):
     """Noise of contacts, as a multiple of the stated one."""
     return calibrated(Scene(dataset), BOTH, robust=False).weights.scale["contact"]
-
-
-def circumstances(dataset):
-    scene = Scene(dataset)
-    return scene.circumstances(scene.rows("calibrate"))
 
 
 def test_a_load_that_only_the_torques_show(pulled):

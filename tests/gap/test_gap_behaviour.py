@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_problems import Bench
-from sessions import with_columns
+from sessions import circumstances, with_columns
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.dataset import read_dataset, write_dataset
@@ -347,11 +347,6 @@ def test_an_aliased_ripple_is_not_assessed(c):
 # --- Readings before standstill are named `unsettled`, not backlash; backlash stays backlash.
 
 UNSETTLED_STRONG = 300.0
-
-
-def circumstances(dataset):
-    scene = Scene(dataset)
-    return scene.circumstances(scene.rows("calibrate"))
 
 
 def moving(dataset, seed=0):

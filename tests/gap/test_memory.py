@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gap_problems import Bench
-from sessions import with_columns
+from sessions import circumstances, with_columns
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.arm.transforms import rpy_matrix
@@ -295,11 +295,6 @@ def test_only_significant_locations_have_a_size(sudden_bench):
 @pytest.fixture(scope="module")
 def steps_bench(tracker):
     return Bench.of(tracker(seed=3, count=120).dataset)
-
-
-def circumstances(dataset):
-    scene = Scene(dataset)
-    return scene.circumstances(scene.rows("calibrate"))
 
 
 def two_instruments(dataset):

@@ -1,6 +1,5 @@
 """Every method finds the true arm without noise, says what it lacks, and is validated like the others."""
 
-import io
 import json
 import subprocess
 import sys
@@ -9,8 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from cases import ROOT
-from rich.console import Console
+from cases import ROOT, terminal_text
 
 from analysis.methods import page, session
 from bayescal.dataset import Dataset, write_dataset
@@ -215,9 +213,7 @@ def test_report_says_all(tmp_path):
     assert ours["heldout"]["predicted_distance_sd_um"] > 0
     assert len(ours["distances"]) == ours["heldout"]["distances"]
     assert next(m for m in record["methods"] if m["name"] == "open loop")["why"]
-    console = Console(width=140, record=True, file=io.StringIO())
-    console.print(comparison_summary(comparison))
-    text = console.export_text()
+    text = terminal_text(comparison_summary(comparison), 140)
     assert all(m.name in text for m in METHODS)
     assert "no calibration row is measured by an instrument" in text
 

@@ -11,11 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import typer
-from cases import EXAMPLE, cases
+from cases import EXAMPLE, cases, terminal_text
 from gap_diagnoses import SETS, bare, diagnosis, plane, seven
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rich.console import Console
 from typer.testing import CliRunner
 
 from bayescal.effects import EFFECTS
@@ -42,10 +41,7 @@ PICTURES = {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.p
 
 
 def printed(gap: Gap) -> str:
-    console = Console(width=100, highlight=False, force_terminal=False)
-    with console.capture() as capture:
-        console.print(gap_summary(gap))
-    return capture.get()
+    return terminal_text(gap_summary(gap), 100)
 
 
 @pytest.fixture(scope="module")

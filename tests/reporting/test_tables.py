@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rich.console import Console
+from cases import terminal_text
 
 from bayescal.estimate import calibrated
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
@@ -33,9 +32,7 @@ HEADINGS = (
 
 
 def printed(table: FigureTable, width: int) -> str:
-    console = Console(width=width, record=True, file=io.StringIO())
-    console.print(table)
-    return console.export_text()
+    return terminal_text(table, width)
 
 
 def table(names) -> FigureTable:
