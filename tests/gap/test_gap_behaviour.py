@@ -33,8 +33,6 @@ NAMED_EFFECTS = (
     "plane-form",
 )  # fmt: skip
 """Of the vocabulary except for what these contacts hardly show: the artefact and the ball's radius."""
-MISNAMED: dict[str, str] = {}
-"""Effects that are taken for another one, and for which."""
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +71,7 @@ def test_gross_contacts_name_nothing(bench):
 def test_every_effect_is_named(bench, effect):
     k = NAMED_EFFECTS.index(effect)
     decision, _ = bench.decided(bench.made_up(200 + k, bench.of_effect(effect, STRONG, seed=k)))
-    assert names(decision) == [MISNAMED.get(effect, effect)]
+    assert names(decision) == [effect]
     assert effect in decision.credible
 
 
