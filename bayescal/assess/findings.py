@@ -23,12 +23,13 @@ from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
 from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.consistency import contradictions
+from bayescal.effects import MODELS
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import UNCHANGED, Rigid
 from bayescal.estimate.outliers import LEAST_SPARE, detectable
 from bayescal.estimate.solver import by_group
-from bayescal.estimate.unexplained import FORM, FaceCheck, Unexplained
+from bayescal.estimate.unexplained import FaceCheck, Unexplained
 from bayescal.model import ORIENTATION
 from bayescal.model.block import ARM, Block
 from bayescal.model.model import length_blocks
@@ -86,8 +87,6 @@ def _of_block(found: Estimate, block: Block, mean: np.ndarray, count: int) -> np
 
 Severity = Literal["error", "warning", "note"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
-IN_ROBOT_FILE = ("geometry", "joint", "encoder-scale", "compliance", FORM, "artefact")
-"""Effects that robot.yaml can hold, and those that are no part of the arm."""
 WILD_SCALE = 100.0
 """Times the stated noise from which on residuals come from a wrong file, not from a small error of an arm."""
 WILD_SIZE = 1e-4
@@ -199,7 +198,7 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         )  # fmt: skip
     if of.rigid.words:
         yield Finding("rigid", "note", of.rigid.words)
-    absent = [name for name in model.effects if plain(name) not in IN_ROBOT_FILE]
+    absent = [name for name in model.effects if not MODELS[plain(name)].in_robot_file]
     if absent:
         yield Finding(
             "not_in_robot_file", "note", f"robot.yaml cannot hold {', '.join(absent)}: see fit.json"

@@ -19,13 +19,13 @@ from bayescal.effects import UNITS, Parameter
 from bayescal.effects.tool import TOOL
 from bayescal.effects.vocabulary import unit_label
 from bayescal.estimate import Estimate
+from bayescal.estimate.unexplained import FORM
 from bayescal.model import ORIENTATION, Model
 from bayescal.predict.forecast import elsewhere, joint_range, point_slopes
 
 DETERMINED = 0.9  # contraction from which on the data count as having decided
 PRIOR_ONLY = 0.1
 WEAK = 1.0  # singular value below which a direction stays wider than 71 % of its prior
-FORM = "plane-form"
 SHOWN = 0.25  # loadings smaller than this are not named
 LEAK = 0.1  # share of a combination that may be in weak directions for it to count as identifiable
 

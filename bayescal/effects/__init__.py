@@ -49,6 +49,8 @@ from bayescal.effects.vocabulary import (
 )
 from bayescal.errors import BayescalError
 
+BASELINE = (GEOMETRY.name, COMPLIANCE.name)
+"""The model of a fit or diagnosis for which none is given."""
 LEVELS = {JOINT.name: JOINT}
 """Model levels simpler than `geometry`, for comparison; a diagnosis does not name them."""
 
@@ -157,6 +159,12 @@ def parameters_of(
         there = {p.name for p in out}
         out += [p for p in asked.of(own, f"--model '{name}'") if p.name not in there]
     return (*out, *TOOL.at(circumstances))
+
+
+def levels_of(effects: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Model levels: nominal, the simpler model of the first effect if it has one, then effect by effect."""
+    simpler = MODELS[effects[0]].simpler if effects and effects[0] in MODELS else ""
+    return [(), *([(simpler,)] if simpler else []), *(effects[:k] for k in range(1, len(effects) + 1))]
 
 
 def confusable(one: str, other: str) -> bool:

@@ -69,4 +69,5 @@ COMPLIANCE = Effect(
         "than similar joints, check the preload of its gear and bearings, the belt tension and the "
         "bolts of the motor."
     ),
+    in_robot_file=True,
 )

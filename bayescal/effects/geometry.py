@@ -79,4 +79,7 @@ GEOMETRY = Effect(
         "If a zero changed since the last session, look for a collision, a moved encoder or a loose "
         "flange, and set the joint zeros again."
     ),
+    in_robot_file=True,
+    simpler="joint",
+    dimensions=True,
 )

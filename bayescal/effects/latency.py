@@ -47,4 +47,5 @@ LATENCY = Effect(
         "in the controller. Probing at two speeds shows the delay."
     ),
     confusable_with=("unsettled",),
+    directed=True,
 )

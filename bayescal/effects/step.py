@@ -116,4 +116,5 @@ STEP = Effect(
         "there."
     ),
     confusable_with=("thermal-drift",),
+    of_session=True,
 )

@@ -180,4 +180,5 @@ THERMAL_DRIFT = Effect(
         )
         for begin, length, constant in PAUSES
     ),
+    of_session=True,
 )

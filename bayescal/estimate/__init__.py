@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 from bayescal.estimate.checks import check_converged, check_enough, check_length, check_within_reach
-from bayescal.estimate.estimate import Estimate, at_solution, calibrated, estimate, settled
+from bayescal.estimate.estimate import (
+    Estimate,
+    at_solution,
+    calibrated,
+    estimate,
+    fitted_level,
+    settled,
+)
 from bayescal.estimate.solver import (
     STATED_WORTH,
     Linear,
@@ -31,6 +38,7 @@ __all__ = [
     "check_length",
     "check_within_reach",
     "estimate",
+    "fitted_level",
     "leverages",
     "linearise",
     "root",

@@ -16,7 +16,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from bayescal.effects import parameters_of
-from bayescal.effects.plane_form import shapes
+from bayescal.effects.plane_form import PLANE_FORM, shapes
+from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, estimate
 from bayescal.estimate.outliers import MEDIAN_WORTH, rejected
 from bayescal.model import Model, with_parameters
@@ -128,7 +129,7 @@ def unexplained(fitted: Estimate) -> Unexplained:
 
 FAMILY_P = 1e-4  # probability that any face of a session of flat faces is called uneven
 ROUNDS = 12
-FORM = "plane-form"
+FORM = PLANE_FORM.name
 
 
 @dataclass(frozen=True)
@@ -167,6 +168,14 @@ def check_faces(fitted: Estimate) -> tuple[FaceCheck, ...]:
         form = float(np.sqrt(np.mean(smooth[whiten > 0] ** 2)))
         out.append(FaceCheck(face.name, form, p, p < FAMILY_P and form > float(np.median(block.sigma))))
     return tuple(out)
+
+
+def with_uneven_faces(fitted: Estimate, faces: Sequence[FaceCheck], robust: bool = True) -> Estimate:
+    """The fit, with the form of uneven faces as further unknowns where its model lacks it."""
+    names = tuple(face.target for face in faces if face.uneven)
+    if not names or FORM in map(plain, fitted.model.effects):
+        return fitted
+    return with_form(fitted.model.scene, fitted, names, robust)
 
 
 def with_form(scene: Scene, fitted: Estimate, names: tuple[str, ...], robust: bool = True) -> Estimate:

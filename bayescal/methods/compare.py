@@ -9,6 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from bayescal.dataset import Dataset
+from bayescal.effects import BASELINE
 from bayescal.errors import BayescalError
 from bayescal.estimate import check_enough
 from bayescal.methods.inverse import INVERSE
@@ -80,7 +81,7 @@ class Comparison:
 
 def compare(
     dataset: Dataset,
-    effects: tuple[str, ...] = ("geometry", "compliance"),
+    effects: tuple[str, ...] = BASELINE,
     seed: int = 0,
     methods: Sequence[Method] = METHODS,
     progress: Callable[[str, float], None] = lambda stage, fraction: None,

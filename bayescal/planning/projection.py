@@ -28,7 +28,7 @@ from bayescal.gap.result import Side, Suspect
 from bayescal.gap.search.beam import COMPLIANCE
 from bayescal.gap.search.candidates import Candidates, candidates, extended, wide
 from bayescal.model import Scene, build
-from bayescal.model.block import Part
+from bayescal.model.options import FitOptions, Part
 from bayescal.planning.pool import Pool
 
 
@@ -168,7 +168,7 @@ class Vocabulary:
 
 def nominal(session: Dataset, effects: tuple[str, ...], without: Sequence[Part] = ()) -> Estimate:
     """A model of a session's rows at the mean of its prior, with the stated noise, as if it were fitted."""
-    model = build(Scene(session, oriented=True), effects, without=without)
+    model = build(Scene(session, oriented=True), effects, FitOptions(tuple(without)))
     z = np.zeros(model.size)
     weights = unit_weights(model, z)
     linear = linearise(model, z, weights)

@@ -10,6 +10,7 @@ from bayescal.assess.iso9283 import iso9283
 from bayescal.calibration import fit
 from bayescal.estimate import calibrated
 from bayescal.estimate.discrepancy import stated
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
 
@@ -28,7 +29,7 @@ def cycled(tracker):
 
 
 def test_poses_by_hand(cycled):
-    found = calibrated(Scene(cycled, oriented=True), ("geometry", "compliance"), robust=False)
+    found = calibrated(Scene(cycled, oriented=True), ("geometry", "compliance"), FitOptions(robust=False))
     basis = Basis(stated(found))
     (row,) = basis.prepared.rows
     error = row.in_rows.T.reshape(5, 4, 3)
@@ -68,5 +69,5 @@ def test_contacts_and_distances():
 def test_nothing_without_validation_rows(cycled):
     role = np.full(80, "calibrate")
     alone = replace(cycled, measurements=replace(cycled.measurements, role=role))
-    found = calibrated(Scene(alone, oriented=True), ("geometry",), robust=False)
+    found = calibrated(Scene(alone, oriented=True), ("geometry",), FitOptions(robust=False))
     assert iso9283(Basis(stated(found))) == iso9283(Basis(stated(found))).__class__((), ())

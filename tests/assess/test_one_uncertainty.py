@@ -18,6 +18,7 @@ from bayescal.assess.acceptance import FAIL, OPEN, PASS, conformance
 from bayescal.assess.budget import budget, headline
 from bayescal.assess.measurand import distance, volume
 from bayescal.calibration import fit
+from bayescal.model.options import FitOptions
 from bayescal.reporting.fit.budget import in_words
 from bayescal.reporting.fit.files import write_fit
 from bayescal.reporting.fit.summary import fit_summary
@@ -31,7 +32,7 @@ FEW = Options(contacts=30, later=4, repeats=0, spheres=3, placements=2, seed=3)
 
 @pytest.fixture(scope="module")
 def fitted():
-    return fit(simulate(FEW).dataset, ("geometry",), samples=0, seed=1, tolerance=1e-3)
+    return fit(simulate(FEW).dataset, ("geometry",), FitOptions(seed=1, tolerance=1e-3), samples=0)
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from bayescal.arm.chain import Robot, chain_of
 from bayescal.effects import EFFECTS, Circumstances, parameters_of
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model import build
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 
 LOOSE = {
@@ -58,7 +59,7 @@ def test_stated_width_is_the_prior(cube):
     assert (sd["a1"], sd["alpha1"], sd["theta2"], sd["d2"], sd["beta2"]) == (3e-4, 1e-3, 2e-3, 3e-4, 1e-3)
     np.testing.assert_array_equal(model.blocks[0].kind.sd, [3e-4, 3e-4, 2e-4])
     np.testing.assert_array_equal(model.blocks[1].kind.sd, [0.2, 0.2, 0.05])
-    wide = build(scene, ("geometry",), prior_width=10.0)
+    wide = build(scene, ("geometry",), FitOptions(prior_width=10.0))
     assert {p.name: p.sd for p in wide.parameters}["a1"] == pytest.approx(3e-3)
     np.testing.assert_array_equal(wide.blocks[0].kind.sd, [3e-4, 3e-4, 2e-4])
 

@@ -13,6 +13,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.gap.design.candidate_contacts import widened
 from bayescal.gap.search.cells import cells
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
 from bayescal.simulation.touch import touch
@@ -37,7 +38,7 @@ def pulled():
 
 def scale(dataset):
     """Noise of contacts, as a multiple of the stated one."""
-    return calibrated(Scene(dataset), BOTH, robust=False).weights.scale["contact"]
+    return calibrated(Scene(dataset), BOTH, FitOptions(robust=False)).weights.scale["contact"]
 
 
 def circumstances(dataset):

@@ -19,6 +19,7 @@ from bayescal.estimate import check_converged, estimate, linearise
 from bayescal.estimate.bounds import with_latent_readings
 from bayescal.estimate.unexplained import check_faces, unexplained, with_form
 from bayescal.model import build
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior.inference import load
 
@@ -157,7 +158,7 @@ def test_summary_reads_in_ten_seconds(written):
 
 def test_one_seed_one_result(tmp_path, cube):
     session = cube(seed=2, count=120).dataset
-    first, second = (fit(session, FULL, samples=0, seed=5) for _ in range(2))
+    first, second = (fit(session, FULL, FitOptions(seed=5), samples=0) for _ in range(2))
     np.testing.assert_array_equal(first.draws.z, second.draws.z)
 
 
@@ -194,7 +195,7 @@ def test_foreign_folder_is_left_alone(tmp_path, command):
 def test_no_known_length_is_refused(cube):
     session = replace(cube(seed=1, count=120).dataset, certificates=())
     with pytest.raises(BayescalError, match="no length is known"):
-        fit(session, FULL, samples=0, prior_width=1000.0)
+        fit(session, FULL, FitOptions(prior_width=1000.0), samples=0)
     assert any("no certified length" in w for w in fit(session, FULL, samples=0).warnings)
 
 

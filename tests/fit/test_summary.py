@@ -12,6 +12,7 @@ from rich.console import Console
 
 from bayescal.calibration import fit
 from bayescal.dataset import read_dataset
+from bayescal.model.options import FitOptions
 from bayescal.reporting.fit.summary import fit_summary
 
 FULL = ("geometry", "compliance")
@@ -34,7 +35,9 @@ def validating(session, every: int = 4):
 @pytest.fixture(scope="module")
 def fits(cube, tracker):
     made = {
-        "faces": fit(validating(cube(seed=6, count=160).dataset), FULL, samples=0, tolerance=2e-5),
+        "faces": fit(
+            validating(cube(seed=6, count=160).dataset), FULL, FitOptions(tolerance=2e-5), samples=0
+        ),
         "tracker": fit(validating(tracker(seed=2, count=90).dataset), FULL, samples=0),
         "long names": fit(
             cube(seed=6, count=120).dataset, (*FULL, "eccentricity", "second-harmonic"), samples=0
@@ -42,7 +45,7 @@ def fits(cube, tracker):
     }
     for name in ("worlds-dev/005", "real/panda-ball-socket-4"):
         if (SHARED / name).exists():
-            made[name] = fit(read_dataset(SHARED / name), FULL, samples=0, tolerance=2e-5)
+            made[name] = fit(read_dataset(SHARED / name), FULL, FitOptions(tolerance=2e-5), samples=0)
     return made
 
 

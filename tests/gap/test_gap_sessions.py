@@ -15,6 +15,7 @@ from bayescal.fitted.gate import NOTHING
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import VERDICTS
 from bayescal.model import build
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.gap.summary import gap_summary
@@ -142,7 +143,7 @@ def test_play_is_named_and_removed(loud, tmp_path, command):
 
 
 def test_one_seed_one_result(few):
-    first, second = (json.dumps(gap_record(diagnose(few, seed=5))) for _ in range(2))
+    first, second = (json.dumps(gap_record(diagnose(few, options=FitOptions(seed=5)))) for _ in range(2))
     assert first == second
 
 

@@ -10,6 +10,7 @@ from bayescal.gap.examine import examine
 from bayescal.gap.linear.evidence import Bank, shared_variance, weigh_sets, worth
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 
 NOISE, POSES = 10e-6, 20
@@ -48,14 +49,14 @@ def reflectors(tracker, shared: float, seed: int, wave: float = 0.0):
 def test_three_reflectors_at_a_few_stops_do_not_make_sure_names(shared, tracker):
     """The error is one of the stops; for three independent measurements it would be several sure names."""
     scene = Scene(reflectors(tracker, shared, 2))
-    found = examine(scene, ("geometry",), True, 1.0).decision
+    found = examine(scene, ("geometry",), FitOptions()).decision
     assert found.kind == "null"
     assert all(p < 0.5 for name, p in found.probability.items() if name != "null")
 
 
 def test_an_effect_that_the_reflectors_of_a_stop_show_alike_is_no_shared_error(tracker):
     """Twice a turn of J1: before it is named, all reflectors of a stop are off by the same."""
-    found = examine(Scene(reflectors(tracker, 0.0, 2, wave=4e-4)), ("geometry",), True, 1.0)
+    found = examine(Scene(reflectors(tracker, 0.0, 2, wave=4e-4)), ("geometry",), FitOptions())
     assert (found.decision.kind, found.decision.hypothesis.names) == ("named", ("second-harmonic",))
     assert found.problem.worth is None
 

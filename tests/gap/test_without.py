@@ -12,7 +12,7 @@ from bayescal.errors import BayescalError
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.search.candidates import candidates
 from bayescal.model import build
-from bayescal.model.block import Part, kept, parts_of
+from bayescal.model.options import FitOptions, Part, kept, parts_of
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
 from bayescal.simulation import Options, simulate
@@ -45,10 +45,10 @@ def names(model, effect="geometry"):
     ],
 )
 def test_a_joint_has_its_link_with_it(words, gone, scene):
-    whole, bare = build(scene, BASE), build(scene, BASE, without=[Part.of(words)])
+    whole, bare = build(scene, BASE), build(scene, BASE, FitOptions((Part.of(words),)))
     assert names(whole) - names(bare) == gone
     assert names(whole, "compliance") == names(bare, "compliance")
-    assert names(build(scene, BASE[1:], without=[Part.of(words)]), "compliance")
+    assert names(build(scene, BASE[1:], FitOptions((Part.of(words),))), "compliance")
 
 
 def test_parts_are_candidates_each_and_together(scene):

@@ -3,7 +3,7 @@
 from functools import cache
 
 from bayescal.estimate import Estimate
-from bayescal.model.block import parts_of
+from bayescal.model.options import parts_of
 from bayescal.planning.pool import Pool, Setup
 from bayescal.planning.projection import nominal as at_nominal
 from bayescal.robots import load_robot

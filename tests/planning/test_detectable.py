@@ -6,7 +6,7 @@ from gap_pools import MODEL, nominal, pool
 
 from bayescal.gap.result import Pair, Suspect
 from bayescal.gap.settings import DESIGN
-from bayescal.model.block import parts_of
+from bayescal.model.options import parts_of
 from bayescal.planning.contrasts import contrasts
 from bayescal.planning.projection import Projection
 from bayescal.planning.separate import NO_LEVER, SEPARATED, confusable, detectable, with_levers

@@ -11,7 +11,7 @@ from bayescal.dataset.append import taken
 from bayescal.errors import BayescalError
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model import ARM, Scene, build
-from bayescal.model.block import parts_of
+from bayescal.model.options import parts_of
 from bayescal.planning.exchange import arm_information, criteria, observability, observability_of
 from bayescal.planning.pool import check_count, inverse, linearised
 

@@ -6,7 +6,7 @@ from gap_pools import nominal, pool
 
 from bayescal.errors import BayescalError
 from bayescal.gap.result import Pair, Suspect
-from bayescal.model.block import parts_of
+from bayescal.model.options import parts_of
 from bayescal.planning.contrasts import Contrast, Contrasts, contrasts, of_effects
 from bayescal.planning.projection import CandidateColumns, Projection, Vocabulary
 from bayescal.planning.separate import choose, repeated

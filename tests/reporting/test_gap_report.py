@@ -20,6 +20,7 @@ from bayescal.gap.result import (
     VERDICTS,
     Gap,
 )
+from bayescal.model.options import FitOptions
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
@@ -206,8 +207,8 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
 
     asked = []
 
-    def diagnose(dataset, effects, seed, robust, prior_width, progress, without):
-        asked.append((dataset.name, effects, seed, robust, prior_width, without))
+    def diagnose(dataset, effects, options, *, without, progress):
+        asked.append((dataset.name, effects, options, without))
         progress("search", 0.5)
         return diagnosis(session, "named")
 
@@ -217,7 +218,12 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
     done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "run")])
     assert done.exit_code == 0, done.output
     assert asked == [
-        ("lrmate200ic-cube", ("geometry",), 7, False, 1.0, ("geometry at joint 4", "geometry at link 2"))
+        (
+            "lrmate200ic-cube",
+            ("geometry",),
+            FitOptions(robust=False, seed=7),
+            ("geometry at joint 4", "geometry at link 2"),
+        )
     ]
     assert "joint 3 has lost motion on reversal" in done.output
     assert "gap.json" in done.output
@@ -233,7 +239,7 @@ def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(sessi
     lines = {}
     for kind in ("ambiguous", "named"):
         found = diagnosis(session, kind)
-        module = SimpleNamespace(diagnose=lambda *_, found=found: found)
+        module = SimpleNamespace(diagnose=lambda *_, found=found, **options: found)
         monkeypatch.setitem(sys.modules, "bayescal.gap.diagnose", module)
         done = CliRunner().invoke(app, ["gap", str(CUBE), "--no-pictures", "--out", str(out)])
         assert done.exit_code == 0, done.output

@@ -26,8 +26,6 @@ from bayescal.predict.crossvalidation import LEFT_OUT
 from bayescal.predict.errors import ValidationErrors, kept
 from bayescal.statistics import chi2_sf
 
-DIRECTED = ("backlash", "latency", "unknown")
-
 
 def play_or_late(alone: tuple[CellFit, ...], pool: Pool, credible: tuple[str, ...]) -> tuple[str, ...]:
     """Backlash or readings that were not settled: which of the two the data favour.
@@ -35,7 +33,7 @@ def play_or_late(alone: tuple[CellFit, ...], pool: Pool, credible: tuple[str, ..
     Backlash follows the sign of the speed of a joint. The error of a reading that was not settled, or of a
     commanded position that the joint has not reached, follows the speed itself.
     """
-    if not set(credible) & set(DIRECTED):
+    if not any(name == "unknown" or (name in EFFECTS and EFFECTS[name].directed) for name in credible):
         return ()
     gain = {(pool.cells[f.cell].site, pool.cells[f.cell].driver): f.gain for f in alone}
     out = []
