@@ -15,11 +15,11 @@ from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.coupling import COUPLING
-from bayescal.effects.deflection import compliances
 from bayescal.effects.eccentricity import ECCENTRICITY
 from bayescal.effects.encoder_scale import ENCODER_SCALE
 from bayescal.effects.gear_mesh import GEAR_MESH
 from bayescal.effects.geometry import GEOMETRY
+from bayescal.effects.gravity import compliances
 from bayescal.effects.hardening import HARDENING
 from bayescal.effects.hysteresis import HYSTERESIS
 from bayescal.effects.joint import JOINT

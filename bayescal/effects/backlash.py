@@ -3,7 +3,7 @@ r"""Backlash: lost motion in a gear. The link lags its motor by the half-width i
 Formula: $`\rho_{z,k} = b_k \, \frac{\omega_k}{\sqrt{\omega_k^2 + \omega_0^2}}`$;
 b is the half-width, ω the speed, ω0 = 0.03 deg/s.
 
-Driver: the sign of the velocity at the gear (`joints.side_of`). For coupled axes this is the velocity between
+Driver: the sign of the velocity at the gear (`common.side_of`). For coupled axes this is the velocity between
 the two links, unless the robot file states that a linkage couples them. The other side is a separate form,
 which a diagnosis compares: ``backlash@reading`` acts with the displayed readings on all links that they move,
 ``backlash@link`` acts between the links. Below 0.03 deg/s (assumed) the sign goes smoothly to zero. A
@@ -20,8 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.effects.compliance import loaded
-from bayescal.effects.joints import (
+from bayescal.effects.common import (
     at,
     motion,
     side_of,
@@ -31,6 +30,7 @@ from bayescal.effects.joints import (
     without_torques,
     without_velocity,
 )
+from bayescal.effects.compliance import loaded
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import Size, magnitude
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter

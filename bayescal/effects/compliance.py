@@ -17,7 +17,7 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.arm.motion import Term
-from bayescal.effects.joints import at, carries, without_torques
+from bayescal.effects.common import at, carries, without_torques
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import COMPLIANT, FACTOR
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter

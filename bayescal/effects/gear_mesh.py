@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.effects.joints import waves
+from bayescal.effects.common import waves
 from bayescal.effects.sizes import WAVE
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
+from bayescal.effects.common import apart
 from bayescal.effects.location import BASE, joint, link
-from bayescal.effects.sessions import apart
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 LENGTH_SD = 0.3e-3  # m

@@ -17,8 +17,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
+from bayescal.effects.common import at, usual, without_torques
 from bayescal.effects.compliance import loaded
-from bayescal.effects.joints import at, usual, without_torques
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan

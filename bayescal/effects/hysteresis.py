@@ -22,10 +22,9 @@ from functools import partial
 import numpy as np
 
 from bayescal.arm.motion import Term
+from bayescal.effects.common import at, lagging, usual, without_torques
 from bayescal.effects.compliance import loaded
-from bayescal.effects.joints import at, usual, without_torques
 from bayescal.effects.location import Driver
-from bayescal.effects.memory import lagging
 from bayescal.effects.sizes import Size, magnitude
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
 

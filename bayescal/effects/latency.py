@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import CONTACT, Term
-from bayescal.effects.joints import without_surface, without_velocity
+from bayescal.effects.common import without_surface, without_velocity
 from bayescal.effects.location import PROBE, Driver
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter

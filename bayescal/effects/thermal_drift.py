@@ -23,9 +23,8 @@ from functools import partial
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.joints import at
+from bayescal.effects.common import apart, at, each
 from bayescal.effects.location import ARM, BASE, Driver
-from bayescal.effects.sessions import apart, each
 from bayescal.effects.sizes import Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
 from bayescal.errors import BayescalError

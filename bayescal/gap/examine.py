@@ -12,7 +12,7 @@ import numpy as np
 
 from bayescal.assess.shared_causes import SharedCause, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
-from bayescal.effects.masses import masses
+from bayescal.effects.gravity import masses
 from bayescal.estimate import Estimate, calibrated, families
 from bayescal.estimate.families import with_compliances
 from bayescal.gap.linear.evidence import shared_variance, worth

@@ -8,7 +8,7 @@ import pytest
 from bayescal.arm.chain import link_angles
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.effects import parameters_of
-from bayescal.effects.masses import MASS_SHARE, masses
+from bayescal.effects.gravity import MASS_SHARE, masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene

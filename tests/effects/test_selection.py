@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayescal.effects import parameters_of
-from bayescal.effects.deflection import compliances
+from bayescal.effects.gravity import compliances
 from bayescal.effects.location import joint, link
 from bayescal.effects.selection import Selection, shortest
 from bayescal.effects.vocabulary import same_terms

@@ -8,7 +8,7 @@ import pytest
 from bayescal.arm.statics import torques_on_links
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.join import joined
-from bayescal.effects.masses import masses
+from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.gap.design.candidate_contacts import widened

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayescal.effects import EFFECTS
-from bayescal.effects.joints import waves
+from bayescal.effects.common import waves
 from bayescal.gap.search.candidates import ALIASED, candidates, unaliased
 from bayescal.model.scene import Scene
 

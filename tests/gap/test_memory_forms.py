@@ -9,7 +9,7 @@ from gap_problems import Bench
 
 from bayescal.arm.motion import Term
 from bayescal.effects import EFFECTS, Parameter
-from bayescal.effects.memory import lagging, successions
+from bayescal.effects.common import lagging, successions
 from bayescal.effects.vocabulary import Session
 from bayescal.exporting.mjcf.format import holds
 from bayescal.gap.search.refit import model_name

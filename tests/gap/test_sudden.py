@@ -8,8 +8,8 @@ from gap_problems import Bench
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects import Parameter
+from bayescal.effects.common import base_terms, tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint
-from bayescal.effects.stand import base_terms, tilts
 from bayescal.gap.linear.evidence import weigh_sets
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome import where

@@ -15,10 +15,9 @@ from bayescal.arm import chain as reference
 from bayescal.arm.motion import CONTACT, TURN, Term
 from bayescal.effects import Circumstances, Parameter, location
 from bayescal.effects.backlash import STANDSTILL
-from bayescal.effects.joints import motion, side_of
+from bayescal.effects.common import base_terms, motion, side_of, tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.effects.plane_form import shapes
-from bayescal.effects.stand import base_terms, tilts
 from bayescal.effects.step import reflectors
 from bayescal.gap.search import makers as history
 from bayescal.gap.search.makers import COMBINED, Cell, at_joint, moves, passes, sides_of, smooth

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.effects import Circumstances, Parameter
-from bayescal.effects.joints import LINK, READING, motion, turned
+from bayescal.effects.common import LINK, READING, base_terms, motion, tilts, turned
 from bayescal.effects.location import BASE, Driver, Site, joint
-from bayescal.effects.stand import base_terms, tilts
 from bayescal.gap.settings import CELLS
 
 

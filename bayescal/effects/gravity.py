@@ -1,22 +1,52 @@
-"""Errors of the stated masses of a loaded arm, as displacements of every compliant site.
-
-Masses of links differ from the robot file by 5 %, their centres of mass a little; the load on the flange is
-known to half a percent, its centre of mass to a few millimetres. The compliances absorb most of this: the
-stated uncertainty of a fit contains what they are wrong by. The remainder looks like an error that depends on
-joint angles, so a diagnosis includes it in every hypothesis, with these priors.
-Assumed: masses of links may be in error by up to 15 %, but by a common factor, which the compliances absorb.
-Wider priors hide true effects (backlash and harmonics of a wrist lost two thirds of their evidence at 15 %
-and 0.5 mm).
-"""
+"""Gravity on an arm: deflections by added loads, and errors of the stated masses."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from bayescal.arm.chain import frames, link_angles
-from bayescal.arm.statics import centre_of_mass, hinges, placed
-from bayescal.effects.deflection import deflections
+from bayescal.arm.motion import Term
+from bayescal.arm.statics import Loads, centre_of_mass, hinges, placed
+from bayescal.effects.base_compliance import BASE_COMPLIANCE
+from bayescal.effects.bending import BENDING
+from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.vocabulary import Circumstances, Parameter
+
+COMPLIANT = (COMPLIANCE, BENDING, BASE_COMPLIANCE)
+"""Effects whose parameters are compliances: displacement = value x gravity moment."""
+
+
+def compliances(parameters: Sequence[Parameter], deviations: np.ndarray) -> Mapping[str, float]:
+    """Values (SI) of all compliances among P parameters, by name, at deviations (P,) from nominal."""
+    names = {effect.name for effect in COMPLIANT}
+    out: dict[str, float] = {}
+    for p, value in zip(parameters, deviations.tolist(), strict=True):
+        if p.effect not in names:
+            continue
+        out |= {own.name: own.nominal + value * own.centre for own in p.stands_for} or {
+            p.name: p.nominal + value
+        }
+    return out
+
+
+def deflections(c: Circumstances, loads: Loads) -> tuple[Term, ...]:
+    """Displacements of all compliant sites by added gravity moments."""
+    added, out = replace(c, loads=loads), []
+    for effect in COMPLIANT:
+        if effect is COMPLIANCE and c.measured_torques is not None:
+            continue
+        if effect is not COMPLIANCE and not any(f"{effect.name} " in name for name in c.compliances):
+            continue
+        makers = (effect.parameters, *(form.parameters for form in effect.forms))
+        for p in {p.name: p for make in makers for p in make(added)}.values():
+            value = c.compliances.get(p.name, p.centre if effect is COMPLIANCE else 0.0)
+            if value:
+                out += [replace(term, driver=value * np.asarray(term.driver)) for term in p.terms]
+    return tuple(out)
+
 
 MASS_SHARE = 0.05
 """Standard uncertainty of a link's mass, and of each coordinate of its centre, as a share (assumed)."""
