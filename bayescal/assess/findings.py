@@ -36,6 +36,7 @@ from bayescal.model.model import length_blocks
 from bayescal.predict.errors import slopes
 from bayescal.predict.forecast import Forecast, workspace
 from bayescal.predict.validation import Validation
+from bayescal.statistics import rms
 
 
 @dataclass(frozen=True)
@@ -226,7 +227,7 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
             "predicted distance is that of priors which no row reduced",
         )  # fmt: skip
     residuals = [p.residuals for p in of.checked.planes]
-    contact = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))) if residuals else left.fitted
+    contact = rms(np.concatenate(residuals)) if residuals else left.fitted
     distance = max(lead.u, expected.workspace.u)
     if distance > FAR_BEYOND * contact:
         yield Finding(

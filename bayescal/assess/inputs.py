@@ -25,6 +25,7 @@ from bayescal.estimate.families import poses
 from bayescal.model import ARM, ORIENTATION, Block, Constraint, Scene
 from bayescal.model.scene import u_of
 from bayescal.predict.targets import LocatedTarget, Prepared, centre_of, certified_diameters, prepared
+from bayescal.statistics import rms
 
 NOISE, READINGS, CERTIFICATE, PRIOR = "noise", "joint readings", "certificate", "prior value"
 DISCREPANCY, UNEXPLAINED, PROBING = "model discrepancy", "unexplained error", "location of the measurand"
@@ -176,7 +177,7 @@ def _sizes(stated: Stated, group: str) -> tuple[float, float]:
     found = stated.plain
     scale = found.weights.scale[group] * float(np.sqrt(stated.white))
     own = np.concatenate([np.tile(b.sigma, b.kind.rows) for b in found.model.blocks if b.group == group])
-    return scale * float(np.sqrt(np.mean(own**2))), scale * found.model.scene.dataset.noise.joint
+    return scale * rms(own), scale * found.model.scene.dataset.noise.joint
 
 
 def _certificates(found: Estimate) -> Iterator[Propagated]:

@@ -22,6 +22,7 @@ import numpy as np
 
 from bayescal.effects.common import (
     at,
+    at_gears,
     motion,
     side_of,
     sides,
@@ -42,16 +43,14 @@ FRICTIONS = (0.3, 0.6)  # shares of the usual torque (assumed)
 CHANGES = 0.03  # share of the usual torque within which the flank changes (assumed)
 
 
+def _sign(speed: np.ndarray) -> np.ndarray:
+    """Direction of motion (N,), smooth below `STANDSTILL`."""
+    return speed / np.hypot(speed, STANDSTILL)
+
+
 def _parameters(c: Circumstances, side: str) -> list[Parameter]:
     assert c.velocity is not None
-    out = []
-    for j, name in enumerate(c.robot.joint_names, start=1):
-        speed = motion(c.robot, j, c.velocity, side)
-        sign = speed / np.hypot(speed, STANDSTILL)
-        if np.any(speed):
-            terms = turned(c.robot, j, sign, side)
-            out.append(Parameter(f"backlash {name}", "rad", terms, SD, **at(j, Driver("direction", j))))
-    return out
+    return at_gears(c, "backlash", c.velocity, side, ("rad", SD), "direction", _sign)
 
 
 def _held(share: float) -> Form:

@@ -76,6 +76,40 @@ def at(joint: int, driver: Driver) -> Where:
     return {"site": location.joint(joint), "driver": driver}
 
 
+def at_gears(
+    c: Circumstances,
+    effect: str,
+    moving: np.ndarray,
+    side: str,
+    prior: tuple[str, float],
+    kind: str,
+    shape: Callable[[np.ndarray], np.ndarray] = lambda by: by,
+) -> list[Parameter]:
+    """Parameters of every joint that moves: errors of its encoder or gear, by its motion there.
+
+    Parameters
+    ----------
+    c : Circumstances
+    effect : str
+    moving : np.ndarray, shape (N, n)
+        Readings of the joints, or their rates.
+    side : str
+    prior : (str, float)
+        SI unit and standard deviation.
+    kind : str
+        Of the driver.
+    shape : callable
+        The driver (N,) as a function of the motion (N,).
+    """
+    out = []
+    for j, name in enumerate(c.robot.joint_names, start=1):
+        by = motion(c.robot, j, moving, side)
+        if np.any(by):
+            terms = turned(c.robot, j, shape(by), side)
+            out.append(Parameter(f"{effect} {name}", prior[0], terms, prior[1], **at(j, Driver(kind, j))))
+    return out
+
+
 def carries(torque: np.ndarray) -> bool:
     """Whether any row of a torque (...), N m, is above `NO_TORQUE`."""
     return bool(np.max(np.abs(torque), initial=0.0) >= NO_TORQUE)

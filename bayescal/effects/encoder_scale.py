@@ -12,8 +12,7 @@ a periodic error with less than one period per revolution looks like one.
 
 from __future__ import annotations
 
-from bayescal.effects.common import at, motion, side_of, sides, turned
-from bayescal.effects.location import Driver
+from bayescal.effects.common import at_gears, side_of, sides
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
@@ -21,13 +20,7 @@ SD = 1e-4  # rad per rad
 
 
 def _parameters(c: Circumstances, side: str) -> list[Parameter]:
-    out = []
-    for j, name in enumerate(c.robot.joint_names, start=1):
-        angle = motion(c.robot, j, c.readings, side)
-        if angle.any():
-            terms = turned(c.robot, j, angle, side)
-            out.append(Parameter(f"encoder-scale {name}", "1", terms, SD, **at(j, Driver("angle", j))))
-    return out
+    return at_gears(c, "encoder-scale", c.readings, side, ("1", SD), "angle")
 
 
 ENCODER_SCALE = Effect(

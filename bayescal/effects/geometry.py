@@ -44,12 +44,9 @@ def _link(c: Circumstances, kind: str, i: int) -> Parameter:
 def _base(c: Circumstances) -> list[Parameter]:
     out = []
     for axis in ("tx", "ty", "tz", "rx", "ry", "rz") if c.tied_base else ():
-        name, unit = (
-            f"base {axis[1]}" if axis[0] == "t" else f"base {axis}",
-            "m" if axis[0] == "t" else "rad",
-        )
+        unit = "m" if axis[0] == "t" else "rad"
         term = (Term(0, axis),)
-        out.append(Parameter(name, unit, term, BASE_SD[axis[0]], site=BASE))
+        out.append(Parameter(f"base {axis.removeprefix('t')}", unit, term, BASE_SD[axis[0]], site=BASE))
     return out
 
 

@@ -23,12 +23,9 @@ SD = 2e-3  # s
 def _parameters(c: Circumstances) -> list[Parameter]:
     assert c.speed is not None
     speed = np.where(c.touching, c.speed, 0.0)
-    term = Term(CONTACT, "normal", speed)
-    return (
-        [Parameter("latency", "s", (term,), SD, site=PROBE, driver=Driver("contact speed"))]
-        if speed.any()
-        else []
-    )
+    terms = (Term(CONTACT, "normal", speed),)
+    own = Parameter("latency", "s", terms, SD, site=PROBE, driver=Driver("contact speed"))
+    return [own] if speed.any() else []
 
 
 def _missing(c: Circumstances) -> str:

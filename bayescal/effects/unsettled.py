@@ -14,8 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.effects.common import at, motion, side_of, turned
-from bayescal.effects.location import Driver
+from bayescal.effects.common import at_gears, side_of
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
@@ -33,17 +32,10 @@ def remaining(c: Circumstances) -> np.ndarray | None:
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     way, side = remaining(c), side_of(c.robot)
-    moving, kind, unit, sd = (
-        (c.velocity, "joint speed", "s", TIME) if way is None else (way, "remaining motion", "1", SHARE)
-    )
-    assert moving is not None
-    out = []
-    for j, name in enumerate(c.robot.joint_names, start=1):
-        driver = motion(c.robot, j, moving, side)
-        if np.any(driver):
-            terms = turned(c.robot, j, driver, side)
-            out.append(Parameter(f"unsettled {name}", unit, terms, sd, **at(j, Driver(kind, j))))
-    return out
+    if way is not None:
+        return at_gears(c, "unsettled", way, side, ("1", SHARE), "remaining motion")
+    assert c.velocity is not None
+    return at_gears(c, "unsettled", c.velocity, side, ("s", TIME), "joint speed")
 
 
 def _missing(c: Circumstances) -> str:

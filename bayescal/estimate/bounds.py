@@ -42,7 +42,7 @@ from bayescal.estimate.estimate import Estimate, at_solution, estimate, smallest
 from bayescal.model import ARM, Block, Model
 from bayescal.model.equilibrium import moved, standing_model, tool_points
 from bayescal.model.model import with_parameters
-from bayescal.statistics import chi2_isf, chi2_sf
+from bayescal.statistics import chi2_isf, chi2_sf, rms
 
 if TYPE_CHECKING:
     from factors.graph import Graph
@@ -248,7 +248,7 @@ def _changed(before: Estimate, after: Estimate) -> tuple[float, float]:
         points = tool_points(e.model, e.arm)[:, rows]
         length.append(np.linalg.norm(points[:, one] - points[:, other], axis=0))
     change = np.abs(length[1] - length[0])
-    return float(np.sqrt(np.mean(change**2))), float(np.max(change))
+    return rms(change), float(np.max(change))
 
 
 def with_latent_readings(fitted: Estimate) -> Estimate:

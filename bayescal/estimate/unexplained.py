@@ -22,7 +22,7 @@ from bayescal.estimate import Estimate, estimate
 from bayescal.estimate.outliers import MEDIAN_WORTH, rejected
 from bayescal.model import Model, with_parameters
 from bayescal.model.scene import Scene
-from bayescal.statistics import chi2_isf, chi2_sf, f_isf, f_sf
+from bayescal.statistics import chi2_isf, chi2_sf, f_isf, f_sf, rms
 
 FEWEST_REPEATS = 5  # degrees of freedom that are sufficient to estimate the noise
 FINEST = 1e-9  # m: a smaller scatter of repeats means that the resolution is coarser than the noise
@@ -102,7 +102,7 @@ def scatter(groups: Sequence[np.ndarray]) -> tuple[float | None, int]:
 
 
 def _rms(values: list[np.ndarray]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(values) ** 2)))
+    return rms(np.concatenate(values))
 
 
 def unexplained(fitted: Estimate) -> Unexplained:
@@ -165,7 +165,7 @@ def check_faces(fitted: Estimate) -> tuple[FaceCheck, ...]:
         statistic = float(score @ amplitude) / size
         p = min(1.0, float(f_sf(statistic, size, max(dof, 1.0))) * len(faces))
         smooth = columns @ amplitude / np.where(whiten > 0, whiten, 1.0)
-        form = float(np.sqrt(np.mean(smooth[whiten > 0] ** 2)))
+        form = rms(smooth[whiten > 0])
         out.append(FaceCheck(face.name, form, p, p < FAMILY_P and form > float(np.median(block.sigma))))
     return tuple(out)
 

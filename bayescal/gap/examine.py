@@ -18,7 +18,7 @@ from bayescal.estimate.families import with_compliances
 from bayescal.gap.linear.evidence import shared_variance, worth
 from bayescal.gap.linear.problem import Problem, Slopes, of_certificate
 from bayescal.gap.linear.state import State, fit_state
-from bayescal.gap.outcome.where import places, places_named
+from bayescal.gap.outcome.where import Scale, places, places_named
 from bayescal.gap.result import Place
 from bayescal.gap.search.beam import COMPLIANCE, Member, Search
 from bayescal.gap.search.candidates import Candidates, candidates, wide
@@ -155,14 +155,15 @@ def where(first: Examined, last: Examined, promoted: bool, noise: float) -> tupl
     """Locations of compliance where that was missing, then all others; shares of the same excess."""
     out: tuple[Place, ...] = ()
     null = first.search.hypotheses[frozenset()].state
-    chosen, size = last.decision.hypothesis, last.fitted.model.size
+    chosen = last.decision.hypothesis
     excess = _excess(null, chosen.state, noise)
     if promoted:
         every = max(first.candidates.variants[COMPLIANCE], key=lambda v: len(v.columns))
         own = first.search.hypothesis([Member(every, 1.0, 0.0)])
-        pool, absorbs = first.candidates.pool, first.fitted.model.size
-        out = places_named(own, pool, first.circumstances, excess, absorbs)
-    return (*out, *places(chosen, last.pool, last.candidates.pool, last.circumstances, excess, size))
+        scale = Scale(first.circumstances, excess, first.fitted.model.size)
+        out = places_named(own, first.candidates.pool, scale)
+    scale = Scale(last.circumstances, excess, last.fitted.model.size)
+    return (*out, *places(chosen, last.pool, last.candidates.pool, scale))
 
 
 def _excess(null: State, chosen: State, noise: float) -> float:

@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_within_reach
 from bayescal.model import ARM, Block, Model
+from bayescal.statistics import rms
 
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Residuals (R,), their gradients by the arm's deviations (R, P) and by the target's part of z (R, T)."""
@@ -254,7 +255,7 @@ def linear_steps(system: System) -> Solution:
         x = x.copy()
         x[known.kept] -= step
         x = _targets(system, x)
-        if np.sqrt(np.mean((columns @ step) ** 2)) < RESTED:
+        if rms(columns @ step) < RESTED:
             return solution(system, x, known)
     raise BayescalError("the linear steps do not converge")
 
@@ -265,7 +266,7 @@ def _targets(system: System, x: np.ndarray) -> np.ndarray:
         r, jacobian = system(x)
         step = np.linalg.lstsq(jacobian[:, system.arm :], r, rcond=None)[0]
         x = np.concatenate([x[: system.arm], x[system.arm :] - step])
-        if np.sqrt(np.mean((jacobian[:, system.arm :] @ step) ** 2)) < RESTED:
+        if rms(jacobian[:, system.arm :] @ step) < RESTED:
             break
     return x
 

@@ -10,7 +10,7 @@ from bayescal.arm.motion import Term
 from bayescal.effects import EFFECTS as VOCABULARY
 from bayescal.effects import Parameter
 from bayescal.effects.location import Driver
-from bayescal.gap.outcome.where import places
+from bayescal.gap.outcome.where import Scale, places
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.verdict import decide
@@ -43,7 +43,7 @@ def names(decision):
 
 def placed(bench, decision):
     size = bench.problem.jacobian.shape[1]
-    return places(decision.hypothesis, bench.pool, bench.known.pool, bench.circumstances, 1e-10, size)
+    return places(decision.hypothesis, bench.pool, bench.known.pool, Scale(bench.circumstances, 1e-10, size))
 
 
 def test_nothing_is_named_where_there_is_nothing(bench):

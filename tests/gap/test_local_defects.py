@@ -10,7 +10,7 @@ from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects import Parameter
 from bayescal.effects.location import Driver, face
 from bayescal.gap.linear.state import fit_state, limited
-from bayescal.gap.outcome.where import places
+from bayescal.gap.outcome.where import Scale, places
 
 SPOT, WIDTH = np.array([0.22, -0.18]), 0.2
 """Half extents of a face: between the centres that are tried."""
@@ -39,7 +39,10 @@ def test_a_dent_is_found_beside_larger_outliers(bench, seed):
     decision, _ = bench.decided(p)
     assert decision.kind == "unknown"
     first = places(
-        decision.hypothesis, bench.pool, bench.known.pool, bench.circumstances, 1e-10, p.jacobian.shape[1]
+        decision.hypothesis,
+        bench.pool,
+        bench.known.pool,
+        Scale(bench.circumstances, 1e-10, p.jacobian.shape[1]),
     )[0]
     assert (first.site, first.driver) == (face(name), Driver("face", form="one spot"))
     assert first.family_p_value < 1e-3

@@ -13,7 +13,7 @@ from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint
 from bayescal.gap.linear.evidence import weigh_sets
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome import where
-from bayescal.gap.outcome.where import places, sizes
+from bayescal.gap.outcome.where import Scale, places, sizes
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.unknown import cell_fits, with_set
 
@@ -110,7 +110,7 @@ def test_only_significant_locations_have_a_size(bench):
     moved = [Parameter("", "m", (Term(end, "tx", since(bench)),), 1e-5)]
     p = bench.made_up(4, bench.slopes.columns(moved)[:, 0] * 6.0)
     chosen = Search(p, bench.known).hypothesis(())
-    found = places(chosen, bench.pool, (), bench.circumstances, 1e-10, p.jacobian.shape[1])
+    found = places(chosen, bench.pool, (), Scale(bench.circumstances, 1e-10, p.jacobian.shape[1]))
     assert (found[0].site, found[0].driver) == (TOOL, Driver("event"))
     assert found[0].event is not None
     assert found[0].amplitudes

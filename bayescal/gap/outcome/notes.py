@@ -24,7 +24,7 @@ from bayescal.gap.settings import OUTCOME
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import LEFT_OUT
 from bayescal.predict.errors import ValidationErrors, kept
-from bayescal.statistics import chi2_sf
+from bayescal.statistics import chi2_sf, rms
 
 
 def play_or_late(alone: tuple[CellFit, ...], pool: Pool, credible: tuple[str, ...]) -> tuple[str, ...]:
@@ -77,7 +77,7 @@ def alike(scene: Scene, members: Sequence[Member]) -> Iterator[str]:
 
 
 def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+    return rms(values) if len(values) else 0.0
 
 
 def _noise(fitted: Estimate, held: ValidationErrors) -> np.ndarray:

@@ -22,6 +22,7 @@ from bayescal.effects.step import reflectors
 from bayescal.gap.search import makers as history
 from bayescal.gap.search.makers import COMBINED, Cell, at_joint, moves, passes, sides_of, smooth
 from bayescal.gap.settings import CELLS
+from bayescal.statistics import rms
 
 
 def cells(c: Circumstances) -> Iterator[Cell]:
@@ -61,7 +62,7 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
             speeds = [(side, speed) for side, speed in speeds if np.any(speed[c.fitted])]
             play = [at_joint(c, j, [v / np.hypot(v, STANDSTILL)], side) for side, v in speeds]
             yield Cell(site, Driver("direction", j), tuple(play), known=True)
-            late = [at_joint(c, j, [v / np.sqrt(np.mean(v[c.fitted] ** 2))], side) for side, v in speeds]
+            late = [at_joint(c, j, [v / rms(v[c.fitted])], side) for side, v in speeds]
             yield Cell(site, Driver("joint speed", j), tuple(late))
 
 
@@ -90,7 +91,7 @@ def _past(c: Circumstances, load: np.ndarray) -> Iterator[np.ndarray]:
         lag, keep = np.zeros(len(load)), np.exp(-wait / memory)
         for k in range(1, len(load)):
             lag[k] = keep[k] * (lag[k - 1] + load[k - 1] - load[k])
-        size = float(np.sqrt(np.mean(lag[c.fitted] ** 2)))
+        size = rms(lag[c.fitted])
         if size > 0:
             yield lag / size
 

@@ -17,6 +17,7 @@ from bayescal.effects import Circumstances, Parameter
 from bayescal.effects.common import LINK, READING, base_terms, motion, tilts, turned
 from bayescal.effects.location import BASE, Driver, Site, joint
 from bayescal.gap.settings import CELLS
+from bayescal.statistics import rms
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ def torque_and_angle(c: Circumstances) -> Iterator[Cell]:
         torque = c.torques[:, j - 1]
         if not np.ptp(torque[c.fitted]) > 1e-3:
             continue
-        load = torque / np.sqrt(np.mean(torque[c.fitted] ** 2))
+        load = torque / rms(torque[c.fitted])
         turns = [load * f(k * c.q[:, j - 1]) for k in CELLS.own_orders for f in (np.sin, np.cos)]
         own = [turns, [load * w for w in angles[j - 1]]]
         other = [[load * w for w in angles[k]] for k in range(c.robot.n) if k != j - 1]
