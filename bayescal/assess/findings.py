@@ -25,6 +25,7 @@ from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.consistency import contradictions
 from bayescal.effects import MODELS
 from bayescal.effects.selection import plain
+from bayescal.effects.vocabulary import micrometres
 from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import UNCHANGED, Rigid
 from bayescal.estimate.outliers import LEAST_SPARE, detectable
@@ -249,14 +250,10 @@ def _gross_errors(of: Assessed) -> Iterator[Finding]:
     k = int(np.argmax(found.shift)) if len(found.rows) else -1
     if k >= 0 and found.shift[k] > u:
         name = of.found.model.scene.dataset.measurements.ids[found.rows[k]]
+        error, shift = micrometres(found.error[k]), micrometres(found.shift[k])
         yield Finding(
             "gross_error_unseen", "warning",
-            f"a gross error up to {_um(found.error[k])} in one of {len(found.rows)} measurements (`{name}`) "
-            f"would not be detected and would change distances by {_um(found.shift[k])} RMS (U = {_um(u)}): "
+            f"a gross error up to {error} in one of {len(found.rows)} measurements (`{name}`) would not be "
+            f"detected and would change distances by {shift} RMS (U = {micrometres(u)}): "
             "repeat it, or add measurements",
         )  # fmt: skip
-
-
-def _um(length: float) -> str:
-    """A length, m, in µm with two significant digits."""
-    return f"{float(f'{1e6 * length:.2g}'):.9g} µm"

@@ -36,6 +36,11 @@ def unit_label(unit: str) -> str:
     return ("µ" + unit[1:] if unit.startswith(("um", "urad")) else unit).replace("^2", "²")
 
 
+def micrometres(length: float) -> str:
+    """A length, m, in print: in µm with two significant digits."""
+    return f"{float(f'{1e6 * length:.2g}'):.9g} µm"
+
+
 @dataclass(frozen=True)
 class Face:
     """A fitted plane, and the position of each row on it: `place` (N, 2) from -1 to 1 over its contacts."""

@@ -35,6 +35,7 @@ from scipy.special import ndtr, ndtri
 
 from bayescal.arm.motion import Motion, Term
 from bayescal.effects import UNITS, Parameter
+from bayescal.effects.vocabulary import micrometres
 from bayescal.errors import BayescalError
 from bayescal.estimate import add_constraints, linearise
 from bayescal.estimate.discrepancy import stated
@@ -100,9 +101,10 @@ class Rigid:
         if not self.parameters:
             return ""
         each = ", ".join(f"{n.parameter} {n.figures}" for n in self.parameters)
+        size, most = micrometres(self.distance_rms), micrometres(self.distance_max)
         return (
             f"set to rigid, because not distinguishable from 0: {each}; fitted again, distances over the "
-            f"poses of the session change by {_um(self.distance_rms)} RMS, {_um(self.distance_max)} at most"
+            f"poses of the session change by {size} RMS, {most} at most"
         )
 
 
@@ -115,11 +117,6 @@ class Unphysical:
     limit: float
     p_value: float
     level: float
-
-
-def _um(length: float) -> str:
-    """A length, m, in µm with two significant digits."""
-    return f"{float(f'{1e6 * length:.2g}'):.9g} µm"
 
 
 UNCHANGED = Rigid()

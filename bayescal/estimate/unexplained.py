@@ -101,10 +101,6 @@ def scatter(groups: Sequence[np.ndarray]) -> tuple[float | None, int]:
     return float(np.sqrt(np.mean(chi2[good]))), dof
 
 
-def _rms(values: list[np.ndarray]) -> float:
-    return rms(np.concatenate(values))
-
-
 def unexplained(fitted: Estimate) -> Unexplained:
     """Compare the residuals of a fit with the noise of one contact."""
     scene = fitted.model.scene
@@ -112,8 +108,8 @@ def unexplained(fitted: Estimate) -> Unexplained:
     kind_of = {name: name.partition(" of ")[0] for name in scales}  # sessions may have groups of their own
     group = "contact" if "contact" in kind_of.values() else "point"
     blocks = [b for b in fitted.model.blocks if kind_of[b.group] == group]
-    stated = _rms([fitted.weights.sigma[b.name] for b in blocks])
-    left = _rms([scales[b.group] * fitted.weights.sigma[b.name] for b in blocks])
+    stated = rms(np.concatenate([fitted.weights.sigma[b.name] for b in blocks]))
+    left = rms(np.concatenate([scales[b.group] * fitted.weights.sigma[b.name] for b in blocks]))
     scale = left / stated
     dof = max(sum(fitted.dof[name] for name, kind in kind_of.items() if kind == group), 1.0)
     repeats, repeats_dof = repeat_scatter(scene, fitted)

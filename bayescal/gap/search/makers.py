@@ -1,8 +1,7 @@
-"""One generic cell, and what cells of several kinds share: smooth functions, rotations at a joint.
+"""One generic cell, smooth functions and rotations at a joint that cells share, and further kinds of cells.
 
-Generic cells of two coordinates, of orders between harmonics and gear mesh, and of a rocking base.
-
-Generic cells of joints with a memory of earlier contacts, and of random errors of their readings.
+These are cells of two coordinates, of orders between harmonics and gear mesh, of a rocking base, of joints
+with a memory of earlier contacts, and of random errors of their readings.
 """
 
 from __future__ import annotations
@@ -132,10 +131,6 @@ def rocking(c: Circumstances) -> Iterator[Cell]:
     yield Cell(BASE, Driver("base moment", form="sign"), tuple(sets))
 
 
-COMBINED = (torque_and_angle, two_angles, between_orders, rocking)
-"""Functions that list the cells of a session."""
-
-
 def measured(c: Circumstances) -> np.ndarray:
     """Rows (N,) in the order of measurement: of time if recorded, else of the file."""
     return np.arange(len(c.q)) if c.time is None else np.argsort(c.time, kind="stable")
@@ -194,7 +189,3 @@ def scatter(c: Circumstances) -> Iterator[Cell]:
     for j in range(1, c.robot.n + 1):
         clusters = np.unique(np.round(c.readings[:, j - 1], 8), return_inverse=True)[1]
         yield Cell(joint(j), Driver("reading", j), (at_joint(c, j, [np.ones(len(c.q))]),), clusters=clusters)
-
-
-MAKERS = (travel, scatter)
-"""Functions that list the cells of a session."""
