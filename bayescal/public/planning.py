@@ -171,7 +171,7 @@ def plan(
     >>> bool((planned.distances["distance_sd_um"] > 0).all())
     True
     """
-    from bayescal.model.block import parts_of
+    from bayescal.model.options import parts_of
     from bayescal.planning.plan import plan as run
 
     where, open_ = _setup(setup, after, allow_xacro)

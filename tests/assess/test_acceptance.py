@@ -29,6 +29,7 @@ from bayescal.calibration import fit
 from bayescal.dataset import Certificate, Dataset, read_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate.unexplained import Unexplained
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict import DistanceCheck, PlaneCheck, Validation
 
@@ -214,7 +215,7 @@ def test_the_rule_of_iso_14253(error, expanded, decision):
 
 
 def test_a_tolerance_is_decided(session):
-    found = fit(session, FULL, samples=0, tolerance=1e-3)
+    found = fit(session, FULL, FitOptions(tolerance=1e-3), samples=0)
     assert found.tolerance.decision == PASS
     assert found.tolerance.probability == 1.0
     expected, v = found.forecast, found.final.validation
@@ -229,7 +230,7 @@ def test_a_tolerance_is_decided(session):
     sick = replace(found.acceptance, checks=(replace(found.acceptance.checks[0], p_value=0.0),))
     assert at(1e-3, sick).decision == OPEN
     with pytest.raises(BayescalError, match="tolerance"):
-        fit(session, FULL, samples=0, tolerance=-1.0)
+        fit(session, FULL, FitOptions(tolerance=-1.0), samples=0)
 
 
 # --- Gross mistakes of stated values are named, good sessions have none, and what cannot be seen is said.

@@ -12,7 +12,7 @@ import bayescal as bc
 from bayescal.arm.statics import torques_on_links
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.join import joined
-from bayescal.effects.masses import masses
+from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import Weights, calibrated, estimate
 from bayescal.estimate.bounds import UNCHANGED, bounded, negative, not_physical
@@ -21,6 +21,7 @@ from bayescal.estimate.unexplained import repeat_scatter, scatter, unexplained
 from bayescal.gap.design.candidate_contacts import widened
 from bayescal.gap.search.cells import cells
 from bayescal.model import build
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import approximate
 from bayescal.simulation import Options, simulate
@@ -151,7 +152,7 @@ def pulled():
 
 def scale(dataset):
     """Noise of contacts, as a multiple of the stated one."""
-    return calibrated(Scene(dataset), BOTH, robust=False).weights.scale["contact"]
+    return calibrated(Scene(dataset), BOTH, FitOptions(robust=False)).weights.scale["contact"]
 
 
 def circumstances(dataset):

@@ -14,6 +14,7 @@ from bayescal.estimate.discrepancy import LEAST_WHITE, Inputs, families, inputs,
 from bayescal.estimate.families import COURSES
 from bayescal.estimate.moments import by_chance, complement, scatter_factor, variances, within_poses
 from bayescal.estimate.solver import linearise
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 
@@ -27,7 +28,7 @@ def session(cube):
 
 @pytest.fixture(scope="module")
 def found(session):
-    return stated(calibrated(Scene(session), FULL, robust=False))
+    return stated(calibrated(Scene(session), FULL, FitOptions(robust=False)))
 
 
 @pytest.mark.parametrize("name", ["mass of link 3", "centre of link 4 y", "centre of load z"])
@@ -47,7 +48,7 @@ def test_an_error_of_a_mass_moves_the_fit_as_stated(session, found, name):
     else:
         shift = p.sd * np.eye(3)["xyz".index(where[-1])]
         other = replace(session, tools=(replace(tool, centre_of_mass=tool.centre_of_mass + shift),))
-    moved = (calibrated(Scene(other), FULL, robust=False).z - found.plain.z) / found.plain.sd
+    moved = (calibrated(Scene(other), FULL, FitOptions(robust=False)).z - found.plain.z) / found.plain.sd
     # the true mass is less than this fit states
     expected = -found.inputs.slopes[:, k] / found.plain.sd
     assert np.max(np.abs(expected)) > 0.3
@@ -77,9 +78,9 @@ def test_stated_compliances_contain_the_uncertainty_of_masses(found):
 
 
 def test_a_model_without_compliance_has_no_errors_of_masses(session, found):
-    assert inputs(calibrated(Scene(session), ("geometry",), robust=False)) == []
+    assert inputs(calibrated(Scene(session), ("geometry",), FitOptions(robust=False))) == []
     weightless = replace(session, robot=replace(session.robot, masses=None, centres_of_mass=None))
-    assert stated(calibrated(Scene(weightless), ("geometry",), robust=False)).inputs.names == ()
+    assert stated(calibrated(Scene(weightless), ("geometry",), FitOptions(robust=False))).inputs.names == ()
 
 
 def test_mixed_errors_move_as_their_sum(found):

@@ -23,6 +23,7 @@ from bayescal.estimate.outliers import (
 )
 from bayescal.estimate.solver import factored, halved, solved
 from bayescal.model import ARM, build, standing
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import POSED, UNPOSED, Scene
 from bayescal.simulation import Options, simulate
 
@@ -106,16 +107,18 @@ def test_no_length_is_refused(cube):
     """Wide priors and no certified length: the arm would shrink to a point and report no error."""
     dataset = cube(seed=2).dataset
     with pytest.raises(BayescalError, match="length"):
-        estimate(build(Scene(without(dataset, "parallel", "perpendicular")), BOTH, prior_width=1000.0))
+        estimate(
+            build(Scene(without(dataset, "parallel", "perpendicular")), BOTH, FitOptions(prior_width=1000.0))
+        )
     with pytest.raises(BayescalError, match="length"):  # squareness is no length
-        estimate(build(Scene(without(dataset, "parallel")), BOTH, prior_width=1000.0))
+        estimate(build(Scene(without(dataset, "parallel")), BOTH, FitOptions(prior_width=1000.0)))
     with pytest.raises(BayescalError, match="length"):  # nor is a length that may be wrong by centimetres
-        estimate(build(Scene(dataset), (*BOTH, "artefact"), prior_width=1000.0))
+        estimate(build(Scene(dataset), (*BOTH, "artefact"), FitOptions(prior_width=1000.0)))
 
 
 def test_a_length_is_enough(cube):
     session = cube(seed=2)
-    certified = estimate(build(Scene(session.dataset), BOTH, prior_width=1000.0))
+    certified = estimate(build(Scene(session.dataset), BOTH, FitOptions(prior_width=1000.0)))
     assert certified.model.constraints
     narrow = estimate(build(Scene(session.dataset), BOTH))
     told = [k for k, name in enumerate(narrow.model.names[:19]) if name not in ("d2", "d3")]
@@ -125,11 +128,11 @@ def test_a_length_is_enough(cube):
     # tolerances alone know the arm's length to half a thousandth, known planes their own distance
     assert estimate(build(Scene(without(session.dataset, "parallel")), BOTH)).z.any()
     known = without(known_cube(session), "parallel", "perpendicular")
-    assert estimate(build(Scene(known), BOTH, prior_width=1000.0)).z.any()
+    assert estimate(build(Scene(known), BOTH, FitOptions(prior_width=1000.0))).z.any()
 
 
 def test_an_instrument_knows_lengths(tracker):
-    assert estimate(build(Scene(tracker(seed=2).dataset), BOTH, prior_width=1000.0)).z.any()
+    assert estimate(build(Scene(tracker(seed=2).dataset), BOTH, FitOptions(prior_width=1000.0))).z.any()
 
 
 def off_by(dataset, degrees):
@@ -150,7 +153,10 @@ def test_a_zero_far_off_is_found(cube):
 def test_a_zero_too_far_off_is_refused(cube):
     """Twenty degrees are no calibration, and the chain's series would not hold."""
     with pytest.raises(BayescalError, match="theta4"):
-        estimate(build(Scene(off_by(cube(seed=2).dataset, 20.0)), BOTH, prior_width=100.0), robust=False)
+        estimate(
+            build(Scene(off_by(cube(seed=2).dataset, 20.0)), BOTH, FitOptions(prior_width=100.0)),
+            robust=False,
+        )
 
 
 def test_nothing_to_fit(cube):

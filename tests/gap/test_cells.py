@@ -13,7 +13,7 @@ from bayescal.effects.location import BASE, TOOL, Driver, joint
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, weigh_clusters, weigh_sets
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
-from bayescal.gap.outcome.where import places
+from bayescal.gap.outcome.where import Scale, places
 from bayescal.gap.search import makers
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import candidates
@@ -177,7 +177,7 @@ def test_random_errors_of_clusters_weigh_as_a_column_for_each_of_them():
 
 def placed(bench, decision):
     size = bench.problem.jacobian.shape[1]
-    return places(decision.hypothesis, bench.pool, bench.known.pool, bench.circumstances, 1e-10, size)
+    return places(decision.hypothesis, bench.pool, bench.known.pool, Scale(bench.circumstances, 1e-10, size))
 
 
 def test_a_random_error_of_readings_is_found_at_its_joint(bench, of):

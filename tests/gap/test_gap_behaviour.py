@@ -10,12 +10,12 @@ from bayescal.arm.motion import CONTACT, Term
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.effects import EFFECTS, Parameter
 from bayescal.effects import EFFECTS as VOCABULARY
-from bayescal.effects.joints import waves
+from bayescal.effects.common import waves
 from bayescal.effects.location import Driver, face
 from bayescal.effects.unsettled import remaining
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.linear.state import fit_state, limited
-from bayescal.gap.outcome.where import places
+from bayescal.gap.outcome.where import Scale, places
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import ALIASED, candidates, unaliased
 from bayescal.gap.search.cells import cells
@@ -51,7 +51,7 @@ def names(decision):
 
 def placed(bench, decision):
     size = bench.problem.jacobian.shape[1]
-    return places(decision.hypothesis, bench.pool, bench.known.pool, bench.circumstances, 1e-10, size)
+    return places(decision.hypothesis, bench.pool, bench.known.pool, Scale(bench.circumstances, 1e-10, size))
 
 
 def test_nothing_is_named_where_there_is_nothing(bench):

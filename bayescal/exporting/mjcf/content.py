@@ -18,9 +18,8 @@ from scipy.spatial.transform import Rotation
 from bayescal.arm.transforms import AXES
 from bayescal.effects import named
 from bayescal.effects.backlash import BACKLASH, STANDSTILL
-from bayescal.effects.joints import READING, SIDES, side_of
+from bayescal.effects.common import READING, SIDES, alone, side_of
 from bayescal.effects.selection import Selection
-from bayescal.effects.sessions import alone
 from bayescal.effects.vocabulary import Circumstances, Parameter
 from bayescal.exporting.geometry import number, numbers
 from bayescal.fitted.arm import FittedArm

@@ -20,7 +20,7 @@ from bayescal.arm.statics import Loads
 from bayescal.effects import named
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING, across, ends
-from bayescal.effects.stand import tilts, vertical
+from bayescal.effects.common import tilts, vertical
 from bayescal.effects.vocabulary import Circumstances, Parameter
 from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.content import Content

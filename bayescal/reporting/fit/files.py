@@ -65,7 +65,9 @@ def write_fit(
         save(fit_draws(fit), stage / "posterior.nc")
         (stage / ROBOT).write_text(robot_text(arm, FIT), encoding="utf-8")
         budgets = usual(fit.basis)
-        (stage / BUDGET).write_text(json_text(budget_record(budgets, fit.basis, fit.seed)), encoding="utf-8")
+        (stage / BUDGET).write_text(
+            json_text(budget_record(budgets, fit.basis, fit.options.seed)), encoding="utf-8"
+        )
         (stage / BUDGET_CSV).write_text(budget_csv(budgets), encoding="utf-8")
         write_arm(arm, stage)
         for name, content in drawn().items():

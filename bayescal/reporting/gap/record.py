@@ -47,9 +47,9 @@ def gap_record(gap: Gap) -> dict[str, Any]:
     """The contents of gap.json; a value that is not finite is null."""
     verdict = gap.verdict
     record = {
-        **origin(SCHEMA, gap.dataset, gap.seed, LIBRARIES),
+        **origin(SCHEMA, gap.dataset, gap.options.seed, LIBRARIES),
         "baseline": list(gap.baseline),
-        "without": list(gap.without),
+        "without": list(gap.options.omitted),
         "gap": _magnitude(gap.magnitude),
         "verdict": verdict.kind,
         "words": headline(gap),
@@ -69,7 +69,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         ],
         "use": None if gap.arm is None else gate.of_gap(gap).record(),
         "amplitudes": causes.amplitude_records(gap),
-        "refit": {"model": ",".join(gap.refit), "without": list(gap.still_without)},
+        "refit": {"model": ",".join(gap.refit), "without": list(map(str, gap.still_without))},
         "credible_set90": list(verdict.credible_set90),
         "probability": dict(verdict.probability),
         "hypotheses": [
