@@ -10,8 +10,6 @@ The compensation of a file: a table of targets or a robot program, with correcte
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,12 +20,11 @@ import numpy as np
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.compensating.position import BASE
 from bayescal.compensating.solve import compensated
-from bayescal.dataset.table import RPY, XYZ, check_groups, check_names, joint_columns, read_cells
+from bayescal.dataset.table import RPY, XYZ, check_groups, check_names, csv_text, joint_columns, read_cells
 from bayescal.errors import BayescalError
 from bayescal.fitted.arm import FittedArm
 from bayescal.programs import PROGRAMS
-from bayescal.programs.targets import Corrected, Target
-from bayescal.programs.text import Format, Program, line_of, rewritten
+from bayescal.programs.text import Corrected, Format, Program, Target, line_of, rewritten
 from bayescal.programs.tools import check_stated, tool_of
 from bayescal.storage.files import stem_of, unknown, write_together
 from bayescal.storage.reading import content_of
@@ -130,15 +127,6 @@ def cells(own: Corrected, n: int, verdict: str) -> list[str]:
     inside = "true" if own.inside else "false"
     rest = [f"{1e3 * own.error:.5f}", str(own.solutions), f"{1e3 * own.expanded:.5f}", verdict]
     return [*readings, f"{1e3 * own.u:.5f}", inside, "", *rest]
-
-
-def csv_text(header: Sequence[str], rows: object, newline: str = "\n") -> str:
-    """A CSV table as text."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator=newline)
-    writer.writerow(header)
-    writer.writerows(rows)  # type: ignore[arg-type]
-    return out.getvalue()
 
 
 TABLE = "csv"

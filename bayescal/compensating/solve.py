@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from bayescal.arm.chain import Robot
 from bayescal.arm.inverse import (
     beyond_limits,
     descend,
@@ -23,10 +22,9 @@ from bayescal.arm.inverse import (
 )
 from bayescal.arm.motion import NominalArm
 from bayescal.compensating.position import BASE, Frame, Region, frame_of, uncertainty
-from bayescal.dataset import Tool
 from bayescal.fitted.arm import FittedArm, Poses
-from bayescal.programs.targets import Corrected, Target
-from bayescal.programs.tools import Working, axes_of, tool_of
+from bayescal.programs.text import Corrected, Target
+from bayescal.programs.tools import Working, nominal_arm, tool_of
 
 MOVED = np.radians(0.01)
 """rad: a joint that moves less keeps its direction, as its lost motion is not crossed (assumed)."""
@@ -89,11 +87,6 @@ def compensated(
             for k, one in zip(mine, done, strict=True):
                 out[k] = one
     return out
-
-
-def nominal_arm(robot: Robot, tool: Tool) -> NominalArm:
-    """The nominal arm with a tool: its stated point, and its stated orientation or that of the flange."""
-    return NominalArm(robot, tool.centre, axes_of(tool))
 
 
 def _goal(target: Target, nominal: NominalArm, frame: Frame) -> np.ndarray:

@@ -16,13 +16,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rigid
-from bayescal.programs.targets import Target
 from bayescal.programs.text import (
     NUMBER,
+    Dialect,
     Format,
     Number,
     Program,
     Slot,
+    Target,
     after_line,
     arguments,
     degrees_of,
@@ -185,4 +186,13 @@ ABB = Format(
     "ABB RAPID: robtarget and jointtarget values",
     _pose,
     after_line(r"^[ \t]*MODULE\b", "  ! "),
+    dialect=Dialect(
+        "ABB RAPID: SearchL, readings in a log",
+        {r"([A-Za-z]\w*)": ("{}", "{}")},
+        "diProbe",
+        list="[[{}],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]",
+        joint="{1}",
+        separator=",",
+        width=40,
+    ),
 )

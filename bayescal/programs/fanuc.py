@@ -16,14 +16,15 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
-from bayescal.programs.targets import Target
 from bayescal.programs.text import (
     ANGLE,
     NUMBER,
+    Dialect,
     Format,
     Number,
     Program,
     Slot,
+    Target,
     degrees_of,
     lengths_of,
     line_of,
@@ -129,4 +130,15 @@ FANUC = Format(
     "FANUC LS: P[n] as X, Y, Z, W, P, R or J1 ... Jn of the first motion group",
     _pose,
     _remarked,
+    dialect=Dialect(
+        "FANUC LS: SKIP CONDITION, readings in position registers",
+        {r"(\d+)": ("DI[{}]=ON", "DI[{}]=OFF"), r"tool:(\d+)": ("RI[{}]=ON", "RI[{}]=OFF")},
+        "1",
+        joint="J{}= {} deg",
+        separator=",\t",
+        position="P[{}]",
+        unsafe=r"[\];:\"]",
+        width=24,
+        line="{:4d}:  {} ;",
+    ),
 )

@@ -17,14 +17,15 @@ from string import ascii_lowercase, ascii_uppercase
 import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
-from bayescal.programs.targets import Target
 from bayescal.programs.text import (
     ANGLE,
     NUMBER,
+    Dialect,
     Format,
     Number,
     Program,
     Slot,
+    Target,
     after_line,
     degrees_of,
     first,
@@ -163,4 +164,15 @@ KUKA = Format(
     "KUKA .src and .dat: E6POS, POS, E6AXIS, AXIS in declarations, assignments and motions",
     _pose,
     after_line(r"^[ \t]*(?:GLOBAL\s+)?(?:DEF|DEFFCT|DEFDAT)\b", "; "),
+    dialect=Dialect(
+        "KUKA KRL: interrupt, readings in the data list",
+        {
+            r"(\d+)": ("$IN[{}]==TRUE", "$IN[{}]==FALSE"),
+            r"measure:(\d+)": ("$MEAS_PULSE[{}]==TRUE", "$MEAS_PULSE[{}]==FALSE"),
+        },
+        "1",
+        joint="A{} {}",
+        separator=",",
+        position="XP{}",
+    ),
 )

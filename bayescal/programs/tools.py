@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bayescal.arm.chain import Robot
+from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.dataset import Tool
 from bayescal.effects import Parameter, parameters_of
@@ -73,6 +75,11 @@ class ToolStatement:
 def axes_of(tool: Tool) -> np.ndarray:
     """Axes (3, 3) of a tool's frame in that of the flange: as stated, else those of the flange."""
     return np.eye(3) if tool.rpy is None else rpy_matrix(tool.rpy)
+
+
+def nominal_arm(robot: Robot, tool: Tool) -> NominalArm:
+    """The nominal arm with a tool: its stated point, and its stated orientation or that of the flange."""
+    return NominalArm(robot, tool.centre, axes_of(tool))
 
 
 def tool_of(arm: FittedArm, name: str | None = None, tcp: np.ndarray | None = None) -> Working:

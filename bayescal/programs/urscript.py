@@ -17,13 +17,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rigid
-from bayescal.programs.targets import Target
 from bayescal.programs.text import (
     NUMBER,
+    Dialect,
     Format,
     Number,
     Program,
     Slot,
+    Target,
     after_line,
     arguments,
     line_of,
@@ -177,4 +178,17 @@ URSCRIPT = Format(
     _joints,
     "URScript: p[...] and joint lists of movej, movel, movep, movec, servoj, servoc",
     remarked=after_line(r"^\s*def\b.*:", "  # "),
+    dialect=Dialect(
+        "URScript (UR): guarded motions until the probe triggers, and a log line for each contact",
+        {
+            r"(\d+)": ("get_standard_digital_in({})", ""),
+            r"tool:(\d+)": ("get_tool_digital_in({})", ""),
+            r"configurable:(\d+)": ("get_configurable_digital_in({})", ""),
+        },
+        "0",
+        list="[{}]",
+        joint="{1}",
+        separator=", ",
+        force="bc_force() > {}",
+    ),
 )

@@ -8,7 +8,7 @@ from compensate_arms import arm_with
 
 from bayescal.arm.motion import NominalArm
 from bayescal.compensating.solve import compensated
-from bayescal.programs.targets import Target
+from bayescal.programs.text import Target
 from bayescal.robots import load_robot
 
 FOUR = """\

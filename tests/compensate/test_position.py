@@ -13,7 +13,7 @@ from bayescal.errors import BayescalError
 from bayescal.fitted.arm import of_fit
 from bayescal.fitted.gate import Use
 from bayescal.model import ARM
-from bayescal.programs.targets import Target
+from bayescal.programs.text import Target
 from bayescal.programs.tools import tool_of
 from bayescal.public.positions import Positioned
 

@@ -9,9 +9,10 @@ from compensate_arms import arm_with
 from bayescal.arm.inverse import poses_apart
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.compensating.position import Region, frame_of
-from bayescal.compensating.solve import compensated, nominal_arm
+from bayescal.compensating.solve import compensated
 from bayescal.errors import BayescalError
-from bayescal.programs.targets import Target
+from bayescal.programs.text import Target
+from bayescal.programs.tools import nominal_arm
 
 ALL = ("geometry", "compliance", "bending", "base-compliance", "payload", "eccentricity", "encoder-scale",
        "coupling", "gear-mesh", "hysteresis", "backlash")  # fmt: skip

@@ -12,10 +12,11 @@ from bayescal.arm.transforms import rpy_of
 from bayescal.calibration import fit
 from bayescal.compensating.compensation import compensate_file
 from bayescal.compensating.position import frame_of, positions
-from bayescal.compensating.solve import compensated, nominal_arm
+from bayescal.compensating.solve import compensated
 from bayescal.fitted.arm import of_fit
 from bayescal.programs import PROGRAMS
-from bayescal.programs.targets import Target
+from bayescal.programs.text import Target
+from bayescal.programs.tools import nominal_arm
 
 pytest.importorskip("pinocchio")
 from analysis.world import arm as true_arms

@@ -12,10 +12,9 @@ from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.compensating.compensation import read_targets
 from bayescal.errors import BayescalError
-from bayescal.exporting.plan import FORMATS, Probe, formats_of
-from bayescal.exporting.plan.format import motions
-from bayescal.exporting.plan.probing import guarded
 from bayescal.programs import PROGRAMS
+from bayescal.programs.motions import guarded, motions
+from bayescal.programs.probing import FORMATS, Probe, formats_of
 from bayescal.reporting.plan.record import write_plan
 
 CYCLE = ("approach", "contact", "retract")
