@@ -69,4 +69,6 @@ COMPLIANCE = Effect(
         "than similar joints, check the preload of its gear and bearings, the belt tension and the "
         "bolts of the motor."
     ),
+    simulated_within=2e-8,
+    linear_spring=True,
 )

@@ -42,4 +42,5 @@ ENCODER_SCALE = Effect(
     ),
     confusable_with=("eccentricity", "second-harmonic"),
     forms=sides(_parameters),
+    simulated_within=5e-8,
 )

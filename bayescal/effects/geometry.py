@@ -79,4 +79,5 @@ GEOMETRY = Effect(
         "If a zero changed since the last session, look for a collision, a moved encoder or a loose "
         "flange, and set the joint zeros again."
     ),
+    simulated_within=1e-9,
 )

@@ -89,4 +89,5 @@ HYSTERESIS = Effect(
         )
         for lag in LAGS
     ),
+    simulated_within=5e-7,
 )

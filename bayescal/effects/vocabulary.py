@@ -267,6 +267,11 @@ class Effect:
         How its parameters read as an amplitude, by their SI unit; others are told as they are.
     forms : tuple of Form
         Other forms, which a diagnosis compares with the usual one if they differ from it.
+    linear_spring : bool
+        Its parameters are compliances of linear springs, which any simulator has.
+    simulated_within : float
+        m: largest difference of TCP positions that it adds between an exported file in its simulator and the
+        fitted arm.
     """
 
     name: str
@@ -283,6 +288,8 @@ class Effect:
     part_of: tuple[str, ...] = ()
     sizes: Mapping[str, Size] = field(default_factory=dict)
     forms: tuple[Form, ...] = ()
+    linear_spring: bool = False
+    simulated_within: float = 0.0
 
     def form(self, name: str) -> Form | None:
         """The form with a name, or None."""

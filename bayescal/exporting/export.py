@@ -18,11 +18,10 @@ from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
 from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
-from bayescal.exporting.dh_table import DH_CSV
-from bayescal.exporting.expressed import Missing, not_expressed
+from bayescal.exporting.geometry import Missing, not_expressed
 from bayescal.exporting.joint_zeros import JOINT_ZEROS
 from bayescal.exporting.mjcf.format import MJCF
-from bayescal.exporting.robot import ROBOT_YAML
+from bayescal.exporting.robot import DH_CSV, ROBOT_YAML
 from bayescal.exporting.sdf import SDF
 from bayescal.exporting.sidecar import SCHEMA, sidecar_of
 from bayescal.exporting.ur_yaml import UR_YAML

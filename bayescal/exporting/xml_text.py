@@ -1,4 +1,4 @@
-"""XML of a user, changed in place: all that is not changed stays, to the byte.
+"""XML of a user, changed in place: all that is not changed stays, to the byte. Elements of a new file.
 
 The elements are read as a tree, and the tree is changed. The text is then made of the parts of the old one:
 start tags whose attributes did not change, what stands between elements (comments, blanks, line ends), and
@@ -8,18 +8,56 @@ end tags. An added element has the indentation of its place.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from xml.etree import ElementTree as ET
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
+
 from bayescal.robots.markup import parse_markup
 
 ATTRIBUTE = re.compile(rb"""(\s+)([^\s=/>"']+)(\s*=\s*)("[^"]*"|'[^']*')""")
 UNIT = b"  "
 """Indentation of the first child of an element, where the file shows no other."""
+
+
+def number(value: float) -> str:
+    """A number with all its digits; no minus zero."""
+    return repr(float(value) + 0.0)
+
+
+def numbers(values: Iterable[float] | np.ndarray) -> str:
+    """Numbers with all their digits, separated by blanks."""
+    return " ".join(map(number, np.asarray(values, float).tolist()))
+
+
+def written(value: str | float | Iterable[float]) -> str:
+    """A text, a number or numbers as they stand in a file."""
+    if isinstance(value, str):
+        return value
+    return number(value) if isinstance(value, float | int) else numbers(value)
+
+
+def element(
+    tag: str, /, *content: str | ET.Element | None, **attributes: str | float | Iterable[float]
+) -> ET.Element:
+    """An element with a text or children, of which those that are None are left out."""
+    out = ET.Element(tag, {key: written(value) for key, value in attributes.items()})
+    for part in content:
+        if isinstance(part, str):
+            out.text = part
+        elif part is not None:
+            out.append(part)
+    return out
+
+
+def add(parent: ET.Element, tag: str, /, **attributes: str | float | Iterable[float]) -> ET.Element:
+    """A further child element."""
+    parent.append(out := element(tag, **attributes))
+    return out
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.estimate.outliers import rejected, scale
-from bayescal.exporting.mjcf.content import STATE
+from bayescal.exporting.mjcf.elastic import STATE
 from bayescal.fitted.arm import FittedArm, Origin, of_estimate
 from bayescal.model import Block, with_parameters
 from bayescal.model.block import parts_of

@@ -1,9 +1,4 @@
-"""Largest differences that an arm in a simulator may have from the fitted arm.
-
-Poses of a session replayed in a simulator.
-
-Differences between a simulator and the fitted arm, by model level.
-"""
+"""Poses of a session replayed in a simulator: its differences from the fitted arm, by model level."""
 
 from __future__ import annotations
 
@@ -14,39 +9,25 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.effects import MODELS
 from bayescal.effects.selection import plain
-from bayescal.exporting.mjcf.content import Content, Law, bare, law_of
+from bayescal.exporting.mjcf.elastic import Content
 from bayescal.exporting.mjcf.format import mjcf
-from bayescal.exporting.mjcf.links import Load, loads, names, poses
-from bayescal.exporting.mjcf.readings import Joints, error, posture
+from bayescal.exporting.mjcf.mechanism import Load, loads, names, poses
+from bayescal.exporting.mjcf.readings import Joints, Law, bare, error, law_of, posture
 from bayescal.fitted.arm import NOMINAL, FittedArm
 from bayescal.verifying.simulator import Simulator
 
-LIMITS = {
-    "nominal": 1e-9,
-    "joint": 5e-8,
-    "geometry": 1e-9,
-    "compliance": 2e-8,
-    "payload": 2e-8,
-    "base-compliance": 1e-7,
-    "encoder-scale": 5e-8,
-    "coupling": 5e-8,
-    "eccentricity": 5e-8,
-    "second-harmonic": 5e-8,
-    "gear-mesh": 5e-8,
-    "bending": 5e-7,
-    "hysteresis": 5e-7,
-    "hardening": 5e-7,
-    "backlash": 2e-6,
-}
-"""Maximum difference of the TCP positions, m, that each effect of a model adds; others add none."""
+NOMINAL_WITHIN = 1e-9
+"""Maximum difference of the TCP positions, m, of the nominal arm."""
 TOGETHER, TOGETHER_RMS = 3e-6, 1e-6
 """Maximum and RMS difference, m, of any model."""
 
 
 def limit(effects: Sequence[str]) -> float:
     """Maximum difference of a model with these effects, m."""
-    return min(sum(LIMITS.get(plain(name), 0.0) for name in effects or ("nominal",)), TOGETHER)
+    within = [MODELS[plain(name)].simulated_within for name in effects] or [NOMINAL_WITHIN]
+    return min(sum(within), TOGETHER)
 
 
 APPROACH = 3.0

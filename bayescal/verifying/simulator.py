@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.exporting.mjcf.links import Load
+from bayescal.exporting.mjcf.mechanism import Load
 from bayescal.exporting.mjcf.readings import STIFF, Joints
 from bayescal.exporting.mjcf.replay import hold_base
 from bayescal.exporting.mjcf.scene_arm import compiled

@@ -1,30 +1,91 @@
-"""Springs of an arm: joints, bearings and the stand, from the fitted parameters that gravity drives.
+"""The fitted parameters of an arm by their drivers, and the springs of those that gravity drives.
 
-A torsional spring of any odd characteristic, from springs that simulators have.
-
-The torque is a polygon of the deflection. Where the stiffness increases, a tendon with a dead band -w ... w
-adds a spring beyond it. Where it decreases, two tendons under tension, each slack on one side, release each
-other at -w and w: together they have twice their stiffness within, and once their stiffness beyond. All
-stiffnesses are positive: an implicit integrator can use them, and the arm comes to rest in few steps.
+Springs stand at the joints, in bearings and links, and under the base. A torsional spring of any odd
+characteristic is made of springs that simulators have: the torque is a polygon of the deflection. Where the
+stiffness increases, a tendon with a dead band -w ... w adds a spring beyond it. Where it decreases, two
+tendons under tension, each slack on one side, release each other at -w and w: together they have twice their
+stiffness within, and once their stiffness beyond. All stiffnesses are positive: an implicit integrator can
+use them, and the arm comes to rest in few steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import nnls
 
 from bayescal.arm.statics import Loads
+from bayescal.arm.transforms import AXES
 from bayescal.effects import named
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING, across, ends
+from bayescal.effects.sessions import alone
 from bayescal.effects.stand import tilts, vertical
 from bayescal.effects.vocabulary import Circumstances, Parameter
 from bayescal.errors import BayescalError
-from bayescal.exporting.mjcf.content import Content
 from bayescal.fitted.arm import FittedArm
+
+STATE = ("constant", "time", "temperature", "event")
+"""Drivers that are constant while an arm moves: a file has their values in one row, its state."""
+UNHELD = ("late", "level", "uneven")
+"""Forms of a dependence that no element of MuJoCo has: a memory of earlier rows, a curve of an angle,
+a spring that differs between the signs of the torque."""
+
+
+@dataclass(frozen=True)
+class Content:
+    """Parameters of an arm with their values, as they apply in one row of its session.
+
+    A common factor of several parameters is resolved into these. Parameters of other sessions are left out.
+    """
+
+    arm: FittedArm
+    row: int
+
+    @cached_property
+    def circumstances(self) -> Circumstances:
+        """The circumstances of the session's fitted measurements."""
+        scene = self.arm.model.scene
+        c = scene.circumstances(scene.rows("calibrate"))
+        own = next((s for s in c.sessions if s.rows[self.row]), None)
+        return c if own is None else alone(c, own)
+
+    @cached_property
+    def valued(self) -> tuple[tuple[Parameter, float], ...]:
+        """Parameters and their deviations from nominal, SI."""
+        out: list[tuple[Parameter, float]] = []
+        for p, value in zip(self.arm.model.parameters, self.arm.values.tolist(), strict=True):
+            if self._applies(p):
+                out += [(own, value * own.centre) for own in p.stands_for] or [(p, value)]
+        return tuple(out)
+
+    def _applies(self, p: Parameter) -> bool:
+        sessions = self.arm.model.scene.dataset.sessions
+        rows = self.arm.model.scene.circumstances(np.zeros(0, int)).sessions if sessions else ()
+        other = [s.name for s in rows if not s.rows[self.row]]
+        return not any(p.name.startswith(f"{name}:") for name in other)
+
+    def driven(self, *kinds: str) -> Iterator[tuple[Parameter, float]]:
+        """Parameters with a driver of some kinds, and their values; none of a form in `UNHELD`."""
+        own = ((p, value) for p, value in self.valued if p.driver.form not in UNHELD)
+        return ((p, value) for p, value in own if p.driver.kind in kinds)
+
+    def constants(self, row: int | None = None) -> np.ndarray:
+        """Constant displacements of the frames, (n + 2, 6), rad and m, in a row; default: the state."""
+        at = self.row if row is None else row
+        out = np.zeros((self.arm.model.scene.chain.n + 2, 6))
+        for p, value in self.driven(*STATE):
+            for term in p.terms:
+                if term.frame >= 0:
+                    driver = np.asarray(term.driver)
+                    out[term.frame, AXES.index(term.axis)] += value * float(
+                        driver[at] if driver.ndim else driver
+                    )
+        return out
+
 
 KNOTS = (4, 8, 12, 16, 24, 32)
 """Numbers of corners that are tried in turn."""
@@ -227,24 +288,35 @@ def bearings(content: Content) -> Mapping[int, Spring]:
 
 
 @dataclass(frozen=True)
-class LinkHinge:
-    """A hinge at the middle of a link: unit axis and a point (3,), m, in the link's frame."""
+class Hinge:
+    """A hinge: unit axis and a point of it (3,), m, in the frame of what it carries, at zero.
 
-    name: str  # of the nearest axis
+    Without a spring it is a joint that the readings command, with limits, rad. A spring has its zero at
+    `rest`, rad.
+    """
+
+    name: str
     axis: np.ndarray
     pos: np.ndarray
-    spring: Spring
+    spring: Spring | None = None
+    rest: float = 0.0
+    limits: tuple[float, float] | None = None
+
+    def seen(self, pose: np.ndarray, name: str = "") -> Hinge:
+        """The hinge in another frame, in which its own has a pose (4, 4), and with another name."""
+        axis, pos = pose[:3, :3] @ self.axis, pose[:3, :3] @ self.pos + pose[:3, 3]
+        return replace(self, name=name or self.name, axis=axis, pos=pos)
 
 
-def link_hinges(content: Content) -> Mapping[int, tuple[LinkHinge, ...]]:
-    """Hinges at which the links bend, by the index of the joint before the link."""
+def link_hinges(content: Content) -> Mapping[int, tuple[Hinge, ...]]:
+    """Hinges at the middle of links that bend, called by their nearest axis, by the joint before the link."""
     chain = content.arm.model.scene.chain
-    out: dict[int, tuple[LinkHinge, ...]] = {}
+    out: dict[int, tuple[Hinge, ...]] = {}
     known = {p.name: value for p, value in content.driven("bending moment") if value}
     for j, name in enumerate(content.arm.dataset.robot.joint_names):
         two = ends(chain, j + 1)
         found = [
-            LinkHinge(axis, way, two.mean(axis=0), _positive(known[label], label))
+            Hinge(axis, way, two.mean(axis=0), _positive(known[label], label))
             for axis, way in across(two).items()
             if (label := f"{BENDING.name} {name} link {axis}") in known
         ]
@@ -253,19 +325,11 @@ def link_hinges(content: Content) -> Mapping[int, tuple[LinkHinge, ...]]:
     return out
 
 
-@dataclass(frozen=True)
-class StandHinge:
-    """A hinge of the stand: unit axis and a point of it relative to the base's origin, (3,), in F0."""
+def stand_hinges(content: Content) -> tuple[Hinge, ...]:
+    """Hinges of the stand in F0, relative to the base's origin.
 
-    name: str
-    axis: np.ndarray
-    pos: np.ndarray
-    spring: Spring
-    rest: float
-
-
-def stand_hinges(content: Content) -> tuple[StandHinge, ...]:
-    """Hinges of the stand: a tilt with a slide is a rotation about an axis away from the base's origin."""
+    A tilt with a slide is a rotation about an axis away from the origin.
+    """
     values = {p.name.rpartition(":")[2]: value for p, value in content.driven("base moment")}
     if not any(values.values()):
         return ()
@@ -294,7 +358,7 @@ def stand_hinges(content: Content) -> tuple[StandHinge, ...]:
         pos = -np.cross(slide / compliance, axis)  # axis x (origin - pos) is the slide per radian
         # the moment that acts is that about the base's origin, not about the hinge
         rest = compliance * float(axis @ np.cross(pos, weight))
-        out.append(StandHinge(f"stand_{name}", axis, pos, spring, rest))
+        out.append(Hinge(f"stand_{name}", axis, pos, spring, rest))
     return tuple(out)
 
 

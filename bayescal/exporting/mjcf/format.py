@@ -1,8 +1,6 @@
-"""MJCF as a format of an export.
+"""MJCF as a format of an export: a new file, or a file of the user, and the table of a replay script.
 
-A new MJCF file of a fitted arm.
-
-The table of a replay script: the law of the readings, which the light model does not have.
+The table has the law of the readings, which the model beside a script does not have.
 """
 
 from __future__ import annotations
@@ -19,11 +17,21 @@ from bayescal.effects import Parameter
 from bayescal.effects.tool import TOOL
 from bayescal.exporting.geometry import carries
 from bayescal.exporting.mjcf import replay
-from bayescal.exporting.mjcf.content import STATE, UNHELD, Content, add, bare, document, law_of
-from bayescal.exporting.mjcf.elastic import springless, sprung
-from bayescal.exporting.mjcf.links import bands, bodies, defaults, loads, mechanism, names, tips, tool
-from bayescal.exporting.mjcf.readings import Joints, Sections, parts, servos
+from bayescal.exporting.mjcf.elastic import STATE, UNHELD, Content, springless, sprung
+from bayescal.exporting.mjcf.mechanism import (
+    bodies,
+    defaults,
+    held,
+    loads,
+    mechanism,
+    names,
+    tips,
+    tool,
+    without_empty,
+)
+from bayescal.exporting.mjcf.readings import Joints, bare, law_of, servos
 from bayescal.exporting.written import Format, Item, Options, Written, item
+from bayescal.exporting.xml_text import add
 from bayescal.fitted.arm import FittedArm
 
 TIMESTEP = 0.002
@@ -46,31 +54,22 @@ def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:
         If no spring holds a fitted deflection, or a fitted lost motion leads without a script.
     """
     content = Content(arm, row)
-    law = law_of(content)
-    if script:
-        law = bare(law)
-    arm_ = mechanism(content, law)
-    scene = arm.model.scene
-    root = ET.Element("mujoco", model=scene.dataset.robot.name)
+    law = bare(law_of(content)) if script else law_of(content)
+    machine = mechanism(content, law)
+    dataset = arm.dataset
+    root = ET.Element("mujoco", model=dataset.robot.name)
     add(root, "compiler", angle="radian", autolimits="true")
-    add(root, "option", integrator="discrete", timestep=TIMESTEP, gravity=arm_.gravity)
+    add(root, "option", integrator="discrete", timestep=TIMESTEP, gravity=machine.gravity)
     defaults(root)
-    world = add(root, "worldbody")
-    *_, flange = bodies(world, arm_)
-    tool(flange, arm_.loads[int(scene.dataset.measurements.tool[row])])
-    tips(flange, arm_.loads)
-    tendon, equality, actuator, sensor = (
-        add(root, tag) for tag in ("tendon", "equality", "actuator", "sensor")
-    )
-    bands(tendon, arm_)
-    torques = np.zeros(1) if scene.moments is None else np.abs(scene.moments[:, 1:, 2])
-    joints = scene.dataset.robot.joint_names
-    parts(Sections(world, tendon, equality), law, Joints.of(joints), torques)
-    servos(actuator, sensor, tendon, law, joints)
-    for part in (tendon, equality):
-        if not len(part):
-            root.remove(part)
-    return document(root)
+    *_, flange = bodies(add(root, "worldbody"), machine)
+    tool(flange, machine.loads[int(dataset.measurements.tool[row])])
+    tips(flange, machine.loads)
+    joints = dataset.robot.joint_names
+    held(root, content, machine, law, Joints.of(joints))
+    servos(root, law, joints)
+    without_empty(root)
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
 
 
 PROBE = {

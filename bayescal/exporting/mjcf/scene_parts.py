@@ -1,10 +1,7 @@
-"""A patched file, compiled: the arm is the calibrated one, and the rest is as it was.
+"""What is done around the edits of a user's file.
 
-Parts that an earlier export added to a file: they are taken out, and new ones take their places.
-
-Keyframes of a patched file: more joints have longer positions.
-
-Names of added parts that no part of the user's file has.
+Parts of an earlier export are taken out before; after, added parts get names that the file does not have, its
+keyframes the positions of more joints, and the compiled file is compared with the arm and the file as it was.
 """
 
 from __future__ import annotations
@@ -18,14 +15,12 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.errors import BayescalError
-from bayescal.exporting.geometry import numbers
-from bayescal.exporting.mjcf.content import DEFAULT, Law
-from bayescal.exporting.mjcf.links import NEUTRAL, TIP, Mechanism
-from bayescal.exporting.mjcf.readings import Joints, posture
+from bayescal.exporting.mjcf.mechanism import NEUTRAL, TIP, Mechanism
+from bayescal.exporting.mjcf.readings import DEFAULT, Joints, Law, posture
 from bayescal.exporting.mjcf.scene_arm import FoundArm, SceneFile, compiled
 from bayescal.exporting.same_arm import Match
 from bayescal.exporting.sidecar import mujoco
-from bayescal.exporting.xml_text import XmlText
+from bayescal.exporting.xml_text import XmlText, numbers
 
 CLOSE = 1e-9
 """m: difference of the written file's kinematics from the arm's at which it is not handed out."""
