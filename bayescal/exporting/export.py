@@ -1,7 +1,4 @@
-"""An arm in a format: the file, what it lacks, and the sidecar that says both.
-
-All formats that an arm can be exported to. A further one is a file and an entry here.
-"""
+"""An arm in a format: the file, what it lacks, and the sidecar that says both."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -18,25 +16,15 @@ from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
 from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
+from bayescal.exporting import CERTIFICATE, FORMATS
 from bayescal.exporting.geometry import Missing, not_expressed
-from bayescal.exporting.joint_zeros import JOINT_ZEROS
-from bayescal.exporting.mjcf.format import MJCF
-from bayescal.exporting.robot import DH_CSV, ROBOT_YAML
-from bayescal.exporting.sdf import SDF
 from bayescal.exporting.sidecar import SCHEMA, sidecar_of
-from bayescal.exporting.ur_yaml import UR_YAML
-from bayescal.exporting.urdf import URDF
 from bayescal.exporting.written import Format, Options, Written, path_of
 from bayescal.fitted import gate
 from bayescal.fitted.arm import FittedArm
 from bayescal.fitted.unmodelled import state_row
 from bayescal.storage.files import json_text, write_together
 from bayescal.storage.reading import content_of
-
-FORMATS: dict[str, Format] = {f.name: f for f in (ROBOT_YAML, URDF, SDF, MJCF, UR_YAML, DH_CSV, JOINT_ZEROS)}
-CERTIFICATE = "dcc"
-"""A Digital Calibration Certificate: a format of the command, which is no file of an arm."""
-
 
 def format_of(name: str) -> Format:
     """A format by its name.
@@ -49,7 +37,8 @@ def format_of(name: str) -> Format:
     if name not in FORMATS:
         known = ", ".join((*FORMATS, CERTIFICATE))
         raise BayescalError(f"there is no format `{name}`", "--to", f"formats: {known}")
-    return FORMATS[name]
+    loaded: Format = EntryPoint(name, FORMATS[name], "bayescal.formats").load()
+    return loaded
 
 
 UM = 1e6
@@ -164,7 +153,7 @@ def export(
     ----------
     arm : FittedArm
     to : str
-        A name of `formats.FORMATS`.
+        A name of `FORMATS`.
     into : str
         Path of a file of the user, which is patched in a copy; of a URDF ``arm.urdf#tool0`` names the link
         that carries the tool.

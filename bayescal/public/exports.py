@@ -76,7 +76,7 @@ def export(
         A path is that of a run folder. The arm of a diagnosis has the named effects that the validation data
         confirm.
     to : str
-        Format: a name of `bayescal.exporting.export.FORMATS`.
+        Format: a name of `bayescal.exporting.FORMATS`.
     into : path
         A file of the user, which is patched in a copy; ``arm.urdf#tool0`` names the link with the tool.
     with_, without : sequence of str, or str

@@ -9,7 +9,8 @@ import pytest
 import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.estimate.bounds import UNCHANGED
-from bayescal.exporting.export import FORMATS, export
+from bayescal.exporting import FORMATS
+from bayescal.exporting.export import export
 from bayescal.fitted import gate
 from bayescal.fitted.arm import of_estimate, of_fit
 from bayescal.fitted.gate import Use
