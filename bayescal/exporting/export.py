@@ -26,6 +26,7 @@ from bayescal.fitted.unmodelled import state_row
 from bayescal.storage.files import json_text, write_together
 from bayescal.storage.reading import content_of
 
+
 def format_of(name: str) -> Format:
     """A format by its name.
 

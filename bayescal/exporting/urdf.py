@@ -32,12 +32,11 @@ from bayescal.exporting.geometry import (
     geometry_of,
     items,
     joint_angles,
-    numbers,
     steps,
 )
 from bayescal.exporting.same_arm import FileArm, match
 from bayescal.exporting.written import Format, Options, Written, path_of
-from bayescal.exporting.xml_text import XmlText
+from bayescal.exporting.xml_text import XmlText, numbers
 from bayescal.fitted.arm import FittedArm
 from bayescal.robots.markup import LARGEST, parse_markup
 from bayescal.robots.tree import TURNING, UNLIMITED, Tree, read_tree, tip_of

@@ -24,7 +24,8 @@ def write(arm, options):
 
 
 MADE_UP = Format(
-    "made-up", ".txt", "zeros", write, lambda arm, k: constant(arm.model.parameters[k]), "holds constants only"
+    "made-up", ".txt", "zeros", write,
+    lambda arm, k: constant(arm.model.parameters[k]), "holds constants only",
 )
 '''
 
@@ -54,7 +55,7 @@ def test_a_file_and_an_entry_are_a_format(entry, tmp_path):
 def test_the_command_takes_it(entry, tmp_path, monkeypatch, command):
     arm = fake(session_of(), ("geometry",))
     monkeypatch.setattr("bayescal.public.exports.arm_of", lambda *_: arm)
-    code, text, errors = command("export", "run", "--to", "made-up", "--force", "--out", tmp_path / "arm.txt")
+    code, _, errors = command("export", "run", "--to", "made-up", "--force", "--out", tmp_path / "arm.txt")
     assert code == 0, errors
     assert (tmp_path / "arm.txt").is_file()
 
