@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -354,17 +353,3 @@ def _gains(fit: Fit, names: Sequence[str]) -> list[tuple[str, float]]:
         (name, gain(errors[0], less, more))
         for name, less, more in zip(names, errors, errors[1:], strict=False)
     ]
-
-
-def open_run(folder: Path, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
-    """The arm of a run folder of `fit` or `gap`; with other effects, it is fitted again (`refitted`).
-
-    Raises
-    ------
-    BayescalError
-        If the folder has no arm, or an incomplete one.
-    """
-    from bayescal.fitted.file import read_arm
-
-    arm = read_arm(Path(folder))
-    return refitted(arm, with_, without) if with_ or without else arm

@@ -26,7 +26,7 @@ from bayescal.dataset.write import write_files
 from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, at_solution
-from bayescal.fitted.arm import FittedArm, Origin
+from bayescal.fitted.arm import FittedArm, Origin, refitted
 from bayescal.fitted.gate import Use
 from bayescal.fitted.unmodelled import Unmodelled
 from bayescal.model import ARM, Model, equilibrium, with_parameters
@@ -214,6 +214,18 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
         Use.read(record, model.parameters),
         Unmodelled.read(record, len(values)),
     )
+
+
+def open_run(folder: Path, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
+    """The arm of a run folder of `fit` or `gap`; with other effects, it is fitted again (`refitted`).
+
+    Raises
+    ------
+    BayescalError
+        If the folder has no arm, or an incomplete one.
+    """
+    arm = read_arm(Path(folder))
+    return refitted(arm, with_, without) if with_ or without else arm
 
 
 AGREES = 0.02

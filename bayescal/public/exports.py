@@ -132,7 +132,7 @@ def names(effects: Sequence[str] | str) -> tuple[str, ...]:
 
 def arm_of(run: object, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
     """The arm of a result, new or read back, or of a run folder, with other effects fitted again."""
-    from bayescal.fitted.arm import of_fit, of_gap, open_run, refitted
+    from bayescal.fitted import of_fit, of_gap, open_run, refitted
     from bayescal.public.saved import SavedFit, SavedGap
 
     if isinstance(run, FitResult):

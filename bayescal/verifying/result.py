@@ -20,7 +20,8 @@ from bayescal.errors import BayescalError
 from bayescal.exporting.geometry import constant
 from bayescal.exporting.mjcf.elastic import sprung
 from bayescal.exporting.sidecar import AGAIN, mujoco, pinocchio, read_sidecar, sidecar_of
-from bayescal.fitted.arm import FittedArm, open_run, refitted
+from bayescal.fitted.arm import FittedArm, refitted
+from bayescal.fitted.file import open_run
 from bayescal.fitted.unmodelled import state_row
 from bayescal.robots.markup import parse_markup
 from bayescal.storage.reading import decoded
