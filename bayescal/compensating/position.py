@@ -88,7 +88,7 @@ class Frame:
     """
 
     nominal: np.ndarray
-    found: np.ndarray
+    fitted: np.ndarray
     block: Block | None = None
     state: np.ndarray | None = None
     values: np.ndarray | None = None  # (P + K,)
@@ -102,8 +102,8 @@ class Frame:
         """
         if self.block is None:
             return poses.by_all, np.zeros((len(poses.points), 3, 3))
-        by_arm, own = self._carried(poses.points)
-        return poses.by_all - by_arm, own
+        by_arm, of_target = self._carried(poses.points)
+        return poses.by_all - by_arm, of_target
 
     def _carried(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacements (C, 3, P + K) of points fixed to the target by the arm, and their own covariance."""
@@ -118,10 +118,10 @@ class Frame:
         a, c = by_own / sigma, by_arm * self.units / sigma
         information = a.T @ a + np.eye(b.size)
         follows = -np.linalg.solve(information, a.T @ c)  # (size, P + K)
-        local = np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(self.found).T
+        local = np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(self.fitted).T
         moved = np.empty((len(points), 3, b.size))
-        for k, at in enumerate(b.free):
-            step = STEP * np.eye(len(x))[at]
+        for k, coordinate in enumerate(b.free):
+            step = STEP * np.eye(len(x))[coordinate]
             ends = [local @ pose_of(b.kind.describe(x + s * step)).T for s in (1, -1)]
             moved[:, :, k] = (ends[0] - ends[1])[:, :3] / (2 * STEP) * b.sd[k]
         return moved @ follows, moved @ np.linalg.inv(information) @ np.swapaxes(moved, 1, 2)
@@ -211,9 +211,11 @@ def uncertainty(
     at, velocity, poses
         As of `lost_motion`, with the working tool.
     """
-    by, own = frame.moved(poses)
+    by, of_frame = frame.moved(poses)
     off = lost_motion(working.arm, at, poses.readings, velocity, poses)
-    covariance = poses.spread_by(by) + own + np.einsum("cji,cjk->cik", off, off) + working.covariance(poses)
+    covariance = (
+        poses.spread_by(by) + of_frame + np.einsum("cji,cjk->cik", off, off) + working.covariance(poses)
+    )
     dof = poses.dof_by(by, np.trace(covariance, axis1=1, axis2=2))
     return Uncertain(covariance, expanded(covariance, dof))
 
@@ -287,7 +289,7 @@ def positions(
 
     every = np.arange(len(readings))
     poses = at(readings, every)
-    found = uncertainty(working, stand, at, way, poses)
+    in_base = uncertainty(working, stand, at, way, poses)
     inside = Region.of(arm).contains(
         working.probed(
             poses,
@@ -298,6 +300,6 @@ def positions(
     here = poses.flange.copy()
     here[:, :3, :3] = here[:, :3, :3] @ axes_of(working.tool)
     here[:, :3, 3] = poses.points
-    turn = stand.found[:3, :3]
-    own = Uncertain(turn.T @ found.covariance @ turn, found.expanded)
-    return Positions(frame, readings, np.linalg.inv(stand.found) @ here, own, inside)
+    turn = stand.fitted[:3, :3]
+    in_frame = Uncertain(turn.T @ in_base.covariance @ turn, in_base.expanded)
+    return Positions(frame, readings, np.linalg.inv(stand.fitted) @ here, in_frame, inside)

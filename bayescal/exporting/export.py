@@ -36,8 +36,8 @@ def format_of(name: str) -> Format:
         If there is no such format.
     """
     if name not in FORMATS:
-        known = ", ".join((*FORMATS, CERTIFICATE))
-        raise BayescalError(f"there is no format `{name}`", "--to", f"formats: {known}")
+        names = ", ".join((*FORMATS, CERTIFICATE))
+        raise BayescalError(f"there is no format `{name}`", "--to", f"formats: {names}")
     loaded: Format = EntryPoint(name, FORMATS[name], "bayescal.formats").load()
     return loaded
 
@@ -51,7 +51,7 @@ AT_FLANGE = 1e-6
 class Exported:
     """An arm in a format, not yet written.
 
-    `missing` is what the file does not hold, by effect; `rest` is all of it together.
+    `missing` is what the file does not hold, by effect; `total` is all of it together.
     """
 
     format: str
@@ -59,7 +59,7 @@ class Exported:
     options: Options
     written: Written
     missing: tuple[Missing, ...]
-    rest: Missing
+    total: Missing
     arm: FittedArm
 
     @property
@@ -73,8 +73,8 @@ class Exported:
         details = self.written.details
         if np.max(np.abs(np.array(details.get("flange_in_tip", np.eye(4))) - np.eye(4))) > AT_FLANGE:
             for tool in _tools(self.arm, details):
-                at = ", ".join(f"{x:.3f}" for x in tool["centre_in_tip_mm"])
-                where = f"the centre of tool {tool['name']} is at {at} mm in it"
+                place = ", ".join(f"{x:.3f}" for x in tool["centre_in_tip_mm"])
+                where = f"the centre of tool {tool['name']} is at {place} mm in it"
                 yield f"{details['tip']} is not the flange: {where}"
 
     def at(self, folder: Path) -> Exported:
@@ -109,7 +109,7 @@ class Exported:
             "state": _state(dataset, self.options.state),
             "written": [vars(item) for item in self.written.items],
             "not_expressed": [_missing(m) for m in self.missing],
-            "remaining": {"rms_um": _or_none(self.rest.rms), "max_um": _or_none(self.rest.maximum)},
+            "remaining": {"rms_um": _or_none(self.total.rms), "max_um": _or_none(self.total.maximum)},
             "tools": _tools(arm, self.written.details),
             **self.written.details,
             "use": arm.use.record(),
@@ -183,8 +183,8 @@ def export(
     gate.check(arm.use, force)
     options = Options(state_row(arm.dataset, time, row), name, into, readings)
     written = format_.write(arm, options)
-    missing, rest = not_expressed(arm, format_, options.state)
-    return Exported(to, format_.suffix, options, written, missing, rest, arm)
+    missing, total = not_expressed(arm, format_, options.state)
+    return Exported(to, format_.suffix, options, written, missing, total, arm)
 
 
 def _state(dataset: Dataset, row: int) -> dict[str, Any]:
@@ -238,17 +238,17 @@ def _hash(content: str | bytes) -> str:
 
 def _check_free(path: Path, files: Iterable[Path], into: str) -> None:
     """Refuse to write over a file of the user: any that is not as an earlier export to `path` wrote it."""
-    own, sidecar = path_of(into)[0], sidecar_of(path)
-    known = _earlier(sidecar, path.name)
+    to_patch, sidecar = path_of(into)[0], sidecar_of(path)
+    earlier = _earlier(sidecar, path.name)
     for file in filter(Path.exists, files):
-        if into and own.exists() and file.samefile(own):
+        if into and to_patch.exists() and file.samefile(to_patch):
             what = "is the file to patch itself"
             raise BayescalError(what, str(file), "give another --out: it is not changed")
         if file != sidecar and (
-            not file.is_file() or _hash(file.read_bytes()) not in known.get(file.name, ())
+            not file.is_file() or _hash(file.read_bytes()) not in earlier.get(file.name, ())
         ):
             raise BayescalError("exists and is no unchanged export", str(file), "give another --out")
-        if file == sidecar and not known:
+        if file == sidecar and not earlier:
             raise BayescalError("exists and is no sidecar of an export", str(file), "give another --out")
 
 

@@ -34,8 +34,8 @@ def constant(p: Parameter) -> bool:
     if p.effect == TOOL.name or any(t.frame < 0 for t in p.terms):
         return False
     # of several sessions, each has a base of its own: its driver is 1 in the rows of its session
-    own = p.driver.kind == "constant" and all(np.all(np.isin(t.driver, (0.0, 1.0))) for t in p.terms)
-    return own or p.driver.kind in STATE or not changes(p)
+    fixed = p.driver.kind == "constant" and all(np.all(np.isin(t.driver, (0.0, 1.0))) for t in p.terms)
+    return fixed or p.driver.kind in STATE or not changes(p)
 
 
 def at_state(p: Parameter, state: int) -> Parameter:
@@ -202,15 +202,17 @@ def not_expressed(arm: FittedArm, format_: Format, state: int) -> tuple[tuple[Mi
     upright = replace(arm, values=np.where(negative, -arm.values, arm.values))
     out = []
     for effect in dict.fromkeys(p.effect for p in parameters):
-        own = np.array([p.effect == effect for p in parameters])
-        lost = own & ~held
+        of_effect = np.array([p.effect == effect for p in parameters])
+        lost = of_effect & ~held
         frozen = tuple(
-            p.name for p, h in zip(parameters, own & held, strict=True) if h and constant(p) and changes(p)
+            p.name
+            for p, h in zip(parameters, of_effect & held, strict=True)
+            if h and constant(p) and changes(p)
         )
         names = tuple(p.name for p, off in zip(parameters, lost, strict=True) if off)
         if not names and not frozen:
             continue
-        mixed = tuple(k if o else p for p, k, o in zip(parameters, kept, own, strict=True))
+        mixed = tuple(k if o else p for p, k, o in zip(parameters, kept, of_effect, strict=True))
         off = full - _points(model, mixed, np.where(lost, 0.0, arm.values), rows)
         size = _lengths(off) if not _elsewhere(parameters, lost) else _at_contact(arm, lost, rows)
         why = "changes during the session: the file has one state"
@@ -245,10 +247,10 @@ def _elsewhere(parameters: Sequence[Parameter], lost: np.ndarray) -> bool:
 def _at_contact(arm: FittedArm, lost: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
     """RMS and maximum of what lost parameters change at the contacts, m; nan if they change no contact."""
     index, drivers = arm.model.driven(CONTACT, "normal", len(arm.model.scene.q))
-    own = lost[index]
-    if not np.any(own):
+    changed = lost[index]
+    if not np.any(changed):
         return float("nan"), float("nan")
-    off = arm.values[index[own]] @ drivers[own][:, rows]
+    off = arm.values[index[changed]] @ drivers[changed][:, rows]
     return _lengths(off[None])
 
 

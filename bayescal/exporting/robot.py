@@ -86,8 +86,8 @@ def _compliance(model: Model, values: np.ndarray) -> np.ndarray:
     out = np.zeros(robot.n) if robot.compliance is None else robot.compliance.copy()
     for value, p in zip(values, model.parameters, strict=True):
         if p.effect == COMPLIANCE.name:
-            for own in p.stands_for or (p,):
-                out[own.site.number - 1] += value * (own.centre if p.stands_for else 1.0)
+            for part in p.stands_for or (p,):
+                out[part.site.number - 1] += value * (part.centre if p.stands_for else 1.0)
     return out
 
 

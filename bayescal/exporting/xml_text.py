@@ -97,17 +97,17 @@ class XmlText:
     @property
     def inside(self) -> str:
         """The text between the tags of the root element, as it was read."""
-        own = self._old[self.root]
-        return self._data[own.inside : own.inner].decode("utf-8")
+        root = self._old[self.root]
+        return self._data[root.inside : root.inner].decode("utf-8")
 
     def spliced(self, by: Mapping[ET.Element, str]) -> str:
         """The text as it was read, with other texts in place of some elements."""
-        out, at = b"", 0
+        out, end = b"", 0
         for e, text in by.items():
-            own = self._old[e]
-            out += self._data[at : own.start] + text.encode("utf-8")
-            at = own.end
-        return (out + self._data[at:]).decode("utf-8")
+            old = self._old[e]
+            out += self._data[end : old.start] + text.encode("utf-8")
+            end = old.end
+        return (out + self._data[end:]).decode("utf-8")
 
     @property
     def text(self) -> str:
@@ -151,15 +151,15 @@ class XmlText:
         """
         present, gaps, tails = set(self.root.iter()), {}, {}
         for e, old in self._old.items():
-            at, left = old.inside, b""
+            end, comments = old.inside, b""
             for child in old.children:
-                own = self._data[at : self._old[child].start]
-                at = self._old[child].end
+                gap = self._data[end : self._old[child].start]
+                end = self._old[child].end
                 if child in present:
-                    gaps[child], left = left + own, b""
-                elif own.strip():
-                    left += own.rstrip()
-            tails[e] = left + self._data[at : old.inner]
+                    gaps[child], comments = comments + gap, b""
+                elif gap.strip():
+                    comments += gap.rstrip()
+            tails[e] = comments + self._data[end : old.inner]
         return gaps, tails
 
     @cached_property
@@ -175,8 +175,8 @@ class XmlText:
         """What is to stand before an added child: as before the others."""
         starts = [self._old[child] for child in old.children]
         ends = [old.inside, *(own.end for own in starts)]
-        for own, at in zip(starts, ends, strict=False):
-            if b"\n" in self._data[at : own.start]:
+        for own, end in zip(starts, ends, strict=False):
+            if b"\n" in self._data[end : own.start]:
                 return self._newline + self._indent(own)
         unit = b"\t" if b"\t" in self._indent(old) else UNIT
         return b"" if starts else self._newline + self._indent(old) + unit
@@ -186,19 +186,19 @@ def with_attributes(tag: bytes, before: Mapping[str, str], now: Mapping[str, str
     """A start tag (or an empty element) with changed attributes; further ones are added last."""
     if before == now:
         return tag
-    out, at = b"", 0
-    for found in ATTRIBUTE.finditer(tag):
-        key = found[2].decode()
-        out += tag[at : found.start()]
-        at = found.end()
+    out, done = b"", 0
+    for match in ATTRIBUTE.finditer(tag):
+        key = match[2].decode()
+        out += tag[done : match.start()]
+        done = match.end()
         if key not in before or now.get(key) == before[key]:  # also what declares a namespace
-            out += found[0]
+            out += match[0]
         elif key in now:
-            out += found[1] + found[2] + found[3] + quoteattr(now[key]).encode()
+            out += match[1] + match[2] + match[3] + quoteattr(now[key]).encode()
     end = re.search(rb"\s*/?>$", tag)
     assert end, "a tag ends with >"
     more = {key: value for key, value in now.items() if key not in before}
-    return out + tag[at : end.start()] + _attributes(more) + tag[end.start() :]
+    return out + tag[done : end.start()] + _attributes(more) + tag[end.start() :]
 
 
 def _attributes(each: Mapping[str, str]) -> bytes:
@@ -234,10 +234,10 @@ def _spans(data: bytes, root: ET.Element) -> list[_Old]:
     return out
 
 
-def tag_end(data: bytes, at: int) -> int:
-    """Position behind a tag that starts at `at`; a > in a quoted value does not end it."""
+def tag_end(data: bytes, start: int) -> int:
+    """Position behind a tag that begins at `start`; a > in a quoted value does not end it."""
     quote = 0
-    for k in range(at, len(data)):
+    for k in range(start, len(data)):
         byte = data[k]
         if quote:
             quote = 0 if byte == quote else quote

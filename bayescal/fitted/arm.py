@@ -65,7 +65,7 @@ class Poses:
     model: Model
     rows: np.ndarray  # (C,) of the model's scene
     unmodelled: Unmodelled
-    own: Callable[[Parameter], Parameter]  # what the rows make of the drivers of a parameter
+    driven: Callable[[Parameter], Parameter]  # what the rows make of the drivers of a parameter
 
     @cached_property
     def by_parameters(self) -> np.ndarray:
@@ -75,7 +75,7 @@ class Poses:
     @cached_property
     def wide(self) -> Model:
         """The model with the K errors as its last parameters."""
-        return self.unmodelled.widened(self.model, self.values, self.own)
+        return self.unmodelled.widened(self.model, self.values, self.driven)
 
     @cached_property
     def by_all(self) -> np.ndarray:
@@ -99,14 +99,14 @@ class Poses:
     def errors_by(self, by: np.ndarray) -> np.ndarray:
         """Displacements (C, 3, P + K), m, by independent errors of unit variance that all points share."""
         count = len(self.values)
-        own = by[..., count:] - by[..., :count] @ self.unmodelled.shifts[:, : by.shape[-1] - count]
-        return np.concatenate([by[..., :count] @ root(self.spread), own], axis=-1)
+        unmodelled = by[..., count:] - by[..., :count] @ self.unmodelled.shifts[:, : by.shape[-1] - count]
+        return np.concatenate([by[..., :count] @ root(self.spread), unmodelled], axis=-1)
 
     def dof_by(self, by: np.ndarray, total: np.ndarray) -> np.ndarray:
         """Effective degrees of freedom (C,) of the variances `total` (C,) of these points."""
-        own = np.sum(self.errors_by(by)[..., len(self.values) :] ** 2, axis=1)
-        names = [p.name for p in self.wide.parameters[len(self.values) :]] if own.size else []
-        parts = {name: own[:, np.array(names) == name].sum(axis=1) for name in names}
+        squares = np.sum(self.errors_by(by)[..., len(self.values) :] ** 2, axis=1)
+        names = [p.name for p in self.wide.parameters[len(self.values) :]] if squares.size else []
+        parts = {name: squares[:, np.array(names) == name].sum(axis=1) for name in names}
         return self.unmodelled.dof_of(total, parts)
 
 
@@ -268,18 +268,18 @@ class FittedArm:
         return replace(self, model=standing_model(self.model, values), values=values)
 
 
-def of_estimate(found: Estimate, covariance: np.ndarray, origin: Origin = Origin()) -> FittedArm:
+def of_estimate(estimate: Estimate, covariance: np.ndarray, origin: Origin = Origin()) -> FittedArm:
     """The arm of an estimate; `covariance` (D, D) is the stated one of its z."""
-    model = found.model
+    model = estimate.model
     arm = model.slices[ARM]
-    values = model.deviations(found.z[arm])
+    values = model.deviations(estimate.z[arm])
     return FittedArm(
         standing_model(model, values),
         values,
         covariance[arm, arm] * np.outer(model.sd, model.sd),
         model.effects,
-        {b.target: b.state(found.z[model.slices[b.target]]) for b in model.states},
-        tuple(model.scene.dataset.measurements.ids[row] for row in found.rejected),
+        {b.target: b.state(estimate.z[model.slices[b.target]]) for b in model.states},
+        tuple(model.scene.dataset.measurements.ids[row] for row in estimate.rejected),
         origin,
     )
 
@@ -327,11 +327,11 @@ def refitted(arm: FittedArm, with_: Sequence[str] = (), without: Sequence[str] =
     """
     from bayescal.calibration import fit
 
-    own = [plain(name) for name in arm.effects]
+    names = [plain(name) for name in arm.effects]
     for name in with_:
-        if plain(name) in own:
+        if plain(name) in names:
             raise BayescalError(f"the model has {plain(name)} already", f"--with {name}", "leave it out")
-    whole = [name for name in without if name in own or name in arm.effects]
+    whole = [name for name in without if name in names or name in arm.effects]
     effects = [name for name in arm.effects if name not in whole and plain(name) not in whole]
     parts = (*arm.origin.without, *(name for name in without if name not in whole))
     o = arm.origin

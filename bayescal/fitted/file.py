@@ -46,7 +46,7 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
     """The content of arm.json: values and u in the units of files, covariance and states in SI."""
     u = np.sqrt(np.diag(arm.covariance))
     parameters = []
-    for p, value, own in zip(arm.model.parameters, arm.values.tolist(), u.tolist(), strict=True):
+    for p, value, u_of_value in zip(arm.model.parameters, arm.values.tolist(), u.tolist(), strict=True):
         unit, factor = UNITS[p.unit]
         parameters.append(
             {
@@ -58,7 +58,7 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
                 "nominal": p.nominal * factor,
                 "value": (p.nominal + value) * factor,
                 "deviation": value * factor,
-                "u": own * factor,
+                "u": u_of_value * factor,
                 "prior_mean": p.centre * factor,
                 "prior_sd": p.sd * factor,
             }
@@ -185,18 +185,18 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
 
     def make(scene: Scene) -> Model:
         made = parameters_of(effects, scene.circumstances(scene.rows("calibrate")))
-        known = {p.name: _prior(p, entries.get(p.name, {})) for p in made}
-        return Model(scene, effects, tuple(known[name] for name in entries if name in known), (), ())
+        by_name = {p.name: _prior(p, entries.get(p.name, {})) for p in made}
+        return Model(scene, effects, tuple(by_name[name] for name in entries if name in by_name), (), ())
 
     def deviations(model: Model) -> np.ndarray:
         return np.array([entries[p.name]["value"] / UNITS[p.unit][1] - p.nominal for p in model.parameters])
 
     # a joint may carry a torque only where the arm stands as it was fitted
-    found = equilibrium(scene, make, deviations, SETTLED)
-    if missing := entries.keys() - {p.name for p in found.parameters}:
+    settled = equilibrium(scene, make, deviations, SETTLED)
+    if missing := entries.keys() - {p.name for p in settled.parameters}:
         what = f"the model of the dataset's copy has no parameter `{min(missing)}`"
         raise BayescalError(what, str(folder / ARM_FILE), "repeat the command with this version")
-    model, values = with_parameters(found.scene, effects, found.parameters), deviations(found)
+    model, values = with_parameters(settled.scene, effects, settled.parameters), deviations(settled)
     return FittedArm(
         model,
         values,
@@ -263,8 +263,8 @@ def check_restored(arm: FittedArm, covariance: np.ndarray) -> None:
         With the parameter that differs most.
     """
     model = arm.model
-    own = covariance[model.slices[ARM], model.slices[ARM]] * np.outer(model.sd, model.sd)
-    ratio = np.sqrt(np.diag(own) / np.maximum(np.diag(arm.covariance), np.finfo(float).tiny))
+    computed = covariance[model.slices[ARM], model.slices[ARM]] * np.outer(model.sd, model.sd)
+    ratio = np.sqrt(np.diag(computed) / np.maximum(np.diag(arm.covariance), np.finfo(float).tiny))
     k = int(np.argmax(np.abs(np.log(ratio)))) if len(ratio) else 0
     if len(ratio) and abs(np.log(ratio[k])) > AGREES:
         what = f"u of {model.names[k]} is {ratio[k]:.3g} times that of arm.json when it is computed again"

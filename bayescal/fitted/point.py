@@ -91,15 +91,15 @@ def point(
         )
     values = np.concatenate([arm.values, np.zeros(len(functions))])
     motion = Model(posed.scene, wide.model.effects, (*posed.parameters, *functions), (), ()).motion(rows)
-    at = motion.points(values)
+    position = motion.points(values)
     by_z = np.zeros((3, wide.model.size))
     for axis in range(3):
         u = np.zeros((3, 1))
         u[axis] = 1.0
-        by_z[axis, :count] = motion.columns(values, at, u)[:, 0] * wide.model.sd
-    own = []
+        by_z[axis, :count] = motion.columns(values, position, u)[:, 0] * wide.model.sd
+    independent = []
     if basis.excess:
-        own.append((basis.unexplained(), basis.excess * np.eye(3)))
+        independent.append((basis.unexplained(), basis.excess * np.eye(3)))
     middle = arm.at(readings, tool=tool, payload_kg=payload_kg)
 
     def directed(q: np.ndarray, which: np.ndarray, way: np.ndarray) -> Poses:
@@ -109,7 +109,7 @@ def point(
         if np.any(off):
             name = f"direction of motion of joint {j + 1} is not known"
             side = Input(READINGS, name, "B", "1", 0.0, 1.0, distribution="two values")
-            own.append((side, off[:, None]))
+            independent.append((side, off[:, None]))
     shown = ", ".join(f"{q:.6g}" for q in np.degrees(readings))
     named = f"TCP at ({shown}) deg"
-    return Measurand(POINT, named, "m", None, by_z, tuple(own), position=at[:, 0])
+    return Measurand(POINT, named, "m", None, by_z, tuple(independent), position=position[:, 0])

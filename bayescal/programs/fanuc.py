@@ -80,8 +80,8 @@ def _read(text: str, n: int) -> Program:
         for where, key, value in stated
         if key[:2] == "UT" and value != "F"
     ]
-    found = tuple(replace(slots[name], used=not kinds or name[2:-1] in kinds) for name in order)
-    return Program(found, tuple(notes), next(iter(frames), ""), tuple(tools))
+    visited = tuple(replace(slots[name], used=not kinds or name[2:-1] in kinds) for name in order)
+    return Program(visited, tuple(notes), next(iter(frames), ""), tuple(tools))
 
 
 def _header(text: str, slot: Slot) -> list[tuple[str, str]]:
@@ -107,13 +107,13 @@ def _slots(text: str, begin: int, n: int, straight: Mapping[str, bool]) -> Itera
         low, high = group.span(1) if group else match.span(2)
         number, name = match.group(1), f"P[{match.group(1)}]"
         where = f"line {line_of(text, match.start())}, {name}"
-        if found := POSE.search(text, low, high):
-            spans = numbers_in(found, range(1, 7))
+        if match_ := POSE.search(text, low, high):
+            spans = numbers_in(match_, range(1, 7))
             *xyz, w, p, r = values_at(text, spans)
             pose = rigid(rpy_matrix(np.radians([w, p, r])), 1e-3 * np.array(xyz))
             yield Slot(Target(where, pose, straight=straight.get(number, False)), name, spans)
-        elif found := joints.search(text, low, high):
-            spans = numbers_in(found, range(1, n + 1))
+        elif match_ := joints.search(text, low, high):
+            spans = numbers_in(match_, range(1, n + 1))
             readings = np.radians(values_at(text, spans))
             yield Slot(Target(where, readings=readings, straight=straight.get(number, False)), name, spans)
 

@@ -53,7 +53,7 @@ def motions(plan: Plan) -> Iterator[Motion]:
     is brought there by hand.
     """
     readings = plan.session.measurements.readings
-    for row, (away, at) in enumerate(zip(plan.approach, readings, strict=True)):
+    for row, (away, contact) in enumerate(zip(plan.approach, readings, strict=True)):
         leave = plan.leave[row] if plan.leave else None
         if leave is not None and len(leave):
             for point in leave[:-1]:
@@ -62,11 +62,11 @@ def motions(plan: Plan) -> Iterator[Motion]:
         way = plan.via[row] if plan.via else None
         for point in () if way is None else way:
             yield Motion(row, PASS, point)
-        if np.array_equal(away, at):
-            yield Motion(row, MEASURE, at)
+        if np.array_equal(away, contact):
+            yield Motion(row, MEASURE, contact)
         else:
             yield Motion(row, APPROACH, away)
-            yield Motion(row, CONTACT, at)
+            yield Motion(row, CONTACT, contact)
             yield Motion(row, RETRACT, away)
 
 

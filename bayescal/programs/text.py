@@ -196,9 +196,9 @@ class Format:
     dialect: Dialect | None = None
 
 
-def line_of(text: str, at: int) -> int:
+def line_of(text: str, place: int) -> int:
     """The line, from 1, of a character."""
-    return text.count("\n", 0, at) + 1
+    return text.count("\n", 0, place) + 1
 
 
 def masked(text: str, comment: str, quote: str = '"') -> str:
@@ -238,8 +238,8 @@ def after_line(pattern: str, prefix: str) -> Callable[[str, str], str]:
 
     def remarked(text: str, comment: str) -> str:
         match = re.search(pattern, text, re.IGNORECASE | re.MULTILINE)
-        at = 0 if match is None else text.find("\n", match.end()) + 1
-        return f"{text[:at]}{prefix}{comment}{newline_of(text)}{text[at:]}"
+        begin = 0 if match is None else text.find("\n", match.end()) + 1
+        return f"{text[:begin]}{prefix}{comment}{newline_of(text)}{text[begin:]}"
 
     return remarked
 
@@ -252,16 +252,16 @@ def newline_of(text: str) -> str:
 def arguments(text: str, low: int, high: int) -> list[tuple[int, int]]:
     """Places of the arguments of a call between two places: its commas outside of all brackets."""
     depth, start, out = 0, low, []
-    for at in range(low, high):
-        depth += {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}.get(text[at], 0)
-        if text[at] == "," and depth == 0:
-            out.append((start, at))
-            start = at + 1
+    for place in range(low, high):
+        depth += {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}.get(text[place], 0)
+        if text[place] == "," and depth == 0:
+            out.append((start, place))
+            start = place + 1
     each = [(a, b, text[a:b]) for a, b in [*out, (start, high)] if text[a:b].strip()]
-    return [(b - len(own.lstrip()), a + len(own.rstrip())) for a, b, own in each]
+    return [(b - len(argument.lstrip()), a + len(argument.rstrip())) for a, b, argument in each]
 
 
-def rewritten(text: str, format_: Format, slots: Sequence[Slot], found: Sequence[Corrected]) -> str:
+def rewritten(text: str, format_: Format, slots: Sequence[Slot], corrected: Sequence[Corrected]) -> str:
     """The text with corrected numbers in place.
 
     Raises
@@ -271,30 +271,30 @@ def rewritten(text: str, format_: Format, slots: Sequence[Slot], found: Sequence
         is not written.
     """
     pieces: list[tuple[int, int, str]] = []
-    for slot, own in zip(slots, found, strict=True):
-        if own.reason and not slot.used:
+    for slot, target in zip(slots, corrected, strict=True):
+        if target.reason and not slot.used:
             continue
-        if own.reason:
+        if target.reason:
             remedy = "correct the position or leave it out; nothing is written"
-            raise BayescalError(f"no solution: {own.reason}", slot.target.where, remedy)
-        assert own.readings is not None
-        assert own.pose is not None
+            raise BayescalError(f"no solution: {target.reason}", slot.target.where, remedy)
+        assert target.readings is not None
+        assert target.pose is not None
         if slot.whole is not None:
-            listed = ", ".join(digits(number) for number in format_.joints(own.readings))
+            listed = ", ".join(digits(number) for number in format_.joints(target.readings))
             pieces.append((*slot.whole, f"[{listed}]"))
             continue
         if slot.target.pose is None:
-            numbers = format_.joints(own.readings)
+            numbers = format_.joints(target.readings)
         else:
             assert format_.pose is not None, "a format without poses has whole expressions"
-            numbers = format_.pose(own.pose, own.readings, values_at(text, slot.spans))
+            numbers = format_.pose(target.pose, target.readings, values_at(text, slot.spans))
         for (low, high), number in zip(slot.spans, numbers, strict=True):
             pieces.append((low, high, _written(number, text[low:high])))
-    out, at = [], 0
+    out, end = [], 0
     for low, high, new in sorted(pieces):
-        out += [text[at:low], new]
-        at = high
-    return "".join([*out, text[at:]])
+        out += [text[end:low], new]
+        end = high
+    return "".join([*out, text[end:]])
 
 
 def digits(number: Number, decimals: int = 0) -> str:
@@ -311,10 +311,10 @@ def _written(number: Number, old: str) -> str:
 def _read(text: str, n: int) -> Program:
     row = re.compile(r"\s*,\s*".join([rf"\s*({NUMBER})"] * n) + r"\s*(?=,|;|$)")
     slots: list[Slot] = []
-    at = 0
+    begin = 0
     for number, line in enumerate(text.splitlines(keepends=True), 1):
         bare = line.rstrip("\r\n")
-        match = row.match(text, at, at + len(bare))
+        match = row.match(text, begin, begin + len(bare))
         if match:
             spans = numbers_in(match, range(1, n + 1))
             target = Target(f"line {number}", readings=np.radians(values_at(text, spans)))
@@ -322,7 +322,7 @@ def _read(text: str, n: int) -> Program:
         elif bare.strip() and slots:
             what = f"the first {n} cells are not numbers"
             raise BayescalError(what, f"line {number}", "a RoboDK table has the joints in degrees there")
-        at += len(line)
+        begin += len(line)
     return Program(tuple(slots))
 
 

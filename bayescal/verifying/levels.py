@@ -40,13 +40,13 @@ MOVED = 0.999
 class Place:
     """Where the arm of a file is: its joints, and the world of the file in F0, (4, 4), m.
 
-    In a user's file (`own`) the joints have the user's actuators, and the bodies the user's names. With a
+    In a user's file (`of_user`) the joints have the user's actuators, and the bodies the user's names. With a
     `script` the file has no errors of the readings; they are in its commands.
     """
 
     joints: Joints
     world: np.ndarray
-    own: bool = False
+    of_user: bool = False
     script: bool = False
     renamed: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
@@ -79,8 +79,10 @@ class Machine:
 
     def simulator(self, text: str, folder: Path, where: str) -> Simulator:
         """The simulator of a file of this machine."""
-        own, renamed = self.place.own, self.place.renamed
-        return Simulator(text, folder, self.place.joints, self.law.nominal, not own, where, renamed)
+        place = self.place
+        return Simulator(
+            text, folder, place.joints, self.law.nominal, not place.of_user, where, place.renamed
+        )
 
     def sense(self, velocity: np.ndarray | None, count: int) -> np.ndarray:
         """Places (C, n) of gears in their lost motion after a velocity (C, n); the middle without one."""
@@ -98,9 +100,9 @@ class Machine:
         names = self.place.joints.names
         lags = self.law.lag(np.where(np.abs(sense) > MOVED, 0.0, sense))
         out = [dict(posture(self.law, self.place.joints, start)) for start in starts]
-        for own, lag in zip(out, lags, strict=True):
+        for positions, lag in zip(out, lags, strict=True):
             for j in np.flatnonzero(lag).tolist():
-                own[error(names[j])] += float(lag[j])
+                positions[error(names[j])] += float(lag[j])
         return out
 
     def commands(self, readings: np.ndarray, sense: np.ndarray) -> np.ndarray:
@@ -226,11 +228,11 @@ def levels(
     rows, out = chosen(arm), []
     for k, name in enumerate(arm.levels):
         notify(k / len(arm.levels))
-        own = arm if name == arm.levels[-1] else arm.level(name)
-        used = file if own is arm else File.new(own, state, file.place.script)
-        machine = Machine.of(own, state, used.place)
+        arm_of_level = arm if name == arm.levels[-1] else arm.level(name)
+        used = file if arm_of_level is arm else File.new(arm_of_level, state, file.place.script)
+        machine = Machine.of(arm_of_level, state, used.place)
         simulator = machine.simulator(used.text, used.folder, used.name)
-        reached, points = replayed(simulator, machine, own, rows)
-        off = np.linalg.norm(points - modelled(own, rows, reached, state), axis=1)
+        reached, points = replayed(simulator, machine, arm_of_level, rows)
+        off = np.linalg.norm(points - modelled(arm_of_level, rows, reached, state), axis=1)
         out.append(Level(name, off, limit(arm.effects[:k] if name != NOMINAL else ())))
     return tuple(out)

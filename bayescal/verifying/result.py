@@ -79,14 +79,14 @@ def _mjcf(
     arm = sprung(arm)
     file = File(text, path.parent, str(path), Place.of(arm, sidecar))
     software = f"MuJoCo {mujoco().__version__}"
-    found = levels(arm, file, state, lambda share: notify("levels", share))
+    compared = levels(arm, file, state, lambda share: notify("levels", share))
     notify("replay", 0.0)
 
     def before(other: FittedArm, rows: np.ndarray) -> np.ndarray:
         return in_simulator(other, File.new(other, state, file.place.script), rows, state)
 
     gap = simulated_gap(arm, before, lambda rows: in_simulator(arm, file, rows, state), reported)
-    return Verification(arm, path, "mjcf", state, software, found, gap, _missing(sidecar))
+    return Verification(arm, path, "mjcf", state, software, compared, gap, _missing(sidecar))
 
 
 def _urdf(
@@ -95,7 +95,7 @@ def _urdf(
 ) -> Verification:  # fmt: skip
     every = simulators(text, sidecar, str(path))
     first = next(iter(every.values()))
-    found = urdf_levels(arm, every, sidecar, state)
+    compared = urdf_levels(arm, every, sidecar, state)
     notify("replay", 0.0)
     gap = simulated_gap(
         arm,
@@ -103,7 +103,7 @@ def _urdf(
         lambda rows: tool_points(arm, first, sidecar, rows),
         reported,
     )
-    return Verification(arm, path, "urdf", state, ", ".join(every), found, gap, _missing(sidecar))
+    return Verification(arm, path, "urdf", state, ", ".join(every), compared, gap, _missing(sidecar))
 
 
 def _missing(sidecar: Mapping[str, Any]) -> dict[str, float]:
@@ -156,8 +156,8 @@ Poses = Callable[[np.ndarray], np.ndarray]
 
 def held(arm: FittedArm) -> FittedArm:
     """The arm with the parameters that a URDF holds; others are nominal."""
-    own = [constant(p) or p.effect == TOOL.name for p in arm.model.parameters]
-    return arm.valued(np.where(own, arm.values, 0.0))
+    kept = [constant(p) or p.effect == TOOL.name for p in arm.model.parameters]
+    return arm.valued(np.where(kept, arm.values, 0.0))
 
 
 def tool_points(arm: FittedArm, poses: Poses, sidecar: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:
@@ -185,22 +185,22 @@ def simulators(text: str, sidecar: Mapping[str, Any], where: str) -> dict[str, P
     joints, out, missing = list(sidecar["joints"].values()), {}, None
     for name, (module, kinematics) in SIMULATORS.items():
         try:
-            own = module()
+            library = module()
         except BayescalError as error:
             missing = error
             continue
-        out[f"{name} {own.__version__}"] = kinematics(own, root, joints, sidecar["tip"], where)
+        out[f"{name} {library.__version__}"] = kinematics(library, root, joints, sidecar["tip"], where)
     if missing is not None and not out:
         raise missing
     return out
 
 
 def _in_mujoco(mj: Any, root: ET.Element, joints: list[str], tip: str, where: str) -> Poses:
-    own = ET.fromstring(ET.tostring(root))
-    ET.SubElement(ET.SubElement(own, "mujoco"), "compiler", fusestatic="false", balanceinertia="true",
+    tree = ET.fromstring(ET.tostring(root))
+    ET.SubElement(ET.SubElement(tree, "mujoco"), "compiler", fusestatic="false", balanceinertia="true",
                   boundmass="1e-6", boundinertia="1e-9")  # fmt: skip
     try:
-        model = mj.MjModel.from_xml_string(ET.tostring(own, encoding="unicode"))
+        model = mj.MjModel.from_xml_string(ET.tostring(tree, encoding="unicode"))
         addresses = [model.joint(name).qposadr[0] for name in joints]
         body = model.body(tip).id
     except (ValueError, KeyError) as error:
@@ -209,8 +209,8 @@ def _in_mujoco(mj: Any, root: ET.Element, joints: list[str], tip: str, where: st
 
     def poses(angles: np.ndarray) -> np.ndarray:
         out = np.tile(np.eye(4), (len(angles), 1, 1))
-        for k, own in enumerate(angles):
-            data.qpos[addresses] = own
+        for k, angles_of_pose in enumerate(angles):
+            data.qpos[addresses] = angles_of_pose
             mj.mj_kinematics(model, data)
             out[k, :3, :3], out[k, :3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]
         return out
@@ -223,18 +223,18 @@ def _in_pinocchio(pin: Any, root: ET.Element, joints: list[str], tip: str, where
         model = pin.buildModelFromXML(ET.tostring(root, encoding="unicode"))
     except (ValueError, RuntimeError) as error:
         raise BayescalError(f"Pinocchio refuses the file: {error}", where, AGAIN) from None
-    for known, kind, names in ((model.existJointName, "joint", joints), (model.existFrame, "link", [tip])):
+    for exists, kind, names in ((model.existJointName, "joint", joints), (model.existFrame, "link", [tip])):
         for name in names:
-            if not known(name):
+            if not exists(name):
                 raise BayescalError(f"Pinocchio finds no {kind} `{name}`", where, AGAIN)
     data, frame = model.createData(), model.getFrameId(tip)
     moving = [model.joints[model.getJointId(name)] for name in joints]
 
     def poses(angles: np.ndarray) -> np.ndarray:
         out = []
-        for own in angles.tolist():
+        for angles_of_pose in angles.tolist():
             q = pin.neutral(model)
-            for joint, angle in zip(moving, own, strict=True):
+            for joint, angle in zip(moving, angles_of_pose, strict=True):
                 # a continuous joint has the cosine and the sine of its angle
                 q[joint.idx_q : joint.idx_q + joint.nq] = (
                     angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
@@ -251,18 +251,18 @@ SIMULATORS = {"MuJoCo": (mujoco, _in_mujoco), "Pinocchio": (pinocchio, _in_pinoc
 
 
 def urdf_levels(
-    arm: FittedArm, found: Mapping[str, Poses], sidecar: Mapping[str, Any], state: int
+    arm: FittedArm, simulated: Mapping[str, Poses], sidecar: Mapping[str, Any], state: int
 ) -> tuple[Level, ...]:
     """Differences from the model of what a URDF holds, by simulator."""
-    rows, own = chosen(arm), held(arm)
-    model = modelled(own, rows, arm.dataset.measurements.readings[rows], state)
+    rows, rigid = chosen(arm), held(arm)
+    model = modelled(rigid, rows, arm.dataset.measurements.readings[rows], state)
     return tuple(
         Level(
             f"geometry, {name}",
             np.linalg.norm(tool_points(arm, poses, sidecar, rows) - model, axis=1),
             limit((GEOMETRY.name,)),
         )
-        for name, poses in found.items()
+        for name, poses in simulated.items()
     )
 
 

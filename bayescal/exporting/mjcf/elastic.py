@@ -50,8 +50,8 @@ class Content:
         """The circumstances of the session's fitted measurements."""
         scene = self.arm.model.scene
         c = scene.circumstances(scene.rows("calibrate"))
-        own = next((s for s in c.sessions if s.rows[self.row]), None)
-        return c if own is None else alone(c, own)
+        session = next((s for s in c.sessions if s.rows[self.row]), None)
+        return c if session is None else alone(c, session)
 
     @cached_property
     def valued(self) -> tuple[tuple[Parameter, float], ...]:
@@ -59,7 +59,7 @@ class Content:
         out: list[tuple[Parameter, float]] = []
         for p, value in zip(self.arm.model.parameters, self.arm.values.tolist(), strict=True):
             if self._applies(p):
-                out += [(own, value * own.centre) for own in p.stands_for] or [(p, value)]
+                out += [(part, value * part.centre) for part in p.stands_for] or [(p, value)]
         return tuple(out)
 
     def _applies(self, p: Parameter) -> bool:
@@ -70,19 +70,19 @@ class Content:
 
     def driven(self, *kinds: str) -> Iterator[tuple[Parameter, float]]:
         """Parameters with a driver of some kinds, and their values; none of a form in `UNHELD`."""
-        own = ((p, value) for p, value in self.valued if p.driver.form not in UNHELD)
-        return ((p, value) for p, value in own if p.driver.kind in kinds)
+        held = ((p, value) for p, value in self.valued if p.driver.form not in UNHELD)
+        return ((p, value) for p, value in held if p.driver.kind in kinds)
 
     def constants(self, row: int | None = None) -> np.ndarray:
         """Constant displacements of the frames, (n + 2, 6), rad and m, in a row; default: the state."""
-        at = self.row if row is None else row
+        state = self.row if row is None else row
         out = np.zeros((self.arm.model.scene.chain.n + 2, 6))
         for p, value in self.driven(*STATE):
             for term in p.terms:
                 if term.frame >= 0:
                     driver = np.asarray(term.driver)
                     out[term.frame, AXES.index(term.axis)] += value * float(
-                        driver[at] if driver.ndim else driver
+                        driver[state] if driver.ndim else driver
                     )
         return out
 
@@ -142,10 +142,10 @@ def spring_of(torque: np.ndarray, deflection: np.ndarray) -> Spring:
         return linear(float(deflection[-1] / torque[-1]))
     slope = np.gradient(deflection, torque)
     for count in KNOTS:
-        found = _polygon(torque, deflection, slope, count)
-        if np.max(np.abs(found.torque(deflection) - torque) * slope) <= CLOSE:
+        spring = _polygon(torque, deflection, slope, count)
+        if np.max(np.abs(spring.torque(deflection) - torque) * slope) <= CLOSE:
             break
-    return found
+    return spring
 
 
 def _polygon(torque: np.ndarray, deflection: np.ndarray, slope: np.ndarray, count: int) -> Spring:
@@ -190,10 +190,10 @@ def joint_springs(content: Content) -> Mapping[int, Spring]:
     scene, robot = content.arm.model.scene, content.arm.model.scene.dataset.robot
     if scene.moments is None:
         return {}
-    known = np.zeros(robot.n) if robot.compliance is None else robot.compliance
+    nominal = np.zeros(robot.n) if robot.compliance is None else robot.compliance
     largest = BEYOND * np.max(np.abs(scene.moments[:, 1:, 2]), axis=0)
     share = np.linspace(0.0, 1.0, STEPS + 1)[1:] ** 2  # denser at small torques
-    bent = [known[j] * largest[j] * share for j in range(robot.n)]
+    bent = [nominal[j] * largest[j] * share for j in range(robot.n)]
     for p, value in content.driven("torque"):
         j = p.site.number - 1
         torques = np.zeros((STEPS, robot.n))
@@ -221,9 +221,9 @@ def _response(content: Content, p: Parameter, torques: np.ndarray) -> np.ndarray
     grid = appended(content.circumstances, torques)
     for name in content.arm.effects:
         effect, setting = named(name)
-        for own in effect.at(grid, setting) if effect.name == p.effect else ():
-            if own.name == p.name:
-                (term,) = own.terms
+        for parameter in effect.at(grid, setting) if effect.name == p.effect else ():
+            if parameter.name == p.name:
+                (term,) = parameter.terms
                 return np.asarray(term.driver)[-len(torques) :]
     return np.zeros(len(torques))
 
@@ -235,7 +235,9 @@ def appended(c: Circumstances, torques: np.ndarray) -> Circumstances:
     if c.measured_torques is not None:
         return replace(c, measured_torques=np.vstack([c.measured_torques, torques]))
     assert c.loads is not None
-    moments, weights = (np.pad(own, [more, (0, 0), (0, 0)]) for own in (c.loads.moments, c.loads.weights))
+    moments, weights = (
+        np.pad(column, [more, (0, 0), (0, 0)]) for column in (c.loads.moments, c.loads.weights)
+    )
     moments[-len(torques) :, 1:, 2] = torques
     return replace(c, loads=Loads(moments, weights))
 
@@ -312,16 +314,16 @@ def link_hinges(content: Content) -> Mapping[int, tuple[Hinge, ...]]:
     """Hinges at the middle of links that bend, called by their nearest axis, by the joint before the link."""
     chain = content.arm.model.scene.chain
     out: dict[int, tuple[Hinge, ...]] = {}
-    known = {p.name: value for p, value in content.driven("bending moment") if value}
+    compliances = {p.name: value for p, value in content.driven("bending moment") if value}
     for j, name in enumerate(content.arm.dataset.robot.joint_names):
         two = ends(chain, j + 1)
-        found = [
-            Hinge(axis, way, two.mean(axis=0), _positive(known[label], label))
+        hinges = [
+            Hinge(axis, way, two.mean(axis=0), _positive(compliances[label], label))
             for axis, way in across(two).items()
-            if (label := f"{BENDING.name} {name} link {axis}") in known
+            if (label := f"{BENDING.name} {name} link {axis}") in compliances
         ]
-        if found:
-            out[j] = tuple(found)
+        if hinges:
+            out[j] = tuple(hinges)
     return out
 
 
@@ -345,9 +347,9 @@ def stand_hinges(content: Content) -> tuple[Hinge, ...]:
     if cross := values.get(f"{e} cross", 0.0):
         give += cross * (1.0 - np.eye(2))
         moved += values.get(f"{e} slide cross", 0.0) * axes * [[1.0], [-1.0]]
-        sizes, own = np.linalg.eigh(give)
+        sizes, principal = np.linalg.eigh(give)
         # a moment about a principal axis tilts the stand about this axis alone
-        axes, moved, give, names = own.T @ axes, own.T @ moved, np.diag(sizes), ["1", "2"]
+        axes, moved, give, names = principal.T @ axes, principal.T @ moved, np.diag(sizes), ["1", "2"]
     masses = 0.0 if c.robot.masses is None else float(np.sum(c.robot.masses))
     weight = (masses + float(c.load_mass[content.row])) * c.gravity
     out = []

@@ -162,8 +162,8 @@ def write(arm: FittedArm, options: Options) -> Written:
     more = beside(Content(arm, options.state), joints, not options.into, renamed) if script else {}
     for load in loads(Content(arm, options.state)):
         if load.factor != 1.0:
-            told = f"a further mass acts {load.factor:.6g} times: set the body payload so (tool {load.name})"
-            notes = [*notes, told]
+            note = f"a further mass acts {load.factor:.6g} times: set the body payload so (tool {load.name})"
+            notes = [*notes, note]
     details = {**details, "readings": options.readings}
     items = tuple(_items(whole, joints.names, bodies))
     return Written(text, items, more, notes, details, placed)

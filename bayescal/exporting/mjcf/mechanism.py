@@ -47,14 +47,14 @@ class Body:
 class Load:
     """A tool: its tip and centre of mass in the flange frame, (3,), m, and its mass, kg.
 
-    A further mass acts `at` a point, (3,), m, and counts `factor` times.
+    A further mass acts at a point `hangs_at`, (3,), m, and counts `factor` times.
     """
 
     name: str
     tip: np.ndarray
     mass: float
     centre: np.ndarray
-    at: np.ndarray
+    hangs_at: np.ndarray
     factor: float = 1.0
 
 
@@ -112,10 +112,10 @@ def _yielding(name: str, tilt: Spring | None, bends: tuple[Hinge, ...], behind: 
     """
     out = []
     for k in "zxy":
-        at = behind if k == "y" else np.eye(4)
+        frame = behind if k == "y" else np.eye(4)
         if tilt is not None and k != "z":
-            out.append(Hinge(f"{name}_tilt_{k}", at[:3, "xyz".index(k)], at[:3, 3], tilt))
-        out += [b.seen(at, f"{name}_bend_{k}") for b in bends if b.name == k]
+            out.append(Hinge(f"{name}_tilt_{k}", frame[:3, "xyz".index(k)], frame[:3, 3], tilt))
+        out += [b.seen(frame, f"{name}_bend_{k}") for b in bends if b.name == k]
     return out
 
 
@@ -144,8 +144,8 @@ def poses(content: Content, law: Law) -> list[np.ndarray]:
 
 def _moved(delta: np.ndarray, parts: tuple[int, ...] = (0, 1, 2)) -> np.ndarray:
     """Transform (4, 4) of some parts of a displacement (6,): 0 is Rz Tz, 1 Rx Tx, 2 Ry Ty."""
-    own = np.where(np.isin(np.arange(6) // 2, parts), delta, 0.0)
-    corners = displaced(np.vstack([np.zeros(3), np.eye(3)]), own)
+    selected = np.where(np.isin(np.arange(6) // 2, parts), delta, 0.0)
+    corners = displaced(np.vstack([np.zeros(3), np.eye(3)]), selected)
     return rigid((corners[1:] - corners[0]).T, corners[0])
 
 
@@ -165,9 +165,10 @@ def _load(content: Content, number: int, tool: Tool) -> Load:
         what = "the payload has a first moment, but no mass"
         raise BayescalError(what, "export", "leave the effect out with --without")
     tip = tool.centre + displaced(np.zeros(3), shift)
-    own = centre + moment / mass if np.any(moment) else centre
+    balanced = centre + moment / mass if np.any(moment) else centre
     factor = 1.0 + fitted.get("added share", 0.0)
-    return Load(tool.name, tip, mass, own, centre + moved / factor, factor)  # the shift is of the stated mass
+    # the shift is of the stated mass
+    return Load(tool.name, tip, mass, balanced, centre + moved / factor, factor)
 
 
 DAMPING = 0.02
@@ -210,12 +211,12 @@ def place(pose: np.ndarray) -> dict[str, str]:
 def defaults(root: ET.Element, shown: bool = True) -> None:
     """The default class of all added elements: it resets what the defaults of a file may set."""
     top = root.find("default")
-    own = add(add(root, "default") if top is None else top, "default", **{"class": DEFAULT})
-    add(own, "joint", type="hinge", limited="false", range="0 0", armature=1e-3, **NEUTRAL["joint"])
-    add(own, "tendon", limited="false", range="0 0", **NEUTRAL["tendon"])
-    add(own, "equality", **NEUTRAL["equality"])
+    of_class = add(add(root, "default") if top is None else top, "default", **{"class": DEFAULT})
+    add(of_class, "joint", type="hinge", limited="false", range="0 0", armature=1e-3, **NEUTRAL["joint"])
+    add(of_class, "tendon", limited="false", range="0 0", **NEUTRAL["tendon"])
+    add(of_class, "equality", **NEUTRAL["equality"])
     if shown:
-        add(own, "geom", **SHOWN)
+        add(of_class, "geom", **SHOWN)
 
 
 def bodies(parent: ET.Element, mechanism: Mechanism) -> list[ET.Element]:
@@ -253,14 +254,14 @@ def inertial(element: ET.Element, body: Body) -> None:
 
 def hinge(element: ET.Element, h: Hinge) -> None:
     """Append a hinge with its spring."""
-    own = add(element, "joint", **{"class": DEFAULT}, name=h.name, axis=h.axis, pos=h.pos)
+    joint = add(element, "joint", **{"class": DEFAULT}, name=h.name, axis=h.axis, pos=h.pos)
     if h.limits is not None:
-        own.attrib.update(limited="true", range=numbers(h.limits))
+        joint.attrib.update(limited="true", range=numbers(h.limits))
     if h.spring is not None:
-        own.set("stiffness", number(h.spring.stiffness))
-        own.set("damping", number(DAMPING * h.spring.slope))
+        joint.set("stiffness", number(h.spring.stiffness))
+        joint.set("damping", number(DAMPING * h.spring.slope))
         if h.rest:
-            own.set("springref", number(h.rest))
+            joint.set("springref", number(h.rest))
 
 
 def held(
@@ -293,10 +294,10 @@ def without_empty(root: ET.Element) -> None:
 
 def tool(flange: ET.Element, load: Load) -> None:
     """Append a tool: its mass, a further mass that a user may set, and its tip."""
-    own = add(flange, "body", name="tool", childclass=DEFAULT)
+    body = add(flange, "body", name="tool", childclass=DEFAULT)
     if load.mass > 0:
-        add(own, "inertial", pos=load.centre, mass=load.mass, diaginertia=[load.mass * GYRATION**2] * 3)
-    added = add(own, "body", name="payload", **place(rigid(None, load.at)))
+        add(body, "inertial", pos=load.centre, mass=load.mass, diaginertia=[load.mass * GYRATION**2] * 3)
+    added = add(body, "body", name="payload", **place(rigid(None, load.hangs_at)))
     add(added, "inertial", pos=np.zeros(3), mass=1e-9, diaginertia=[1e-9] * 3)
 
 

@@ -142,13 +142,13 @@ def _linear(content: Content) -> np.ndarray:
 
 
 def _waves(content: Content) -> tuple[Wave, ...]:
-    found: dict[tuple[int, float], dict[str, float]] = {}
+    amplitudes: dict[tuple[int, float], dict[str, float]] = {}
     for p, value in content.driven("angle"):
         if p.driver.order:
-            found.setdefault((p.site.number - 1, p.driver.order), {})[p.name.rpartition(" ")[2]] = value
+            amplitudes.setdefault((p.site.number - 1, p.driver.order), {})[p.name.rpartition(" ")[2]] = value
     return tuple(
         Wave(joint, order, parts.get("sin", 0.0), parts.get("cos", 0.0))
-        for (joint, order), parts in found.items()
+        for (joint, order), parts in amplitudes.items()
         if any(parts.values())
     )
 
@@ -245,12 +245,12 @@ def parts(root: ET.Element, law: Law, joints: Joints, torques: np.ndarray) -> No
 def held(law: Law, joints: Joints, j: int) -> Linear:
     """Error of a link minus its lawful value without lost motion: zero, as coefficients of the joints."""
     extra = (law.exact - law.nominal) @ np.linalg.inv(law.nominal)
-    own = joints.names[j]
-    out = {error(own): 1.0}
+    joint = joints.names[j]
+    out = {error(joint): 1.0}
     out |= {name: -float(c) for name, c in zip(joints.names, extra[j] * joints.signs, strict=True) if c}
     for w in law.waves:
         if w.joint == j:
-            out |= {f"{yoke(own, w)}_sin": -w.sine, f"{yoke(own, w)}_cos": -w.cosine}
+            out |= {f"{yoke(joint, w)}_sin": -w.sine, f"{yoke(joint, w)}_cos": -w.cosine}
     return out
 
 
@@ -298,9 +298,9 @@ def _tendon(root: ET.Element, name: str, parts: Linear, **attributes: object) ->
 
 def _body(root: ET.Element, name: str) -> ET.Element:
     """A body beside the arm, without weight."""
-    own = add(section(root, "worldbody"), "body", name=name, pos=AWAY, gravcomp="1", childclass=DEFAULT)
-    add(own, "inertial", pos=[0.0, 0.0, 0.0], mass=1.0, diaginertia=[1.0, 1.0, 1.0])
-    return own
+    body = add(section(root, "worldbody"), "body", name=name, pos=AWAY, gravcomp="1", childclass=DEFAULT)
+    add(body, "inertial", pos=[0.0, 0.0, 0.0], mass=1.0, diaginertia=[1.0, 1.0, 1.0])
+    return body
 
 
 def _yoke(root: ET.Element, joints: Joints, wave: Wave, offset: float) -> None:

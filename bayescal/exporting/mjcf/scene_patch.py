@@ -82,7 +82,7 @@ class Scene:
     root: ET.Element
     spec: Any
     model: Any
-    found: FoundArm
+    arm: FoundArm
     where: Match
     content: Content
     law: Law
@@ -105,9 +105,9 @@ class Scene:
 
     def named(self, name: str) -> str:
         """Name of a hinge in the file: that of the file's joint with the same ending."""
-        for own, theirs in self.names.items():
-            if name == own or name.startswith(f"{own}_"):
-                return theirs + name.removeprefix(own)
+        for ours, theirs in self.names.items():
+            if name == ours or name.startswith(f"{ours}_"):
+                return theirs + name.removeprefix(ours)
         return name
 
 
@@ -131,18 +131,18 @@ def patched(arm: FittedArm, options: Options) -> Patched:
     notes = [f"{name} stands in place of its <include>" for name in file.included]
     for edit in (*GEOMETRY, *(ELASTIC if scene.yields else ())):
         notes += edit(scene)
-    model, names = scene.model, scene.found.file.names
+    model, names = scene.model, scene.arm.file.names
     others = with_unique_names(file.xml, model, names, path.name)
     with_keyframes(file, before, gone, scene.law, scene.joints, others.get("joint", {}))
     text = file.xml.text
     after = compiled(text, path.parent, path.name)
-    check(scene.found, scene.where, scene.machine, model, after, others.get("body", {}), path.name)
+    check(scene.arm, scene.where, scene.machine, model, after, others.get("body", {}), path.name)
     notes += [
         f"the file has a {kind} {name}: that of the arm is called {new}"
         for kind, each in others.items()
         for name, new in each.items()
     ]
-    links = [model.body(b).name for b in scene.found.ids]
+    links = [model.body(b).name for b in scene.arm.ids]
     details = {
         "into": path.name,
         "tip": links[-1],
@@ -155,7 +155,7 @@ def patched(arm: FittedArm, options: Options) -> Patched:
     return Patched(
         text,
         details,
-        [*notes, *scene.where.notes, *_carried(model, scene.found)],
+        [*notes, *scene.where.notes, *_carried(model, scene.arm)],
         partial(moved, text, path.parent),
         (links[0], *links, others.get("body", {}).get("flange", "flange")),
     )
@@ -166,7 +166,7 @@ def _scene(arm: FittedArm, options: Options, root: ET.Element, tip: str, before:
     (path, _), robot = path_of(options.into), arm.dataset.robot
     spec = spec_of(skeleton(root), path.parent, path.name)
     model = model_of(spec, path.name)
-    found = find_arm(root, spec, model, robot, tip, path.name)
+    in_file = find_arm(root, spec, model, robot, tip, path.name)
     content = Content(arm, options.state)
     law = law_of(content)
     return Scene(
@@ -174,11 +174,11 @@ def _scene(arm: FittedArm, options: Options, root: ET.Element, tip: str, before:
         root,
         spec,
         model,
-        found,
-        _upright(found.where, before.opt.gravity, arm.dataset.gravity),
+        in_file,
+        _upright(in_file.where, before.opt.gravity, arm.dataset.gravity),
         content,
         bare(law) if options.readings == "script" else law,
-        dict(zip(robot.joint_names, found.file.names, strict=True)),
+        dict(zip(robot.joint_names, in_file.file.names, strict=True)),
     )
 
 
@@ -194,19 +194,19 @@ def _upright(where: Match, theirs: np.ndarray, ours: np.ndarray) -> Match:
 
 def _poses(scene: Scene) -> list[str]:
     """Calibrated poses of the bodies, as the file writes them: at the references of their joints."""
-    found, links = scene.found, list[np.ndarray]()
+    arm, links = scene.arm, list[np.ndarray]()
     pose = np.linalg.inv(scene.where.root)
     for body in scene.machine.bodies:
         pose = pose @ body.pose
         if body.hinges and body.name.startswith("link") and body.hinges[0].spring is None:
             links.append(pose)  # of the body that the joint turns
     before = np.eye(4)
-    for k, body_element in enumerate(found.bodies):
-        anchor = rigid(None, found.anchors[k])
-        here = links[k] @ scene.where.own[k] @ np.linalg.inv(anchor)
-        turn = rigid(Rotation.from_rotvec(found.references[k] * found.file.axes[k]).as_matrix())
-        local = np.linalg.inv(before @ found.steps[k]) @ here @ anchor @ turn @ np.linalg.inv(anchor)
-        _place(body_element, local, found.written[k])
+    for k, body_element in enumerate(arm.bodies):
+        anchor = rigid(None, arm.anchors[k])
+        here = links[k] @ scene.where.links[k] @ np.linalg.inv(anchor)
+        turn = rigid(Rotation.from_rotvec(arm.references[k] * arm.file.axes[k]).as_matrix())
+        local = np.linalg.inv(before @ arm.steps[k]) @ here @ anchor @ turn @ np.linalg.inv(anchor)
+        _place(body_element, local, arm.written[k])
         before = here
     return []
 
@@ -224,33 +224,33 @@ def _place(element: ET.Element, pose: np.ndarray, before: np.ndarray) -> None:
 
 def _links(scene: Scene) -> list[str]:
     """Masses, and hinges behind the joints."""
-    found, bodies, lifted = scene.found, scene.machine.bodies, []
+    arm, bodies, lifted = scene.arm, scene.machine.bodies, []
     weighed = any(b.mass > 0 for b in bodies)
-    for k, body_element in enumerate(found.bodies):
+    for k, body_element in enumerate(arm.bodies):
         parts = [b for b in bodies if b.name.partition("_")[0] == f"link{k + 1}"]
         heavy = parts[-1].mass > 0
-        to_file = np.linalg.inv(scene.where.own[k] @ np.linalg.inv(rigid(None, found.anchors[k])))
-        if weighed and scene.model.body_gravcomp[found.ids[k]] != (not heavy):
+        to_file = np.linalg.inv(scene.where.links[k] @ np.linalg.inv(rigid(None, arm.anchors[k])))
+        if weighed and scene.model.body_gravcomp[arm.ids[k]] != (not heavy):
             body_element.set("gravcomp", "0" if heavy else "1")
             lifted += [body_element.get("name", "")] if heavy else []
-        _inertial(body_element, parts[-1], to_file, scene.model, found.ids[k])
+        _inertial(body_element, parts[-1], to_file, scene.model, arm.ids[k])
         made = ET.Element("holder")
         for h in [h for body in parts for h in body.hinges][1:]:
             hinge(made, replace(h.seen(to_file, scene.named(h.name)), limits=None))
-        _insert(found, k, list(made))
+        _insert(arm, k, list(made))
     return [f"gravity acts on {', '.join(lifted)}: springs of the arm carry them"] if lifted else []
 
 
-def _insert(found: FoundArm, k: int, hinges: list[ET.Element]) -> None:
+def _insert(arm: FoundArm, k: int, hinges: list[ET.Element]) -> None:
     """Hinges behind a joint; if they are too many for a body, the joint and the first ones are in another.
 
     The user's body keeps its name and its parts; the further body stands before it.
     """
-    element, joint = found.bodies[k], found.joints[k]
-    at = list(element).index(joint) + 1
+    element, joint = arm.bodies[k], arm.joints[k]
+    index = list(element).index(joint) + 1
     more = max(0, 1 + len(hinges) - MOST)
     for h in reversed(hinges[more:]):
-        element.insert(at, h)
+        element.insert(index, h)
     if not more:
         return
     carrier = ET.Element("body", name=f"{element.get('name')}_carrier", gravcomp="1")
@@ -262,7 +262,7 @@ def _insert(found: FoundArm, k: int, hinges: list[ET.Element]) -> None:
     add(carrier, "inertial", pos=np.zeros(3), mass=LIGHT, diaginertia=[1e-2 * LIGHT] * 3)
     element.remove(joint)
     carrier.extend([joint, *hinges[:more]])
-    parent = found.parents[element]
+    parent = arm.parents[element]
     parent.insert(list(parent).index(element), carrier)
     parent.remove(element)
     carrier.append(element)
@@ -272,30 +272,30 @@ def _inertial(element: ET.Element, body: Body, to_file: np.ndarray, model: Any, 
     """Mass and centre of mass of the arm's model; the inertia of the file."""
     if body.mass <= 0:
         return
-    own = element.find("inertial")
-    if own is None:
-        own = ET.Element("inertial", quat=numbers(model.body_iquat[number_]))
-        own.set("diaginertia", numbers(np.maximum(model.body_inertia[number_], 1e-9)))
-        element.insert(0, own)
-    own.set("mass", number(body.mass))
-    own.set("pos", numbers(to_file[:3, :3] @ body.centre + to_file[:3, 3]))
+    inertial = element.find("inertial")
+    if inertial is None:
+        inertial = ET.Element("inertial", quat=numbers(model.body_iquat[number_]))
+        inertial.set("diaginertia", numbers(np.maximum(model.body_inertia[number_], 1e-9)))
+        element.insert(0, inertial)
+    inertial.set("mass", number(body.mass))
+    inertial.set("pos", numbers(to_file[:3, :3] @ body.centre + to_file[:3, 3]))
 
 
 def _stand(scene: Scene) -> list[str]:
     """A body for the hinges of the stand, around the first link: what carries the arm does not load them."""
-    found, base = scene.found, scene.machine.bodies[0]
+    arm, base = scene.arm, scene.machine.bodies[0]
     if not base.hinges:
         return []
     parent = {child: e for e in scene.root.iter() for child in e}
-    top = found.bodies[0]
-    if parent[found.joints[0]] is not top:  # in a body before it
+    top = arm.bodies[0]
+    if parent[arm.joints[0]] is not top:  # in a body before it
         top = parent[top]
     around = parent[top]
     place_of_top = list(around).index(top)
     around.remove(top)
     stand = element("body", name="stand", gravcomp="1")
     add(stand, "inertial", pos=np.zeros(3), mass=1.0, diaginertia=[0.01] * 3)
-    to_parent = np.linalg.inv(scene.where.root @ found.steps[0]) @ base.pose
+    to_parent = np.linalg.inv(scene.where.root @ arm.steps[0]) @ base.pose
     for h in base.hinges:
         hinge(stand, h.seen(to_parent))
     stand.append(top)
@@ -305,9 +305,9 @@ def _stand(scene: Scene) -> list[str]:
 
 def _flange(scene: Scene) -> list[str]:
     """A body for the flange on the last body of the arm, with the tips of the tools; if it yields, a tool."""
-    found, machine = scene.found, scene.machine
-    last = scene.where.own[-1] @ np.linalg.inv(rigid(None, found.anchors[-1]))
-    flange = add(found.bodies[-1], "body", name="flange", **place(np.linalg.inv(last) @ machine.flange))
+    arm, machine = scene.arm, scene.machine
+    last = scene.where.links[-1] @ np.linalg.inv(rigid(None, arm.anchors[-1]))
+    flange = add(arm.bodies[-1], "body", name="flange", **place(np.linalg.inv(last) @ machine.flange))
     tips(flange, machine.loads)
     if scene.yields:
         flange.set("childclass", DEFAULT)
@@ -376,9 +376,9 @@ ELASTIC = (_explicit_masses, _integrator, _links, _stand, _held)
 """Further ones for an arm with springs or errors of its readings."""
 
 
-def _carried(model: Any, found: FoundArm) -> list[str]:
+def _carried(model: Any, arm: FoundArm) -> list[str]:
     """Masses on the last body of the file, besides the tool."""
-    last = found.ids[-1]
+    last = arm.ids[-1]
     more = float(model.body_subtreemass[last] - model.body_mass[last])
     if more <= 1e-6:
         return []
