@@ -198,7 +198,7 @@ class Positions:
 def uncertainty(
     working: Working,
     frame: Frame,
-    at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
+    poses_at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
     velocity: np.ndarray,
     poses: Poses,
 ) -> Uncertain:
@@ -208,11 +208,11 @@ def uncertainty(
     ----------
     working : Working
     frame : Frame
-    at, velocity, poses
+    poses_at, velocity, poses
         As of `lost_motion`, with the working tool.
     """
     by, of_frame = frame.moved(poses)
-    off = lost_motion(working.arm, at, poses.readings, velocity, poses)
+    off = lost_motion(working.arm, poses_at, poses.readings, velocity, poses)
     covariance = (
         poses.spread_by(by) + of_frame + np.einsum("cji,cjk->cik", off, off) + working.covariance(poses)
     )

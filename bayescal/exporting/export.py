@@ -261,6 +261,6 @@ def _earlier(sidecar: Path, name: str) -> dict[str, set[str]]:
         record = json.loads(content_of(sidecar).decode("utf-8"))
         new = {**record.get("beside", {}), name: record["sha256"]} if record["schema"] == SCHEMA else {}
         replaced = record.get("replaces", {})
-        return {key: {own, *([replaced[key]] if key in replaced else [])} for key, own in new.items()}
+        return {key: {digest, *([replaced[key]] if key in replaced else [])} for key, digest in new.items()}
     except (BayescalError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}

@@ -113,7 +113,7 @@ class XmlText:
     def text(self) -> str:
         """The text of the tree as it is now."""
         gaps, tails = self._gaps()
-        own, line = self._old[self.root], self._newline
+        root, line = self._old[self.root], self._newline
 
         def written(e: ET.Element, indent: bytes) -> bytes:
             old, children, begin = self._old.get(e), list(e), indent
@@ -142,7 +142,7 @@ class XmlText:
             return b"".join([*parts, tail])
 
         new = written(self.root, b"")
-        return (self._data[: own.start] + new + self._data[own.end :]).decode("utf-8")
+        return (self._data[: root.start] + new + self._data[root.end :]).decode("utf-8")
 
     def _gaps(self) -> tuple[dict[ET.Element, bytes], dict[ET.Element, bytes]]:
         """What stands before each old element, and before the end tag of each.
@@ -174,10 +174,10 @@ class XmlText:
     def _before(self, old: _Old) -> bytes:
         """What is to stand before an added child: as before the others."""
         starts = [self._old[child] for child in old.children]
-        ends = [old.inside, *(own.end for own in starts)]
-        for own, end in zip(starts, ends, strict=False):
-            if b"\n" in self._data[end : own.start]:
-                return self._newline + self._indent(own)
+        ends = [old.inside, *(old_child.end for old_child in starts)]
+        for old_child, end in zip(starts, ends, strict=False):
+            if b"\n" in self._data[end : old_child.start]:
+                return self._newline + self._indent(old_child)
         unit = b"\t" if b"\t" in self._indent(old) else UNIT
         return b"" if starts else self._newline + self._indent(old) + unit
 

@@ -335,9 +335,9 @@ def refitted(arm: FittedArm, with_: Sequence[str] = (), without: Sequence[str] =
     effects = [name for name in arm.effects if name not in whole and plain(name) not in whole]
     parts = (*arm.origin.without, *(name for name in without if name not in whole))
     o = arm.origin
-    found = fit(arm.dataset, (*effects, *with_), 0, o.seed, o.robust, o.prior_width, without=parts)
-    refit = of_fit(found)
-    against = (*refit.use.against, *gate.not_gained(_gains(found, with_)))
+    again = fit(arm.dataset, (*effects, *with_), 0, o.seed, o.robust, o.prior_width, without=parts)
+    refit = of_fit(again)
+    against = (*refit.use.against, *gate.not_gained(_gains(again, with_)))
     return replace(refit, origin=replace(o, without=parts), use=replace(refit.use, against=against))
 
 

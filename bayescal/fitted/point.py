@@ -21,7 +21,7 @@ from bayescal.model import ARM, Model
 
 def lost_motion(
     arm: FittedArm,
-    at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
+    poses_at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
     readings: np.ndarray,
     velocity: np.ndarray,
     poses: Poses,
@@ -33,7 +33,7 @@ def lost_motion(
     Parameters
     ----------
     arm : FittedArm
-    at : callable
+    poses_at : callable
         Poses for readings (R, n), the numbers (R,) of their rows, and directions (n,) to add.
     readings, velocity : np.ndarray, shape (C, n)
         rad; signs of the motion before the pose, 0 where it is not known.
@@ -46,7 +46,7 @@ def lost_motion(
     for j, axis in enumerate(np.eye(readings.shape[1])):
         rows = np.flatnonzero(velocity[:, j] == 0)
         if len(rows):
-            out[rows, j] = at(readings[rows], rows, axis).points - poses.points[rows]
+            out[rows, j] = poses_at(readings[rows], rows, axis).points - poses.points[rows]
     return out
 
 

@@ -136,16 +136,16 @@ class Unmodelled:
             )
 
     def widened(
-        self, model: Model, values: np.ndarray, own: Callable[[Parameter], Parameter] = lambda p: p
+        self, model: Model, values: np.ndarray, driven: Callable[[Parameter], Parameter] = lambda p: p
     ) -> Model:
-        """A model with the errors as its last parameters; `own` as of `rows.driven_by`.
+        """A model with the errors as its last parameters; `driven` as of `driven_by`.
 
         Raises
         ------
         BayescalError
             If the functions are not those of the fit: a torque that varied there does not vary here.
         """
-        every = tuple(own(p) for p in self.functions(model, values))
+        every = tuple(driven(p) for p in self.functions(model, values))
         if len(every) != self.shifts.shape[1]:
             what = f"the model discrepancy has {len(every)} functions at these poses, and in the fit"
             remedy = "repeat the fit with this version"
@@ -265,8 +265,8 @@ def posed_rows(
     dataset = replace(scene.dataset, measurements=appended(m, source, changed, [f"pose {k}" for k in rows]))
     stance = None if scene.stance is None else scene.stance.at(np.concatenate([np.arange(count), source]))
 
-    own = driven_by(m, source, still)
-    return settled_model(model, replace(scene, dataset=dataset, stance=stance), values, own), rows
+    driven = driven_by(m, source, still)
+    return settled_model(model, replace(scene, dataset=dataset, stance=stance), values, driven), rows
 
 
 def driven_by(m: Measurements, source: np.ndarray, still: bool) -> Callable[[Parameter], Parameter]:

@@ -74,7 +74,9 @@ def _read(text: str, n: int) -> Program:
     if posed:
         selected = SELECTED.finditer(moves)
         stated += [(f"line {line_of(moves, m.start(1))}", m.group(1), m.group(2)) for m in selected]
-    frames = [f"{at}: {key} : {value}" for at, key, value in stated if key[:2] == "UF" and value not in "0F"]
+    frames = [
+        f"{line}: {key} : {value}" for line, key, value in stated if key[:2] == "UF" and value not in "0F"
+    ]
     tools = [
         ToolStatement(where, f"UT : {value}", np.eye(4) if value == "0" else None)
         for where, key, value in stated

@@ -178,9 +178,9 @@ def written(writer: Writer, plan: Plan, probe: Probe) -> dict[str, str]:
     )
     fields = common | {
         "steps": lines,
-        "positions": "\n".join(writer.section("position", common | own) for own in listed),
-        "results": "\n".join(writer.section("result", own) for own in rows),
-        "resets": "\n".join(writer.section("reset", own) for own in rows),
+        "positions": "\n".join(writer.section("position", common | position) for position in listed),
+        "results": "\n".join(writer.section("result", row) for row in rows),
+        "resets": "\n".join(writer.section("reset", row) for row in rows),
     }
     files = [name for name in writer.sections if "." in name]
     return {name: writer.section(name, fields) + "\n" for name in files}

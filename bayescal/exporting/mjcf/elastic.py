@@ -154,18 +154,22 @@ def _polygon(torque: np.ndarray, deflection: np.ndarray, slope: np.ndarray, coun
     bend += 1e-3 * bend.max()
     spent = np.concatenate([[0.0], np.cumsum(0.5 * (bend[1:] + bend[:-1]) * np.diff(torque))])
     w = np.interp((np.arange(count) + 0.5) / count * spent[-1], spent, deflection)
-    bands = [Band(-own, own, 1.0) for own in w]
-    pairs = [(Band(own, SLACK, 1.0), Band(-SLACK, -own, 1.0)) for own in w]
+    bands = [Band(-half, half, 1.0) for half in w]
+    pairs = [(Band(half, SLACK, 1.0), Band(-SLACK, -half, 1.0)) for half in w]
     columns = [deflection, *(b.torque(deflection) for b in bands)]
     columns += [a.torque(deflection) + b.torque(deflection) for a, b in pairs]
     a = np.array(columns).T * slope[:, None]
     scale = np.linalg.norm(a, axis=0)
     k = (nnls(a / scale, torque * slope)[0] / scale).tolist()
-    beyond = [Band(b.lower, b.upper, own) for b, own in zip(bands, k[1 : count + 1], strict=True) if own]
+    beyond = [
+        Band(b.lower, b.upper, stiffness)
+        for b, stiffness in zip(bands, k[1 : count + 1], strict=True)
+        if stiffness
+    ]
     within = [
-        Band(b.lower, b.upper, own)
-        for pair, own in zip(pairs, k[count + 1 :], strict=True)
-        if own
+        Band(b.lower, b.upper, stiffness)
+        for pair, stiffness in zip(pairs, k[count + 1 :], strict=True)
+        if stiffness
         for b in pair
     ]
     return Spring(k[0], (*beyond, *within))
@@ -253,17 +257,25 @@ def springless(arm: FittedArm) -> np.ndarray:
 
     A rigid joint or stand has no spring either: what acts beside its compliance is left out.
     """
-    p = arm.model.parameters
-    total = np.array([own.nominal for own in p]) + arm.values
-    place = [(own.driver.kind, own.site, _spring(own)) for own in p]
-    known = {at: float(value) for own, at, value in zip(p, place, total, strict=True) if own.positive}
-    least = [
-        min((v for (*at, name), v in known.items() if at == [*here] and own in (name, CROSS)), default=1.0)
-        for *here, own in place
-    ]
+    compliances = {
+        (p.driver.kind, p.site, _spring(p)): p.nominal + value
+        for p, value in zip(arm.model.parameters, arm.values.tolist(), strict=True)
+        if p.positive
+    }
+
+    def least(p: Parameter) -> float:
+        """The smallest compliance where a parameter acts; above zero if there is none."""
+        here, spring = (p.driver.kind, p.site), _spring(p)
+        values = (
+            v
+            for (kind, site, name), v in compliances.items()
+            if (kind, site) == here and spring in (name, CROSS)
+        )
+        return min(values, default=1.0)
+
     return np.array([
-        own.driver.kind in ELASTIC and (least_ < 0 or (least_ == 0 and not own.positive))
-        for own, least_ in zip(p, least, strict=True)
+        p.driver.kind in ELASTIC and (least(p) < 0 or (least(p) == 0 and not p.positive))
+        for p in arm.model.parameters
     ], bool)  # fmt: skip
 
 

@@ -151,8 +151,14 @@ def write(arm: FittedArm, options: Options) -> Written:
     if options.into:
         from bayescal.exporting.mjcf.scene_patch import patched
 
-        own = patched(arm, options)
-        text, details, notes, placed, bodies = own.text, own.details, own.notes, own.placed, own.bodies
+        scene = patched(arm, options)
+        text, details, notes, placed, bodies = (
+            scene.text,
+            scene.details,
+            scene.notes,
+            scene.placed,
+            scene.bodies,
+        )
         joints = Joints(tuple(details["joints"].values()), np.array(details["signs"]))
     else:
         text, details, notes, placed = mjcf(arm, options.state, script), {}, [], None
