@@ -1,11 +1,9 @@
-"""A table of targets: CSV with poses or nominal readings, and the same table with corrected readings.
+"""The compensation of a file: a table of targets or a robot program, with corrected positions.
 
-Columns have their unit in their name: `x_mm` ... `rz_deg` (rx, ry, rz: fixed-axis roll, pitch and yaw of the
-tool's frame, R = Rz(rz) Ry(ry) Rx(rx)), or `j1_deg` ..., or both: then the solution nearest to these readings
-is taken. Also `j1_degps` ... (their signs are the direction of approach), `payload_kg`, `tool`. Others are
-kept.
-
-The compensation of a file: a table of targets or a robot program, with corrected positions.
+A table of targets is a CSV file with poses or nominal readings. Columns have their unit in their name: `x_mm`
+... `rz_deg` (rx, ry, rz: fixed-axis roll, pitch and yaw of the tool's frame, R = Rz(rz) Ry(ry) Rx(rx)), or
+`j1_deg` ..., or both: then the solution nearest to these readings is taken. Also `j1_degps` ... (their signs
+are the direction of approach), `payload_kg`, `tool`. Others are kept.
 """
 
 from __future__ import annotations

@@ -1,21 +1,8 @@
-"""The probed region: where the data of a session support a fitted arm.
+"""Where the tool of a fitted arm is relative to a frame, with its uncertainty, and the region that was probed.
 
-A target is inside if both hold:
-
-- its TCP is within the convex hull of the TCP positions of the session. Errors that the model lacks, and
-  the effect of gravity, vary with the place of the arm, and were only seen there;
-- each reading is within the range of the readings of the session. Errors of encoders and gears vary with the
-  angle of a joint, and an arm can reach a probed place with angles that were never seen.
-
-The hull of the readings is not used: with six joints it contains hardly anything but the rows themselves. The
-uncertainty of a target outside is that of the model, and says nothing about a model that is wrong there.
-
-Frames of targets: the base F0, or a target of the session as it was found.
-
-The place of a target was found with the same arm: its errors and those of the arm are correlated. A target's
-state moves with the arm's parameters as the fit would have moved it, and the point is judged relative to it.
-
-Where the tool of a fitted arm is, with the uncertainty that a compensation and a position both state.
+A frame is the base F0, or a target of the session as it was found. The place of a target was found with the
+same arm: its errors and those of the arm are correlated. A target's state moves with the arm's parameters as
+the fit would have moved it, and the point is judged relative to it.
 
 The error of a point is a vector. `u` is the root of its mean square length, and `expanded` the length that it
 does not exceed with a probability of 95.45 %: that of the uncertainty budget of a point (`assess.budget`).
@@ -47,7 +34,19 @@ STIFF = 1e3  # weight of the sum of the weights, 1/m
 
 @dataclass(frozen=True)
 class Region:
-    """TCP positions (N, 3), m, and readings (N, n), rad, of a session."""
+    """The probed region, where the data support an arm: TCPs (N, 3), m, and readings (N, n), rad, of a session.
+
+    A target is inside if both hold:
+
+    - its TCP is within the convex hull of the TCP positions of the session. Errors that the model lacks, and
+      the effect of gravity, vary with the place of the arm, and were only seen there;
+    - each reading is within the range of the readings of the session. Errors of encoders and gears vary with
+      the angle of a joint, and an arm can reach a probed place with angles that were never seen.
+
+    The hull of the readings is not used: with six joints it contains hardly anything but the rows themselves.
+    The uncertainty of a target outside is that of the model, and says nothing about a model that is wrong
+    there.
+    """
 
     points: np.ndarray
     readings: np.ndarray

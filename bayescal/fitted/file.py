@@ -1,13 +1,10 @@
 """The arm of a run folder: `arm.json`, and a copy of its dataset.
 
-The file states the model as text, and the values of its parameters by name. The model is built again from the
-copy of the dataset (`dataset/`; `dataset/1`, `dataset/2` of several sessions).
-
-The estimate of a run folder, linearised again at the values of its arm: nothing is fitted.
-
-arm.json has the values, the prior of every parameter, the positions of the targets and the rejected
-measurements. Row weights, noise scales, covariance and discrepancy follow from them; the stated covariance
-must be that of arm.json.
+The file states the model as text, the values of its parameters by name with the prior of each, the positions
+of the targets and the rejected measurements. The model is built again from the copy of the dataset
+(`dataset/`; `dataset/1`, `dataset/2` of several sessions), and the estimate linearised again at these values:
+nothing is fitted. Row weights, noise scales, covariance and discrepancy follow from them; the stated
+covariance must be that of arm.json.
 """
 
 from __future__ import annotations

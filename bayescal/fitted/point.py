@@ -1,7 +1,4 @@
-"""What a pose does not state: from which side each joint came to it.
-
-The TCP at given joint readings, as a measurand.
-"""
+"""The TCP at given joint readings as a measurand, and what a pose does not state: the direction of approach."""
 
 from __future__ import annotations
 

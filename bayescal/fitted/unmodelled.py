@@ -10,7 +10,7 @@ covariance without these errors, and A what each error added to the parameters, 
 A compliance that is too small for masses that are too large deflects the arm as before: the uncertainty of
 the point is less than that of the compliances.
 
-Poses as rows appended to a session, and the equilibrium of an arm under gravity in all its rows.
+A point at other poses is that of rows appended to the session (`posed_rows`).
 """
 
 from __future__ import annotations

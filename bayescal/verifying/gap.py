@@ -1,9 +1,4 @@
-"""Validation measurements replayed in a simulator: the difference between the simulator and the machine.
-
-What a run reports of its validation measurements: RMS errors before and after.
-
-Validation measurements replayed in the simulator: its difference from the machine, before and after.
-"""
+"""Validation measurements replayed in the simulator: its difference from the machine, before and after."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The arm in a user's file: its joints from its base to the tip, and the elements of its bodies.
+"""A user's MJCF file, with included files in place and as MuJoCo compiles it, and the arm in it.
 
-A user's MJCF file: its text and its elements, with included files in place, and as MuJoCo compiles it.
+The arm is its joints from its base to the tip, and the elements of their bodies.
 """
 
 from __future__ import annotations
