@@ -1,4 +1,4 @@
-"""Where the tool of a fitted arm is relative to a frame, with its uncertainty, and the region that was probed.
+"""Where the tool of a fitted arm is relative to a frame, with its uncertainty; the region that was probed.
 
 A frame is the base F0, or a target of the session as it was found. The place of a target was found with the
 same arm: its errors and those of the arm are correlated. A target's state moves with the arm's parameters as
@@ -34,7 +34,7 @@ STIFF = 1e3  # weight of the sum of the weights, 1/m
 
 @dataclass(frozen=True)
 class Region:
-    """The probed region, where the data support an arm: TCPs (N, 3), m, and readings (N, n), rad, of a session.
+    """The probed region, where data support an arm: TCPs (N, 3), m, and readings (N, n), rad, of a session.
 
     A target is inside if both hold:
 

@@ -77,7 +77,7 @@ class Exported:
                 where = f"the centre of tool {tool['name']} is at {place} mm in it"
                 yield f"{details['tip']} is not the flange: {where}"
 
-    def at(self, folder: Path) -> Exported:
+    def in_folder(self, folder: Path) -> Exported:
         """The same with the content that the file has in a folder."""
         if self.written.placed is None:
             return self
@@ -85,12 +85,11 @@ class Exported:
 
     def files(self, path: Path) -> dict[Path, str | bytes]:
         """All files with their content, the sidecar last, for a main file at `path`."""
-        if self.written.placed is not None:
-            return self.at(path.parent).files(path)
+        here = self.in_folder(path.parent)
         beside = {path.with_name(path.stem + suffix): text for suffix, text in self.written.beside.items()}
         if path in beside:
             raise BayescalError("a further file would have this name", str(path), "give another --out")
-        return {path: self.written.content, **beside, sidecar_of(path): json_text(self.record(path.name))}
+        return {path: here.written.content, **beside, sidecar_of(path): json_text(here.record(path.name))}
 
     def record(self, name: str) -> dict[str, Any]:
         """The content of the sidecar of a file called `name`."""
@@ -127,13 +126,12 @@ class Exported:
         BayescalError
             If one of them is the user's own file, or another file that is no unchanged earlier export.
         """
-        if self.written.placed is not None:
-            return self.at(path.parent).save(path)
         files = self.files(path)
         _check_free(path, files, self.options.into)
         sidecar = sidecar_of(path)
         earlier = {p.name: _hash(p.read_bytes()) for p in files if p != sidecar and p.exists()}
-        write_together(files, {sidecar: json_text(self.record(path.name) | {"replaces": earlier})})
+        record = self.in_folder(path.parent).record(path.name)
+        write_together(files, {sidecar: json_text(record | {"replaces": earlier})})
         return tuple(files)
 
 

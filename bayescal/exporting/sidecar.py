@@ -1,4 +1,4 @@
-"""The sidecar of an exported file: where it is, and what other commands need of it; the simulators they need."""
+"""The sidecar of an exported file, and simulators: what other commands need of an export."""
 
 from __future__ import annotations
 

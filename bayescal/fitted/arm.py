@@ -1,8 +1,8 @@
 """A fitted arm that can be evaluated at any pose, with all its fitted effects.
 
-A pose is a row appended to the session in which the arm was fitted (`unmodelled.posed_rows`). The drivers of its
-effects are therefore those of the model: gravity moments at the deflected pose, torques, angles, direction of
-motion, payload, time. What a pose does not state is that of a row of the session, its *state*.
+A pose is a row appended to the session in which the arm was fitted (`unmodelled.posed_rows`). The drivers of
+its effects are therefore those of the model: gravity moments at the deflected pose, torques, angles,
+direction of motion, payload, time. What a pose does not state is that of a row of the session, its *state*.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The TCP at given joint readings as a measurand, and what a pose does not state: the direction of approach."""
+"""The TCP at given joint readings as a measurand; the direction of approach that a pose does not state."""
 
 from __future__ import annotations
 
