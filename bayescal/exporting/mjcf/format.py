@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -148,31 +149,28 @@ WEIGHED = ("torque", "bending moment", "base moment", "mass")
 def write(arm: FittedArm, options: Options) -> Written:
     """The MJCF file of an arm."""
     script, whole, arm = options.readings == "script", arm, sprung(arm)
+    content, robot = Content(arm, options.state), arm.dataset.robot
     if options.into:
         from bayescal.exporting.mjcf.scene_patch import patched
 
-        scene = patched(arm, options)
-        text, details, notes, placed, bodies = (
-            scene.text,
-            scene.details,
-            scene.notes,
-            scene.placed,
-            scene.bodies,
-        )
-        joints = Joints(tuple(details["joints"].values()), np.array(details["signs"]))
+        file, bodies = patched(arm, options)
+        joints = Joints(tuple(file.details["joints"].values()), np.array(file.details["signs"]))
     else:
-        text, details, notes, placed = mjcf(arm, options.state, script), {}, [], None
-        bodies = names(arm.dataset.robot.n)
-        joints = Joints.of(arm.dataset.robot.joint_names)
-    renamed = details.get("renamed", {})
-    more = beside(Content(arm, options.state), joints, not options.into, renamed) if script else {}
-    for load in loads(Content(arm, options.state)):
-        if load.factor != 1.0:
-            note = f"a further mass acts {load.factor:.6g} times: set the body payload so (tool {load.name})"
-            notes = [*notes, note]
-    details = {**details, "readings": options.readings}
-    items = tuple(_items(whole, joints.names, bodies))
-    return Written(text, items, more, notes, details, placed)
+        file, bodies = Written(mjcf(arm, options.state, script)), names(robot.n)
+        joints = Joints.of(robot.joint_names)
+    more = beside(content, joints, not options.into, file.details.get("renamed", {})) if script else {}
+    factors = [
+        f"a further mass acts {load.factor:.6g} times: set the body payload so (tool {load.name})"
+        for load in loads(content)
+        if load.factor != 1.0
+    ]
+    return replace(
+        file,
+        items=tuple(_items(whole, joints.names, bodies)),
+        beside=more,
+        notes=[*file.notes, *factors],
+        details={**file.details, "readings": options.readings},
+    )
 
 
 def holds(arm: FittedArm, k: int) -> bool:

@@ -44,7 +44,7 @@ from bayescal.exporting.mjcf.scene_arm import (
 from bayescal.exporting.mjcf.scene_parts import check, with_keyframes, with_unique_names, without_earlier
 from bayescal.exporting.same_arm import ANGLE, Match, smallest_turn
 from bayescal.exporting.sidecar import mujoco
-from bayescal.exporting.written import Options, Placed, path_of
+from bayescal.exporting.written import Options, Written, path_of
 from bayescal.exporting.xml_text import add, element, number, numbers
 from bayescal.fitted.arm import FittedArm
 
@@ -54,20 +54,6 @@ TURNED = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 """Attributes for an orientation; a quaternion takes the place of any."""
 SAME = 1e-12
 """m and rad: a pose that differs by less is left as it is written."""
-
-
-@dataclass(frozen=True)
-class Patched:
-    """A patched file: its text, details for the sidecar, notes, and its text in another folder.
-
-    `bodies` are names of the bodies that base, links and flange of the arm displace.
-    """
-
-    text: str
-    details: dict[str, Any]
-    notes: list[str]
-    placed: Placed
-    bodies: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -111,8 +97,8 @@ class Scene:
         return name
 
 
-def patched(arm: FittedArm, options: Options) -> Patched:
-    """The user's file with the fitted arm.
+def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]:
+    """The user's file with the fitted arm, and the names of its bodies that are base, links and flange.
 
     The bodies of the arm get calibrated poses. If the arm has springs or errors of its readings, hinges for
     them are added behind its joints, and its bodies get masses and centres of mass of its model, and the file
@@ -152,13 +138,9 @@ def patched(arm: FittedArm, options: Options) -> Patched:
         "root_in_f0": scene.where.root.tolist(),
         "renamed": others,
     }
-    return Patched(
-        text,
-        details,
-        [*notes, *scene.where.notes, *_carried(model, scene.arm)],
-        partial(moved, text, path.parent),
-        (links[0], *links, others.get("body", {}).get("flange", "flange")),
-    )
+    notes += [*scene.where.notes, *_carried(model, scene.arm)]
+    written = Written(text, notes=notes, details=details, placed=partial(moved, text, path.parent))
+    return written, (links[0], *links, others.get("body", {}).get("flange", "flange"))
 
 
 def _scene(arm: FittedArm, options: Options, root: ET.Element, tip: str, before: Any) -> Scene:
