@@ -11,6 +11,7 @@ from bayescal.cli.options import Run, WithEffects, WithoutEffects
 from bayescal.cli.output import said
 from bayescal.cli.root import app, ending
 from bayescal.errors import BayescalError
+from bayescal.exporting import CERTIFICATE, FORMATS
 
 
 @app.command(
@@ -22,9 +23,7 @@ from bayescal.errors import BayescalError
 )
 def export(
     run: Run,
-    to: Annotated[
-        str, typer.Option(help="Format: robot.yaml, urdf, sdf, ur-yaml, dh-csv, joint-zeros, mjcf, dcc.")
-    ],
+    to: Annotated[str, typer.Option(help=f"Format: {', '.join((*FORMATS, CERTIFICATE))}.")],
     out: Annotated[
         Path | None, typer.Option(help="File to write [default: the robot's name with the format's suffix].")
     ] = None,
@@ -66,7 +65,7 @@ def export(
     from bayescal.public.results import console
 
     result: CertificateResult | ExportResult
-    if to == "dcc":
+    if to == CERTIFICATE:
         if into or with_ or without or at_time is not None or at_row or readings != "plain":
             what = "a certificate states the arm as it was fitted"
             raise BayescalError(what, "--to dcc", "leave out the options of other formats")

@@ -92,7 +92,7 @@ class PlanResult(PlanTables):
         BayescalError
             For an unknown format, or a probe that a format cannot use.
         """
-        from bayescal.exporting.plan import Probe
+        from bayescal.programs.probing import Probe
         from bayescal.reporting.plan.record import write_plan
 
         probe = Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm)

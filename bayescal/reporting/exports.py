@@ -30,10 +30,10 @@ SHOWN = 5
 
 def compensation_summary(arm: FittedArm, done: Compensation) -> RenderableType:
     """The verdict if it is bad, numbers of targets, errors before, uncertainty, what has no solution."""
-    good = [own for own in done.found if not own.reason]
+    good = [own for own in done.corrected if not own.reason]
     rows = [
         *([("warning", done.warning, "bold red")] if done.warning else []),
-        ("compensation", f"{done.source}: {len(done.found)} targets, poses in {done.frame}", "bold"),
+        ("compensation", f"{done.source}: {len(done.corrected)} targets, poses in {done.frame}", "bold"),
         ("arm", f"{arm.dataset.robot.name}, {model_label(arm.effects)}", ""),
     ]
     if good:
@@ -49,7 +49,7 @@ def compensation_summary(arm: FittedArm, done: Compensation) -> RenderableType:
         rows.append(("probed region", text, "yellow" if outside else ""))
     lacking = [
         f"{target.where}: {own.reason}"
-        for target, own in zip(done.targets, done.found, strict=True)
+        for target, own in zip(done.targets, done.corrected, strict=True)
         if own.reason
     ]
     rows += [("note", note, "yellow") for note in arm.use.notes if note not in arm.use.warnings]
@@ -83,7 +83,7 @@ def export_summary(export: Exported) -> RenderableType:
         table = plain_table("not in the file (µm)", "RMS", "maximum")
         for missing in export.missing:
             table.add_row(missing.effect, um(missing.rms), um(missing.maximum))
-        table.add_row("all of these", um(export.rest.rms), um(export.rest.maximum))
+        table.add_row("all of these", um(export.total.rms), um(export.total.maximum))
         parts += ["", table, ""]
         parts.append(facts([(missing.effect, missing.why, "dim") for missing in export.missing]))
         parts.append(facts(_alternative(export)))

@@ -16,7 +16,6 @@ from bayescal.estimate.outliers import (
     FALSE_REJECTIONS,
     Judged,
     freed,
-    quantile,
     rejected,
     scale,
     student_weights,
@@ -403,7 +402,7 @@ def test_scenes_of_several_poses_share_only_what_is_equal(cube, sag):
     assert a.compliances == {"compliance J2": 1e-6}
 
 
-# --- Factors and quantiles that are computed directly are those of SciPy and NumPy, to the bit.
+# --- Factors that are computed directly are those of SciPy, to the bit.
 
 
 @pytest.mark.parametrize("size", [1, 4, 40])
@@ -428,12 +427,3 @@ def test_what_has_no_factor_is_refused(bad):
         for solve in (solved, halved):
             with pytest.raises(ValueError, match="not finite"):
                 solve(factored(np.eye(3)), np.full((3, 2), bad))
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 100, 101])
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 1.0])
-def test_as_numpy(count, share):
-    x = np.random.default_rng(count).exponential(size=count)
-    assert quantile(x, share) == np.quantile(x, share)
-    x[count // 2] = np.nan
-    assert np.isnan(quantile(x, share))

@@ -19,7 +19,6 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.dataset.table import CLEARANCE
 from bayescal.dataset.write import table_text, write_setup
-from bayescal.exporting.plan import Probe, formats_of
 from bayescal.importing.onto import MEASURED
 from bayescal.importing.onto import PLAN as CONTACTS
 from bayescal.planning.result import (
@@ -32,6 +31,7 @@ from bayescal.planning.result import (
     ExpectedDistances,
     Plan,
 )
+from bayescal.programs.probing import Probe, formats_of
 from bayescal.reporting.shared.origin import origin, plain
 from bayescal.reporting.shared.text import MM, UM, amplitude
 from bayescal.storage.folders import whole
@@ -202,7 +202,7 @@ def write_plan(
     folder : Path
         Where they are written; an earlier plan there is replaced.
     formats : sequence of str
-        Names of formats for a controller that are written too; see `bayescal.exporting.plan`.
+        Names of formats for a controller that are written too; see `bayescal.programs.probing`.
     probe : Probe, optional
         How the controller notices a contact.
 
