@@ -43,7 +43,7 @@ BREACHES = [
     ("bayescal/model/model.py", "import arviz", "sampler"),
     ("bayescal/estimate/estimate.py", "def late():\n    import emcee.moves", "sampler"),
     ("bayescal/blind/workers.py", "def late():\n    import distributed", "dask"),
-    ("bayescal/cli/fit.py", "def late():\n    from bayescal.calibration import fit", "commands"),
+    ("bayescal/cli/evaluation.py", "def late():\n    from bayescal.calibration import fit", "commands"),
 ]
 
 
