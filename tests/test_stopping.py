@@ -42,7 +42,7 @@ def stopped(process: subprocess.Popen, number: int = signal.SIGINT, left: str = 
 PROGRAM = """
 import sys, time
 from contextlib import suppress
-from bayescal import stopping
+from bayescal.storage import stopping
 from bayescal.cli import entry
 def sleep():
     print("ready", flush=True)
@@ -58,8 +58,8 @@ def kept():
 def complete():
     stopping.completed("runs/x is complete")
     sleep()
-entry._command = {"sleep": sleep, "lost": lost, "kept": kept, "complete": complete}[sys.argv[1]]
-entry.run()
+command = {"sleep": sleep, "lost": lost, "kept": kept, "complete": complete}[sys.argv[1]]
+entry.run(lambda: command)
 """
 
 
@@ -93,10 +93,9 @@ def sleep():
     atexit.register(print, "written")
     print("ready", flush=True)
     time.sleep(600)
-entry._command = sleep
-entry.run()
+entry.run(lambda: sleep)
 """
-    process = started("-c", PROGRAM.partition("entry._command")[0] + slow)
+    process = started("-c", PROGRAM.partition("command =")[0] + slow)
     assert process.stdout.readline() == "ready\n"
     code, err = stopped(process, left="written\n")
     assert (code, err) == (130, "bayescal: stopped; nothing was written\nhandler\n")
@@ -123,7 +122,7 @@ main()
 
 FIT = """
 import bayescal.public.functions as functions
-from bayescal import stopping
+from bayescal.storage import stopping
 from bayescal.cli import main
 stopping.PATIENCE = 60.0  # on a busy machine the main thread may need more than a second
 plain = functions.fit
@@ -161,7 +160,7 @@ def test_a_working_directory_that_was_removed_is_one_line(tmp_path):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize("program", ["print('x')", "print('x' * 100_000)", "print('x'); raise SystemExit(0)"])
 def test_a_full_disk_behind_the_output_is_one_line(program):
-    line = f"from bayescal.cli import entry\ndef command(): {program}\nentry._command = command\nentry.run()"
+    line = f"from bayescal.cli import entry\ndef command(): {program}\nentry.run(lambda: command)"
     with open("/dev/full", "w") as full:
         done = subprocess.run([sys.executable, "-c", line], stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 1
