@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bayescal.dataset import Dataset
     from bayescal.gap.result import Gap
     from bayescal.methods import Comparison
-    from bayescal.planning.practice import Practice
+    from bayescal.preparing.practice import Practice
     from bayescal.simulation import Simulation
 
 WIDTH = 100
