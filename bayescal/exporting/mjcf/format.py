@@ -7,7 +7,6 @@ The table of a replay script: the law of the readings, which the light model doe
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from bayescal.exporting.mjcf.links import bands, bodies, defaults, loads, mechan
 from bayescal.exporting.mjcf.readings import Joints, Sections, parts, servos
 from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.fitted.arm import FittedArm
+from bayescal.storage.files import json_text
 
 TIMESTEP = 0.002
 
@@ -97,7 +97,7 @@ def beside(
     renamed : mapping
         Names in the file of added parts that are called otherwise there, by kind.
     """
-    table = json.dumps(replay_table(content, joints, servos, renamed), indent=1, allow_nan=False) + "\n"
+    table = json_text(replay_table(content, joints, servos, renamed), rows=False)
     return {SCRIPT: Path(replay.__file__).read_text(encoding="utf-8"), TABLE: table}
 
 
