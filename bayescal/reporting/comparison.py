@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from bayescal.effects import UNITS
 from bayescal.methods import Comparison, Result, Row, Solution
 from bayescal.reporting.shared.origin import origin
 from bayescal.reporting.shared.text import MM, UM, facts, model_label, plain_table, um
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 COMPARE = "compare.json"
@@ -141,6 +141,6 @@ def _finite(value: float) -> float | None:
 
 def write_comparison(comparison: Comparison, folder: Path) -> None:
     """Write compare.json atomically."""
-    record = json.dumps(comparison_record(comparison), indent=1, allow_nan=False) + "\n"
+    record = json_text(comparison_record(comparison), rows=False)
     with whole(folder, COMPARE) as stage:
         (stage / COMPARE).write_text(record, encoding="utf-8")

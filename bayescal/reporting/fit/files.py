@@ -18,7 +18,7 @@ from bayescal.reporting.fit.budget import budget_csv, budget_record
 from bayescal.reporting.fit.posterior import fit_draws, parameter_draws
 from bayescal.reporting.fit.record import fit_record
 from bayescal.reporting.page.build import PAGES, write_page
-from bayescal.storage.files import indented, json_text
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 FIT, ROBOT = "fit.json", "robot.yaml"
@@ -61,7 +61,7 @@ def write_fit(
     names = list(WRITTEN)
     with whole(folder, FIT) as stage:
         drawn = begun(contents, parameter_draws(fit)) if pictures else dict
-        (stage / FIT).write_text(indented(contents) + "\n", encoding="utf-8")
+        (stage / FIT).write_text(json_text(contents, rows=False), encoding="utf-8")
         save(fit_draws(fit), stage / "posterior.nc")
         (stage / ROBOT).write_text(robot_text(arm, FIT), encoding="utf-8")
         budgets = usual(fit.basis)

@@ -23,7 +23,7 @@ from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import origin, plain, rows_record
 from bayescal.reporting.shared.text import UM, amplitude
-from bayescal.storage.files import indented
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 SCHEMA = "bayescal-gap/1"
@@ -289,7 +289,7 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
         File names.
     """
     contents = gap_record(gap)
-    record = indented(contents) + "\n"
+    record = json_text(contents, rows=False)
     names = [GAP]
     arm = None if gap.arm is None else of_gap(gap)
     with whole(folder, GAP) as stage:

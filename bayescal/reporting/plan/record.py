@@ -7,7 +7,6 @@ The run folder of a plan.
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -34,6 +33,7 @@ from bayescal.planning.result import (
 from bayescal.programs.probing import Probe, formats_of
 from bayescal.reporting.shared.origin import origin, plain
 from bayescal.reporting.shared.text import MM, UM, amplitude
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 
@@ -218,7 +218,7 @@ def write_plan(
     later = commands(folder)
     texts = {
         CONTACTS: table_of_plan(plan),
-        PLAN: json.dumps(plan_record(plan, later), allow_nan=False, indent=1) + "\n",
+        PLAN: json_text(plan_record(plan, later), rows=False),
     }
     if plan.pool.measured:
         texts[MEASURED] = table_text(plan.pool.setup.dataset)
