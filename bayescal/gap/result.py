@@ -20,6 +20,8 @@ from bayescal.estimate.bounds import UNCHANGED, Rigid
 
 VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
 """Kinds of validation measurement, as reports name them."""
+MARGINS = ("target", "joint", "region", "time", "direction")
+"""Groups by which residuals are listed."""
 VERDICTS = ("null", "named", "named+unexplained", "unknown", "ambiguous")
 
 

@@ -13,7 +13,8 @@ from bayescal.errors import BayescalError
 from bayescal.public.exports import names
 from bayescal.public.functions import MODEL, Progress, session_of, silent
 from bayescal.public.results import GapResult, SimulatedSession, as_text
-from bayescal.public.tables import Json, PlanTables, plan_line
+from bayescal.public.tables import PlanTables, plan_line
+from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.public.positions import Positioned
-from bayescal.public.tables import FitTables, GapTables, Json, fit_line, gap_line
+from bayescal.public.tables import FitTables, GapTables, fit_line, gap_line
+from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

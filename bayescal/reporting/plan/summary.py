@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from rich.console import Group, RenderableType
 from rich.text import Text
 
 from bayescal.planning.result import Plan
-from bayescal.reporting.page.section import Sheet
 from bayescal.reporting.plan import sheets
-from bayescal.reporting.shared.text import FigureTable, facts, plain_table
+from bayescal.reporting.shared.sheet import terminal
+from bayescal.reporting.shared.text import Facts, facts
 
 PAIRS = 4
 """Pairs that are not separated; the others are in plan.html."""
-
-Facts = Iterable[tuple[str, str, str]]
 
 
 def plan_summary(plan: Plan) -> RenderableType:
@@ -27,19 +23,12 @@ def plan_summary(plan: Plan) -> RenderableType:
         "",
     ]
     if plan.expected:
-        parts.append(_table(sheets.expected(plan)))
-    parts += [facts(_buys(plan)), "", _table(sheets.by_target(plan)), facts(_costs(plan))]
+        parts.append(terminal(sheets.expected(plan)))
+    parts += [facts(_buys(plan)), "", terminal(sheets.by_target(plan)), facts(_costs(plan))]
     if plan.detectable:
-        parts += ["", _table(sheets.detectable(plan)), facts(_detects(plan))]
+        parts += ["", terminal(sheets.detectable(plan)), facts(_detects(plan))]
     parts.append(facts(_limits(plan)))
     return Group(*parts)
-
-
-def _table(sheet: Sheet) -> FigureTable:
-    table = plain_table(sheet.title, *sheet.headings)
-    for row in sheet.rows:
-        table.add_row(*(Text(cell) for cell in row))
-    return table
 
 
 def _buys(plan: Plan) -> Facts:
