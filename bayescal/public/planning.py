@@ -61,7 +61,7 @@ class PlanResult(PlanTables):
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.plan.summary import plan_summary
+        from bayescal.reporting.plan.sheets import plan_summary
 
         return plan_summary(self.data)
 

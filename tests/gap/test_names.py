@@ -227,7 +227,9 @@ def test_every_joint_only_where_all_are_significant(found):
         )
     ]
     none.where = places
-    assert [str(a.site) for a in stated(none, "backlash")] == ["joint 2"]  # the largest location of the effect
+    assert [str(a.site) for a in stated(none, "backlash")] == [
+        "joint 2"
+    ]  # the largest location of the effect
 
 
 # --- What prior probabilities and shares make of made-up linear problems: which set of effects leads.

@@ -62,8 +62,8 @@ def measurand_record(budget: Budget) -> dict[str, Any]:
         "components": [_component(budget, c) for c in budget.components],
         "u": factor * budget.u,
         "U": factor * budget.expanded,
-        **(entry(budget, "u_um", U_um="expanded") if length else {"u_um": None, "U_um": None}),
-        **entry(budget, effective_dof="dof", k="k"),
+        **(entry(budget, "u_um", "U_um=expanded") if length else {"u_um": None, "U_um": None}),
+        **entry(budget, "effective_dof=dof", "k"),
         "coverage": COVERAGE,
         "prior_share": budget.prior_share,
         "text": in_words(budget),
@@ -79,7 +79,7 @@ def _component(budget: Budget, c: Component) -> dict[str, Any]:
         return {"contribution": scale * value, "contribution_um": 1e6 * value if length else None}
 
     return {
-        **entry(c.input, "group", "name", type="evaluation", distribution="distribution"),
+        **entry(c.input, "group", "name", "type=evaluation", "distribution"),
         "value": scaled(c.input.value, factor),
         "u": scaled(c.input.u, factor),
         "unit": unit,

@@ -45,9 +45,10 @@ def write_fit(
     tuple of str
         Names of the files and of the folder of the dataset.
     """
-    arm, contents, budgets = of_fit(fit), fit_contents(fit, compared), usual(fit.basis)
+    arm, contents = of_fit(fit), fit_contents(fit, compared)
     with whole(folder, FIT) as stage:
         drawn = begun(contents, parameter_draws(fit)) if pictures else dict
+        budgets = usual(fit.basis)
         texts = {
             FIT: indented(contents) + "\n",
             ROBOT: robot_text(arm, FIT),

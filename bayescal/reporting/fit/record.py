@@ -51,21 +51,11 @@ def fit_record(fit: Fit) -> dict[str, Any]:
             ],
             **entry(fit.identifiability, "determined", "partly", "prior_only"),
             "undetermined": [
-                entry(
-                    u,
-                    "parameters",
-                    "combinations",
-                    "state",
-                    lacks="changes",
-                    left_rms_um="left",
-                    words="words",
-                )
+                entry(u, "parameters", "combinations", "state", "lacks=changes", "left_rms_um=left", "words")
                 for u in fit.undetermined
             ],
         },
-        "faces": [
-            entry(f, "target", form_rms_um="form", p_value="p_value", uneven="uneven") for f in fit.faces
-        ],
+        "faces": [entry(f, "target", "form_rms_um=form", "p_value", "uneven") for f in fit.faces],
         "predicted_distance": _forecast(fit.forecast),
         "directions": entry(fit.directions, "axes", "share", "missing"),
         "sampler": _sampler(fit),
@@ -83,35 +73,31 @@ def parameter_records(fit: Fit) -> list[dict[str, Any]]:
     """``parameters``: of the arm, then of the targets."""
     model = fit.final.estimate.model
     units, factor = model.in_file_units()
-    prior = np.concatenate([model.sd, *(b.sd for b in model.states)]) * factor
+    prior = np.concatenate([model.sd, *(b.sd for b in model.states)])
     draws = model.physical(fit.draws.flat) * factor
-    estimate = model.physical(fit.final.estimate.z) * factor
-    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
-    variance = np.var(fit.draws.flat, axis=0)
-    sampled = np.std(model.physical(fit.sampled.flat), axis=0) * factor
-    out = []
-    for k, name in enumerate(model.names):
-        arm = model.parameters[k] if k < len(model.parameters) else None
-        out.append(
-            {
-                "name": name,
-                "effect": arm.effect if arm else "target",
-                "unit": units[k],
-                "nominal": float(arm.nominal * factor[k]) if arm else 0.0,
-                "prior_mean": float(arm.centre * factor[k]) if arm else 0.0,
-                "estimate": float(estimate[k]),
-                "sd": float(np.std(draws[:, k])),
-                "sd_without_discrepancy": float(sampled[k]),
-                "prior_sd": float(prior[k]),
-                "contraction": float(1.0 - variance[k]),
-                "interval95": [float(low[k]), float(high[k])],
-                "ess": float(fit.draws.ess[k]),
-                "ess_bulk": float(fit.draws.ess_bulk[k]),
-                "ess_tail": float(fit.draws.ess_tail[k]),
-                "rhat": plain(fit.draws.rhat[k]),
-            }
-        )
-    return out
+    of_targets = [0.0] * (model.size - len(model.parameters))
+    nominal = np.array([*(p.nominal for p in model.parameters), *of_targets])
+    centre = np.array([*(p.centre for p in model.parameters), *of_targets])
+    columns = {
+        "nominal": nominal * factor,
+        "prior_mean": centre * factor,
+        "estimate": model.physical(fit.final.estimate.z) * factor,
+        "sd": [np.std(column) for column in draws.T],
+        "sd_without_discrepancy": np.std(model.physical(fit.sampled.flat), axis=0) * factor,
+        "prior_sd": prior * factor,
+        "contraction": 1.0 - np.var(fit.draws.flat, axis=0),
+        "interval95": np.quantile(draws, [0.025, 0.975], axis=0).T,
+        "ess": fit.draws.ess,
+        "ess_bulk": fit.draws.ess_bulk,
+        "ess_tail": fit.draws.ess_tail,
+        "rhat": fit.draws.rhat,
+    }
+    effects = [*(p.effect for p in model.parameters), *["target"] * len(of_targets)]
+    return [
+        {"name": name, "effect": effects[k], "unit": units[k]}
+        | {key: plain(values[k]) for key, values in columns.items()}
+        for k, name in enumerate(model.names)
+    ]
 
 
 def _correlations(fit: Fit) -> list[dict[str, Any]]:
@@ -132,11 +118,11 @@ def _noise(level: ModelLevel) -> dict[str, Any]:
         level.unexplained,
         "group",
         "stated_um",
-        estimated_um="fitted",
-        repeats_um="repeats",
-        repeats_dof="repeats_dof",
-        unexplained_um="excess",
-        unexplained_p_value="p_value",
+        "estimated_um=fitted",
+        "repeats_um=repeats",
+        "repeats_dof",
+        "unexplained_um=excess",
+        "unexplained_p_value=p_value",
     ) | {"scale": scale}
 
 
@@ -178,9 +164,9 @@ def _forecast(forecast: Forecast) -> dict[str, Any]:
     every = [
         entry(d, "over", "count")
         | {"lengths_mm": [MM * d.shortest, MM * d.longest]}
-        | entry(d, predicted_rms_um="u", expanded_U_um="expanded", k="k")
+        | entry(d, "predicted_rms_um=u", "expanded_U_um=expanded", "k")
         | {"coverage": COVERAGE}
-        | entry(d, predicted_interval95_um="interval", measured_rms_um="measured")
+        | entry(d, "predicted_interval95_um=interval", "measured_rms_um=measured")
         for d in forecast.every
     ]
     shares = ("unexplained_share", "discrepancy_share", "masses_share")
@@ -192,11 +178,9 @@ def _sampler(fit: Fit) -> dict[str, Any]:
     sd = np.std(draws.flat, axis=0)
     error = sd / np.sqrt(draws.ess_bulk[: len(sd)])
     return {
-        "moves": draws.moves,
-        "acceptance": draws.acceptance,
-        "ensembles": int(draws.z.shape[0]),
-        "walkers": draws.walkers,
-        "steps": draws.steps,
+        **entry(draws, "moves", "acceptance"),
+        "ensembles": len(draws.z),
+        **entry(draws, "walkers", "steps"),
         "draws": len(draws.flat),
         "ess": {
             "min": float(draws.ess.min()),
@@ -207,8 +191,7 @@ def _sampler(fit: Fit) -> dict[str, Any]:
         },
         "rhat": {"max": plain(np.nanmax(draws.rhat)) if np.any(np.isfinite(draws.rhat)) else None},
         "monte_carlo_error": {"largest_over_sd": float(np.max(error / sd))},
-        "converged": draws.converged,
-        "complaint": draws.complaint,
+        **entry(draws, "converged", "complaint"),
     }
 
 
@@ -275,8 +258,8 @@ def _points(nominal: Validation, calibrated: Validation) -> dict[str, Any]:
     inside = [inside95(p.residuals, p.predicted).ravel() for p in calibrated.points]
     return {
         "count": len(after.values),
-        **entry(before, nominal_mean_um="mean", nominal_max_um="maximum"),
-        **entry(after, calibrated_mean_um="mean", calibrated_rms_um="rms", calibrated_max_um="maximum"),
+        **entry(before, "nominal_mean_um=mean", "nominal_max_um=maximum"),
+        **entry(after, "calibrated_mean_um=mean", "calibrated_rms_um=rms", "calibrated_max_um=maximum"),
         "predicted_mean_um": UM * float(after.predicted.mean()),
         "predicted_mean_interval95_um": _ends(after.predicted.mean(axis=1)),
         "predicted_upper95_um": UM * float(np.quantile(after.predicted, 0.95)),
@@ -293,7 +276,7 @@ def _turns(calibrated: Validation) -> dict[str, Any]:
     return {
         "count": len(angles.values),
         **entry(
-            angles, calibrated_mean_mdeg="mean", calibrated_rms_mdeg="rms", calibrated_max_mdeg="maximum"
+            angles, "calibrated_mean_mdeg=mean", "calibrated_rms_mdeg=rms", "calibrated_max_mdeg=maximum"
         ),
         "predicted_mean_mdeg": MDEG * float(angles.predicted.mean()),
         "predicted_upper95_mdeg": MDEG * float(np.quantile(angles.predicted, 0.95)),
@@ -306,34 +289,26 @@ def _level(level: ModelLevel) -> dict[str, Any]:
     distances = v.distance_errors
     return {
         "model": list(level.effects),
-        **entry(level.unexplained, noise_estimated_um="fitted", unexplained_um="excess"),
-        **entry(v.contacts, heldout_planes_rms_um="rms"),
-        **entry(distances, distance_rms_um="rms", worst_distance_um="maximum"),
+        **entry(level.unexplained, "noise_estimated_um=fitted", "unexplained_um=excess"),
+        **entry(v.contacts, "heldout_planes_rms_um=rms"),
+        **entry(distances, "distance_rms_um=rms", "worst_distance_um=maximum"),
         "predicted_distance_interval95_um": (UM * distances.interval95).tolist() if v.distances else None,
-        **entry(v.point_lengths, points_mean_um="mean", points_rms_um="rms"),
+        **entry(v.point_lengths, "points_mean_um=mean", "points_rms_um=rms"),
     }
 
 
 def verdict_record(tests: Acceptance, dataset: Dataset) -> dict[str, Any]:
     """``verdict``: the word, the tests that fail (`reasons`) and all of them, shared causes of rejections."""
-    keys = {
-        "test": "test",
-        "value": "value",
-        "limit": "limit",
-        "p": "p_value",
-        "level": "level",
-        "words": "words",
-    }
-    shared = {"rows_in_group": "size", "rejected": "rejected", "count": "count", "p": "p_value"}
+    check = ("test", "value", "limit", "p=p_value", "level", "words")
     return {
         "words": tests.verdict,
         **entry(tests, "explains", "validated", "determined"),
-        "reasons": [entry(c, **keys) for c in tests.failed],
-        "tests": [entry(c, **keys) for c in tests.checks],
+        "reasons": [entry(c, *check) for c in tests.failed],
+        "tests": [entry(c, *check) for c in tests.checks],
         "shared_causes": [
             entry(cause, "kind", "label")
             | {"rows": [dataset.measurements.ids[row] for row in cause.rows]}
-            | entry(cause, **shared)
+            | entry(cause, "rows_in_group=size", "rejected", "count", "p=p_value")
             for cause in tests.causes
         ],
     }
@@ -346,17 +321,9 @@ def tolerance_record(decided: Tolerance) -> dict[str, Any]:
         **entry(decided, "tolerance_mm", "k"),
         "coverage": COVERAGE,
         **entry(decided, "decision", "why"),
-        "volume": entry(decided, "probability", U_um="expanded"),
+        "volume": entry(decided, "probability", "U_um=expanded"),
         "distances": [
-            entry(
-                d,
-                "between",
-                "error_um",
-                U_um="expanded",
-                k="k",
-                probability="probability",
-                decision="decision",
-            )
+            entry(d, "between", "error_um", "U_um=expanded", "k", "probability", "decision")
             for d in decided.distances
         ],
     }
@@ -364,9 +331,9 @@ def tolerance_record(decided: Tolerance) -> dict[str, Any]:
 
 def iso9283_record(figures: Iso9283) -> dict[str, Any]:
     """``iso9283``; u is of the measurement, k = 1."""
-    keys = {"mean_um": "mean", "max_um": "maximum", "u_mean_um": "u", "u_max_um": "u_max"}
+    fields = ("symbol", "name=words", "count", "mean_um", "max_um=maximum", "u_mean_um=u", "u_max_um=u_max")
     return {
-        "figures": [entry(f, symbol="symbol", name="words", count="count", **keys) for f in figures.figures],
+        "figures": [entry(f, *fields) for f in figures.figures],
         "differs_from_norm": list(figures.differs),
     }
 

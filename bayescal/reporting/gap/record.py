@@ -34,18 +34,13 @@ LEVER_DIGITS = 6
 """Decimals of a lever arm, m per rad or m per m."""
 NAMED = ("effect", "model", "site", "setting", "sites", "probability", "log_evidence", "confirmed")
 GROUP = ("label", "count", "rms_um", "mean_um", "p_value")
-STEP = {"heldout_rms_um": "validation_rms", "distance_rms_um": "distance_rms", "point_rms_um": "point_rms"}
-SHRUNK = {"before_rms_um": "before", "after_rms_um": "after", "floor_um": "floor"}
-SHRINKAGE = {
-    "count": "count",
-    **SHRUNK,
-    "removed": "removed",
-    "removed_interval95": "removed_interval95",
-    "predicted_before_rms_um": "predicted_before",
-    "predicted_rms_um": "predicted",
-    "claimed": "claimed",
-}
-"""Keys of entries, and attributes of what they state."""
+STEP = ("model", "heldout_rms_um=validation_rms", "distance_rms_um", "point_rms_um")
+SHRUNK = ("before_rms_um=before", "after_rms_um=after", "floor_um")
+SHRINKAGE = (
+    *("count", *SHRUNK, "removed", "removed_interval95"),
+    *("predicted_before_rms_um=predicted_before", "predicted_rms_um=predicted", "claimed"),
+)
+"""Fields of entries."""
 CURVES = 12
 """Locations, the largest first, whose curves are stored."""
 DIGITS = 4
@@ -71,10 +66,10 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         **entry(verdict, "footnotes", "missing", "notes"),
         "where": [_place(w) | causes.records(w, gap.dataset) for w in gap.where],
         "where_marginal": {key: [entry(m, *GROUP) for m in gap.margins.get(key, ())] for key in MARGINS},
-        "shrinkage": dict.fromkeys(MEASURES) | {s.what: entry(s, **SHRINKAGE) for s in gap.shrinkage},
+        "shrinkage": dict.fromkeys(MEASURES) | {s.what: entry(s, *SHRINKAGE) for s in gap.shrinkage},
         "lengths": _lengths(gap),
         "ladder": [
-            entry(step, "model", **STEP)
+            entry(step, *STEP)
             | {"point_length_rms_um": UM * length("points", step.point_rms)}
             | entry(step, "delta_elpd", "delta_elpd_se")
             for step in gap.levels
@@ -107,7 +102,7 @@ def _effects(verdict: Verdict) -> list[str]:
 def _magnitude(m: Magnitude) -> dict[str, Any]:
     keys = ("what", "count", "rms_um", "predicted_rms_um", "predicted_interval95_um")
     return (
-        entry(m, heldout="validation", heldout_rms_um="validation_rms")
+        entry(m, "heldout=validation", "heldout_rms_um=validation_rms")
         | entry(m, "noise_um", "noise_interval95_um", "noise_from")
         | {"excess_um": {"value": UM * m.excess, "interval95": [UM * end for end in m.excess_interval95]}}
         | {"measured": [entry(x, *keys) for x in m.measured]}
@@ -130,7 +125,7 @@ def _lengths(gap: Gap) -> dict[str, Any]:
         "validation_rms_um": UM * length(what, m.validation_rms),
         "noise_um": UM * length(what, m.noise),
         "excess_um": UM * length(what, m.excess),
-        "shrinkage": {s.what: entry(as_lengths(s), **SHRUNK) for s in gap.shrinkage},
+        "shrinkage": {s.what: entry(as_lengths(s), *SHRUNK) for s in gap.shrinkage},
     }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -27,6 +26,7 @@ from bayescal.planning.result import (
 )
 from bayescal.reporting.shared.origin import entry, origin, plain
 from bayescal.reporting.shared.text import MM, UM, amplitude
+from bayescal.storage.files import indented
 from bayescal.storage.folders import whole
 
 
@@ -118,11 +118,11 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
             "equals_random_contacts": plan.equals_random,
             "next_distance_sd_um": UM * plan.next_u,
             "distances": [
-                entry(e, "over", "count", distance_sd_um="u")
+                entry(e, "over", "count", "distance_sd_um=u")
                 | {"distance_sd_um_random": UM * e.u_random, "shares": dict(e.shares)}
                 for e in plan.expected
             ],
-            "parameters": [entry(p, "name", "unit", "u", prior_u="prior") for p in plan.parameters],
+            "parameters": [entry(p, "name", "unit", "u", "prior_u=prior") for p in plan.parameters],
         },
         "observability": dict(plan.observability),
         "observability_random": dict(plan.observability_random),
@@ -130,7 +130,7 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
         "curve_random": _curve(plan.curve_random),
         "detectable": [_detectable(d) for d in plan.detectable],
         "confusable": [
-            entry(c, "pair", lambda_before="before", lambda_after="after")
+            entry(c, "pair", "lambda_before=before", "lambda_after=after")
             | {"intervention": c.intervention or None}
             for c in plan.confusable
         ],
@@ -198,7 +198,7 @@ def write_plan(
     later = commands(folder)
     texts = {
         CONTACTS: table_of_plan(plan),
-        PLAN: json.dumps(plan_record(plan, later), allow_nan=False, indent=1) + "\n",
+        PLAN: indented(plan_record(plan, later)) + "\n",
     }
     if plan.pool.measured:
         texts[MEASURED] = table_text(plan.pool.setup.dataset)

@@ -6,6 +6,9 @@ from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
 
 from bayescal.effects.vocabulary import unit_label
 from bayescal.planning.result import (
@@ -21,8 +24,8 @@ from bayescal.planning.result import (
 )
 from bayescal.planning.separate import NO_LEVER
 from bayescal.reporting.plan.record import clearances, count, payloads
-from bayescal.reporting.shared.sheet import Column, Sheet, sheet_of_cells
-from bayescal.reporting.shared.text import NEVER, percent, size, um2
+from bayescal.reporting.shared.sheet import Column, Sheet, sheet_of_cells, terminal
+from bayescal.reporting.shared.text import NEVER, Facts, facts, percent, size, um2
 
 PURPOSES = {DISTANCES: "distances", GAP: "gap", REPEAT: "repeats", VALIDATE: "validation"}
 """Purposes of contacts, and their heading."""
@@ -300,3 +303,46 @@ def two_digits(number: float) -> str:
 def times(number: int) -> str:
     """``once``, ``twice``, ``7 times``."""
     return {1: "once", 2: "twice"}.get(number, f"{number} times")
+
+
+PAIRS = 4
+"""Pairs that are not separated; the others are in plan.html."""
+
+
+def plan_summary(plan: Plan) -> RenderableType:
+    """Expected uncertainty, contacts, detectable amplitudes, pairs, warnings: one screen."""
+    name = Text.assemble((plan.session.name, "bold"), f"  {plan.session.robot.name}  {title(plan)}")
+    costs = (
+        ("contacts", contacts_phrase(plan), ""),
+        ("travel", travel(plan), ""),
+        ("candidates", candidates(plan), "dim"),
+    )
+    parts: list[RenderableType] = [
+        name,
+        *(Text(line, "" if k else "bold") for k, line in enumerate(headline(plan))),
+        "",
+    ]
+    if plan.expected:
+        parts.append(terminal(expected(plan)))
+    parts += [_lines(("next 20", further(plan), "")), "", terminal(by_target(plan)), _lines(*costs)]
+    if plan.detectable:
+        parts += ["", terminal(detectable(plan)), _lines(("detectable", detectability(plan), ""))]
+    parts.append(facts(_limits(plan)))
+    return Group(*parts)
+
+
+def _lines(*lines: tuple[str, str, str]) -> Table:
+    """Those lines of the terminal that have a text."""
+    return facts(line for line in lines if line[1])
+
+
+def _limits(plan: Plan) -> Facts:
+    """Pairs of effects, and warnings."""
+    if text := separated(plan):
+        yield "separates", text, ""
+    lines = not_separated(plan)
+    more = [f"and {len(lines) - PAIRS} further pairs: see plan.html"] if len(lines) > PAIRS + 1 else []
+    for k, line in enumerate([*lines[:PAIRS], *more] if more else lines):
+        yield "" if k else "not separated", line, "yellow"
+    for k, warning in enumerate(plan.warnings):
+        yield "" if k else "warning", warning, "yellow"

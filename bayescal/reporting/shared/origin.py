@@ -117,14 +117,14 @@ FACTORS = {"um": UM, "mm": MM, "mdeg": MDEG}
 """From SI, by the unit at the end of a key."""
 
 
-def entry(result: Any, *keys: str, **attributes: str) -> dict[str, Any]:
+def entry(result: Any, *fields: str) -> dict[str, Any]:
     """An entry of a record: values of a result as JSON, each by its key.
 
-    A key is the name of the attribute, with the unit of the entry behind it: ``rms_um`` is ``rms``, m, in µm.
-    `attributes` are keys with the name of another attribute: ``U_um="expanded"``.
+    A key is the name of the attribute, with the unit of the entry behind it: ``rms_um`` is ``rms``, m, in µm;
+    or the attribute has another name: ``U_um=expanded``.
     """
     out = {}
-    for key, name in (dict.fromkeys(keys, "") | attributes).items():
+    for key, _, name in (field.partition("=") for field in fields):
         stem, _, unit = key.rpartition("_")
         factor = FACTORS.get(unit)
         out[key] = plain(scaled(getattr(result, name or (stem if factor else key)), factor))
