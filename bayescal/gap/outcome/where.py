@@ -10,6 +10,7 @@ import numpy as np
 from bayescal.distributions import f_sf
 from bayescal.effects import Circumstances, Driver, Parameter, Site
 from bayescal.effects.location import ARM, face
+from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import State, fit_state
@@ -76,7 +77,8 @@ def f_test(state: State, columns: np.ndarray) -> float:
         return 1.0
     gain = float(np.sum((vectors[:, real].T @ projected.score) ** 2 / values[real]))
     count = state.problem.count
-    chi2 = float(np.sum(state.weight[:count] * state.residual[:count] ** 2)) / state.kappa**2
+    square = float(np.sum(state.weight[:count] * state.residual[:count] ** 2)) + STATED_WORTH
+    chi2 = square / state.kappa**2
     dof = max(state.dof - size, 1.0)
     return float(f_sf(gain / size / (max(chi2 - gain, 1e-9) / dof), size, dof))
 
