@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from chances import least, most
+
 import bayescal.estimate.discrepancy.size as size_module
-from bayescal.estimate.discrepancy.size import variances, within_poses
+from bayescal.estimate.discrepancy.size import degrees_of_freedom, variances, within_poses
 
 ROWS, FIRST, SECOND = 600, 12, 8
 FAMILY = np.repeat([0, 1], [FIRST, SECOND])
@@ -63,3 +65,30 @@ def test_poses_in_parts_give_the_same_variances(at_once, monkeypatch):
     assert np.all(whole > 0)
     monkeypatch.setattr(size_module, "AT_ONCE", at_once)
     np.testing.assert_allclose(variances(*given), whole, rtol=1e-9)
+
+
+def few_poses(seed, size):
+    """Six functions at sixteen poses of three rows each, a quarter of which the fit takes up."""
+    rng, pose = np.random.default_rng(seed), np.repeat(np.arange(16), 3)
+    t, j = np.repeat(rng.uniform(0, 1, 16), 3), rng.standard_normal((48, 12))
+    g, project = np.cos(np.pi * np.outer(t, np.arange(1, 7))), np.eye(48) - j @ np.linalg.pinv(j)
+    e = project @ (g @ (np.sqrt(size) * rng.standard_normal(6)) + rng.standard_normal(48))
+    return project @ g, e, pose
+
+
+@pytest.mark.parametrize("size", [0.3, 3.0])
+def test_the_moment_equation_counts_poses_not_rows(size):
+    found = [variances(*few_poses(seed, size), np.zeros(6, int), 36, 1.0)[0] for seed in range(400)]
+    assert 0.75 < np.mean(found) / size < 1.05
+
+
+def test_noise_has_a_family_as_often_as_its_level():
+    """The chance holds with few degrees of freedom too: of 48 residuals the fit takes up 12."""
+    found = [variances(*few_poses(seed, 0.0), np.zeros(6, int), 36, 0.1)[0] > 0 for seed in range(400)]
+    assert least(400, 0.06) <= np.sum(found) <= most(400, 0.1)
+
+
+def test_degrees_of_freedom_are_those_of_drawn_scores():
+    h, _, _ = few_poses(0, 1.0)
+    square = np.sum((h.T @ h @ np.random.default_rng(0).standard_normal((6, 20_000))) ** 2, axis=0)
+    assert degrees_of_freedom(h) == pytest.approx(2.0 * np.mean(square) ** 2 / np.var(square), rel=0.07)
