@@ -8,11 +8,19 @@ from chances import least, most
 
 import bayescal.assess.groups as groups_module
 import bayescal.assess.shared_causes as shared_causes_module
-from bayescal.assess.acceptance import CONTRADICTED, EXPLAINED, LEVEL, UNVERIFIED, acceptance, widened
+from bayescal.assess.acceptance import (
+    CONTRADICTED,
+    EXPLAINED,
+    FALSE_REJECTIONS,
+    LEVEL,
+    UNVERIFIED,
+    acceptance,
+    widened,
+)
 from bayescal.assess.conformance import FAIL, OPEN, PASS, conformance, decide
 from bayescal.assess.groups import Group, groups_of
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
-from bayescal.assess.shared_causes import shared, shared_causes
+from bayescal.assess.shared_causes import SharedCause, shared, shared_causes
 from bayescal.calibration import fit
 from bayescal.errors import BayescalError
 from bayescal.estimate.unexplained import Unexplained
@@ -20,6 +28,7 @@ from bayescal.model.scene import Scene
 from bayescal.predict import DistanceCheck, PlaneCheck, Validation
 
 FULL = ("geometry", "compliance")
+CAUSE = SharedCause("target", "cube.+y", np.arange(3), 10, 3, 60, 1.0)
 SOUND = Unexplained("contact", 5e-6, 5e-6, 45, 5e-6, 0.0, 0.5, 200.0)
 
 
@@ -42,11 +51,14 @@ def checked(rng, shared_sd=3e-6, noise=5e-6, draws=2000, contacts=60, distances=
 
 def test_tests_of_a_correct_model_fail_as_often_as_stated():
     """Each figure has its probability, and all of them together the level."""
-    sessions, p, failed = 600, {}, 0
+    sessions, p, failed, lost = 600, {}, 0, 0
     for k in range(sessions):
         rng = np.random.default_rng(k)
-        found = acceptance(replace(SOUND, p_value=rng.uniform()), checked(rng, draws=400))
+        v = checked(rng, draws=400)
+        found = acceptance(replace(SOUND, p_value=rng.uniform()), v)
         failed += not found.explains
+        contacts = [acceptance(SOUND, v, causes).checks[1].value for causes in ((), (CAUSE,))]
+        lost += contacts[0] != contacts[1]  # with a cause, no row is an outlier
         for c in found.checks:
             p.setdefault(c.test, []).append(c.p_value)
     assert len(p) == 4
@@ -55,6 +67,16 @@ def test_tests_of_a_correct_model_fail_as_often_as_stated():
             count = int(np.sum(np.array(own) <= chance))
             assert least(sessions, 0.9 * chance) <= count <= most(sessions, 1.1 * chance), (name, chance)
     assert failed <= most(sessions, LEVEL)
+    assert lost <= most(sessions, FALSE_REJECTIONS)
+
+
+def test_an_unexplained_error_of_points_is_found_from_distances():
+    """Each end of a distance has it, so that the mean square of the distances has it twice."""
+    rng = np.random.default_rng(4)
+    v, off = checked(rng, distances=300), 40e-6 * rng.standard_normal((300, 2))
+    moved = [replace(d, error=d.error + a - b) for d, (a, b) in zip(v.distances, off, strict=True)]
+    v = replace(v, distances=tuple(moved))
+    assert widened(SOUND, v, acceptance(SOUND, v)).excess == pytest.approx(40e-6, rel=0.12)
 
 
 @pytest.mark.parametrize(

@@ -84,8 +84,8 @@ def test_the_moment_equation_counts_poses_not_rows(size):
 
 def test_noise_has_a_family_as_often_as_its_level():
     """The chance holds with few degrees of freedom too: of 48 residuals the fit takes up 12."""
-    found = [variances(*few_poses(seed, 0.0), np.zeros(6, int), 36, 0.1)[0] > 0 for seed in range(400)]
-    assert least(400, 0.06) <= np.sum(found) <= most(400, 0.1)
+    found = [variances(*few_poses(seed, 0.0), np.zeros(6, int), 36, 0.3)[0] > 0 for seed in range(400)]
+    assert least(400, 0.25) <= np.sum(found) <= most(400, 0.3)
 
 
 def test_degrees_of_freedom_are_those_of_drawn_scores():
