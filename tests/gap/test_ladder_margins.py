@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from bayescal.estimate import estimate
 from bayescal.gap.outcome.levels import difference, log_predictive, model_levels
@@ -35,7 +36,10 @@ def test_ladder_goes_down_and_gains(rungs):
     assert (steps[0].delta_elpd, steps[0].delta_elpd_se) == (0.0, 0.0)
     rms = [s.validation_rms for s in steps]
     assert rms[0] > 5 * rms[1] > 5 * rms[2]
-    assert rms[2] == pytest.approx(5e-6, rel=0.35)
+    held = validation_errors(rungs[2][1])
+    assert rms[2] == pytest.approx(np.sqrt(np.mean(held.residual**2)))
+    assert 0.001 < chi2.sf(np.sum((held.residual / held.sd) ** 2), 50) < 0.999
+    assert np.sqrt(np.mean(held.sd**2)) == pytest.approx(5e-6, rel=0.1)
     for s in steps[1:]:
         assert s.delta_elpd > 4 * s.delta_elpd_se > 0
         assert np.isnan(s.distance_rms)
