@@ -112,7 +112,9 @@ def test_a_reading_is_impossible_by_the_u_of_its_own_tool(tmp_path, ball, mirror
             read_dataset(folder)
 
 
-@pytest.mark.parametrize(("u", "believed"), [((1, 30), True), ((30, 1), True), ((1, 5), False), ((30, 30), True)])
+@pytest.mark.parametrize(
+    ("u", "believed"), [((1, 30), True), ((30, 1), True), ((1, 5), False), ((30, 30), True)]
+)
 def test_a_certificate_is_judged_by_the_larger_u_of_its_targets(tmp_path, u, believed):
     """A distance certified 100 mm off the nominal places of its targets."""
     settings = SETTINGS.replace("distance_mm: 150.0", "distance_mm: 250.0")

@@ -10,7 +10,7 @@ import pytest
 from chances import least, most
 from scipy.stats import chi2
 
-from bayescal.assess.budget import COVERAGE, Basis, budget, parameter
+from bayescal.assess.budget import Basis, budget, parameter
 from bayescal.estimate import STATED_WORTH, calibrated, estimate
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.outliers import FALSE_REJECTIONS, Judged
@@ -81,9 +81,7 @@ def test_weights_do_not_depend_on_the_unit_of_the_noise():
     r = np.random.default_rng(2).standard_normal((60, 2))
     r[5] *= 8.0
     for weight in (1.0, 0.999):
-        found = [
-            Judged.of([(size * r, np.zeros((60, 2, 2)), np.full(60, weight))]) for size in (50.0, 5e3)
-        ]
+        found = [Judged.of([(size * r, np.zeros((60, 2, 2)), np.full(60, weight))]) for size in (50.0, 5e3)]
         np.testing.assert_allclose(found[0].student_weights(), found[1].student_weights(), rtol=1e-3)
         assert [np.flatnonzero(own.outliers()).tolist() for own in found] == [[5], [5]]
         assert found[0].student_weights()[5] < 0.2 < 0.9 < np.median(found[0].student_weights())

@@ -35,14 +35,15 @@ SOUND = Unexplained("contact", 5e-6, 5e-6, 45, 5e-6, 0.0, 0.5, 200.0)
 def checked(rng, shared_sd=3e-6, noise=5e-6, draws=2000, contacts=60, distances=12):
     """Validation data of a correct model: errors drawn as their predictions are, with a part in common."""
 
-    def parts(count):
+    def parts(count, scale=0.0):
         slopes = rng.standard_normal((4, count))
+        slopes[0] += scale
         drawn = shared_sd * rng.standard_normal((draws + 1, 4)) @ slopes
         drawn = drawn + noise * rng.standard_normal((draws + 1, count))
         return drawn[0], drawn[1:]
 
     r, predicted = parts(contacts)
-    error, of_distance = parts(distances)
+    error, of_distance = parts(distances, 2.0)  # the arm is too long, or too short
     pairs = [
         DistanceCheck((f"a{k}", f"b{k}"), 0.2, 0.0, error[k], of_distance[:, k]) for k in range(distances)
     ]

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from chances import least, most
 
 import bayescal.estimate.discrepancy.size as size_module

@@ -106,7 +106,10 @@ def test_a_family_explains_what_the_residual_variance_loses(tracker, seed):
     readings[:, 1] += 1e-4 * np.cos(3 * readings[:, 1])
     scene = Scene(replace(made, measurements=replace(made.measurements, readings=readings)))
     found = stated(calibrated(scene, FULL))
-    j, (block,) = linearise(found.wide.model, found.wide.z, found.wide.weights).jacobian, found.plain.model.blocks
+    j, (block,) = (
+        linearise(found.wide.model, found.wide.z, found.wide.weights).jacobian,
+        found.plain.model.blocks,
+    )
     j = j[np.tile(found.plain.weights.row[block.name], 3) > 0]
     g = j[:, [k for k, p in enumerate(found.wide.model.parameters) if p.effect == EFFECT]]
     j = j[:, found.own]
