@@ -11,8 +11,10 @@ from bayescal.effects import EFFECTS as VOCABULARY
 from bayescal.effects import Parameter
 from bayescal.effects.location import Driver
 from bayescal.gap.outcome.where import places
+from bayescal.gap.search import verdict
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.cells import cells
+from bayescal.gap.search.unknown import with_set
 from bayescal.gap.search.verdict import decide
 
 STRONG = 150.0
@@ -82,6 +84,27 @@ def test_two_effects_at_once_are_both_named(bench):
         decision, _ = bench.decided(bench.made_up(300 + k, there))
         both += set(names(decision)) == set(pair)
     assert both >= 2
+
+
+def test_a_name_is_kept_by_the_stated_margin_over_an_unmodelled_effect(bench, monkeypatch):
+    """Just below the nats that it gains over the cell it is named, just above it is not."""
+    column = bench.slopes.columns([Parameter("", "rad", (past(bench.circumstances, 5),), 1.0)])
+    there = bench.visible(column, 200.0, 0) + bench.of_effect("backlash", STRONG)
+    p = bench.made_up(3, there)
+    decision, search = bench.decided(p)
+    best = decision.weighed[0]
+    assert best.effects == ("backlash", "unknown")
+    (member,) = best.hypothesis.members
+    start = best.hypothesis.state.weight
+    with_cell = [
+        with_set(h.state, bench.pool, best.cell.best, best.cell.scale, start).log_evidence
+        for h in (best.hypothesis, search.hypotheses[frozenset()])
+    ]
+    margin = with_cell[0] + member.averaging - with_cell[1]
+    assert margin > 10.0 > 0.0 > member.averaging
+    for less, named in ((0.1, ["backlash"]), (-0.1, [])):
+        monkeypatch.setattr(verdict, "VERDICT", replace(verdict.VERDICT, kept=margin - less))
+        assert names(decide(search, bench.pool)) == named
 
 
 def test_a_rare_direction_is_no_outlier(cube):

@@ -213,6 +213,11 @@ def test_an_uncertain_noise_widens_the_interval():
     (sharp,), (loose,) = (shrinkage(before, after, NOISE, noise_dof=dof) for dof in (1e6, 6.0))
     assert np.ptp(loose.removed_interval95) > 1.5 * np.ptp(sharp.removed_interval95)
     assert sharp.removed == loose.removed
+    # the part of the parameters in what is expected has no such uncertainty
+    before, after = held(noise + effect, sd=8e-6), held(noise + 0.7 * effect, sd=8e-6)
+    noiseless = [replace(h, noise=0.1 * h.noise) for h in (before, after)]
+    (sharp,), (loose,) = (shrinkage(*noiseless, 0.1 * NOISE, noise_dof=dof) for dof in (1e6, 6.0))
+    assert np.ptp(loose.removed_interval95) == pytest.approx(np.ptp(sharp.removed_interval95), rel=0.1)
     old, new = centres_of(rng, 8, 0.8, 0.0)
     far, near = (of_distances(old, new, dof, np.random.default_rng(0)) for dof in (3.0, 1e6))
     assert np.ptp(far.removed_interval95) > np.ptp(near.removed_interval95)
