@@ -63,9 +63,9 @@ package-check: $(BIN)/python
 
 # what was interrupted goes on where it stopped; answers are given once
 blind: $(VENV)/.test
-	$(BIN)/bayescal blind make --worlds $(WORLDS) --seed $(SEED) --workers $(WORKERS) --out $(OUT)/blind
-	test -f $(OUT)/blind/answers.json || $(BIN)/bayescal blind run $(OUT)/blind --workers $(WORKERS)
-	$(BIN)/bayescal blind score $(OUT)/blind --page docs/blind.md $(if $(NOTE),--note "$(NOTE)")
+	$(BIN)/python -m analysis.blind make --worlds $(WORLDS) --seed $(SEED) --workers $(WORKERS) --out $(OUT)/blind
+	test -f $(OUT)/blind/answers.json || $(BIN)/python -m analysis.blind run $(OUT)/blind --workers $(WORKERS)
+	$(BIN)/python -m analysis.blind score $(OUT)/blind --page docs/blind.md $(if $(NOTE),--note "$(NOTE)")
 
 bench: $(VENV)/.bench $(VENV)-pybotics/.bench $(VENV)-figaroh/.bench
 	$(BIN)/python -m analysis.benchmarks --pybotics $(VENV)-pybotics/bin/python --figaroh $(VENV)-figaroh/bin/python

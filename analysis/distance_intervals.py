@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.gap.outcome.shrinkage import of_blocks, of_distances
-from bayescal.predict.distances import CentreDistances
+from bayescal.predict.errors import CentreDistances
 
 ERROR, NOISE = 20e-6, 2.5e-6
 """Standard deviations of a coordinate of a centre, m: what the first model leaves out, and the noise."""

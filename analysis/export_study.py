@@ -21,7 +21,7 @@ import bayescal as bc
 from bayescal.calibration import Fit
 from bayescal.errors import BayescalError
 from bayescal.estimate.bounds import UNCHANGED
-from bayescal.exporting import gate
+from bayescal.fitted import gate
 from bayescal.predict import inside95
 from bayescal.robots import load_robot, names
 

@@ -28,10 +28,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bayescal.arm.nominal import NominalArm
-from bayescal.beside import CHECKPOINT
-from bayescal.folders import LIST, claimed
+from bayescal.arm.motion import NominalArm
 from bayescal.robots import load_robot
+from bayescal.storage.folders import LIST, claimed
+from bayescal.storage.locks import CHECKPOINT
 
 TOP = Path(__file__).parents[1]
 SESSION = TOP / "data" / "lrmate200ic-cube"

@@ -7,7 +7,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from bayescal.blind.card import between
+from analysis.blind.card import between
 from bayescal.gap.settings import SEARCH
 
 BEGIN, END = "<!-- knock-out: begin -->", "<!-- knock-out: end -->"

@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
+from analysis.blind.assessed import FLAGGED
+from analysis.blind.card import between, table
+from analysis.blind.rates import proportion
+from analysis.blind.rows import of
 from analysis.records import on_workers
-from bayescal.blind.assessed import FLAGGED
-from bayescal.blind.card import between, table
-from bayescal.blind.rates import proportion
-from bayescal.blind.rows import of
 from bayescal.dataset import Dataset
 from bayescal.errors import BayescalError
 from bayescal.gap.diagnose import diagnose

@@ -29,12 +29,12 @@ from bayescal.assess.agreement import difference_covariance, known_directions, s
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.effects import MODELS
 from bayescal.estimate import Estimate, calibrated, root
-from bayescal.estimate.clusters import poses
-from bayescal.estimate.discrepancy import Family, Stated, families, stated
+from bayescal.estimate.discrepancy import Stated, families, stated
+from bayescal.estimate.families import Family, poses
 from bayescal.estimate.unexplained import unexplained
-from bayescal.model.length_blocks import noise_groups
+from bayescal.model.model import noise_groups
 from bayescal.model.scene import Scene
-from bayescal.predict.intervals import inside95
+from bayescal.predict.crossvalidation import inside95
 from bayescal.predict.validation import validate
 
 RUNS = Path(__file__).parents[1] / "runs" / "real-halves"

@@ -29,8 +29,7 @@ from bayescal.dataset import Dataset, read_dataset
 from bayescal.effects import parameters_of
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, calibrated, estimate
-from bayescal.estimate.flatness import FORM
-from bayescal.estimate.unexplained import unexplained
+from bayescal.estimate.unexplained import FORM, unexplained
 from bayescal.gap.explain import explain
 from bayescal.gap.search.refit import model_name
 from bayescal.model import with_parameters

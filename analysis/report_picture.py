@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 import bayescal as bc
-from bayescal.reporting.page.pdf import browser
+from bayescal.reporting.page.build import browser
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZE = (1180, 540)

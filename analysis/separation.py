@@ -15,15 +15,13 @@ import numpy as np
 
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, log_sum
 from bayescal.gap.result import Pair, Suspect
-from bayescal.model.parts import parts_of
+from bayescal.model.block import parts_of
 from bayescal.planning.candidates import COUNT, candidates
 from bayescal.planning.contrasts import Contrasts, contrasts
-from bayescal.planning.detectable import detectable
 from bayescal.planning.pool import Pool
-from bayescal.planning.projection import Projection
-from bayescal.planning.separate import choose
+from bayescal.planning.projection import Projection, nominal
+from bayescal.planning.separate import choose, detectable
 from bayescal.planning.setup import read_setup
-from bayescal.planning.vocabulary import nominal
 
 SETUP = Path(__file__).parents[1] / "data" / "lrmate200ic-cube"
 MODEL = ("geometry", "compliance")

@@ -20,14 +20,12 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.effects import Parameter
 from bayescal.exporting.export import export
-from bayescal.exporting.fitted import FittedArm
-from bayescal.exporting.verify.levels import File
-from bayescal.exporting.verify.limits import TOGETHER, TOGETHER_RMS, limit
-from bayescal.exporting.verify.replay import Machine, Place, modelled, replayed
+from bayescal.fitted.arm import FittedArm
 from bayescal.model import build
 from bayescal.model.equilibrium import standing_model
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
+from bayescal.verifying.levels import TOGETHER, TOGETHER_RMS, File, Machine, Place, limit, modelled, replayed
 
 ROBOTS = ("fanuc-lrmate200ic", "universal-robots-ur5e", "franka-panda")
 BASE = ("geometry", "compliance")

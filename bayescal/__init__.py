@@ -18,15 +18,12 @@ if TYPE_CHECKING:
     from bayescal.errors import BayescalError
     from bayescal.public import plot
     from bayescal.public.budgets import budget
-    from bayescal.public.checking import check
-    from bayescal.public.compensating import compensate
+    from bayescal.public.compensating import compensate, verify
     from bayescal.public.exports import export
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
     from bayescal.public.planning import plan
-    from bayescal.public.reports import report
     from bayescal.public.saved import load
-    from bayescal.public.starting import init, schema
-    from bayescal.public.verifying import verify
+    from bayescal.public.starting import check, init, report, schema
 
 __version__ = "0.1.0"
 __all__ = [
@@ -56,14 +53,14 @@ _FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate")
 _FROM |= {
     "budget": "bayescal.public.budgets",
     "compensate": "bayescal.public.compensating",
-    "check": "bayescal.public.checking",
+    "check": "bayescal.public.starting",
     "init": "bayescal.public.starting",
     "schema": "bayescal.public.starting",
     "export": "bayescal.public.exports",
     "load": "bayescal.public.saved",
     "plan": "bayescal.public.planning",
-    "report": "bayescal.public.reports",
-    "verify": "bayescal.public.verifying",
+    "report": "bayescal.public.starting",
+    "verify": "bayescal.public.compensating",
     "BayescalError": "bayescal.errors",
 }
 _MODULES = {"effects": "bayescal.effects", "plot": "bayescal.public.plot", "robots": "bayescal.robots"}

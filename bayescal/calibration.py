@@ -9,34 +9,39 @@ from math import inf
 
 import numpy as np
 
-from bayescal.assess.acceptance import Acceptance, acceptance, widened, with_bound
-from bayescal.assess.budget import Basis, Budget, of_distances, with_budgets
-from bayescal.assess.conformance import Tolerance, check_tolerance, conformance
-from bayescal.assess.directions import Directions, directions
+from bayescal.assess.acceptance import (
+    Acceptance,
+    Tolerance,
+    acceptance,
+    check_tolerance,
+    conformance,
+    widened,
+    with_bound,
+)
+from bayescal.assess.budget import Budget, of_distances, with_budgets
 from bayescal.assess.findings import Assessed, Finding, findings, rests_on_priors
-from bayescal.assess.identifiability import Identifiability, identifiability
+from bayescal.assess.identifiability import Directions, Identifiability, directions, identifiability
+from bayescal.assess.inputs import Basis
+from bayescal.assess.mistakes import judged, mistaken
 from bayescal.assess.shared_causes import SharedCause, rejected_share, shared_causes, with_sharing_rows
 from bayescal.assess.undetermined import Undetermined, undetermined
-from bayescal.checking.mistakes import judged, mistaken
 from bayescal.dataset import Dataset
 from bayescal.effects import parameters_of
 from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.joint import JOINT
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, calibrated, check_enough, estimate
-from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded
+from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_readings
 from bayescal.estimate.discrepancy import Stated, stated
-from bayescal.estimate.flatness import FORM, FaceCheck, check_faces, with_form
-from bayescal.estimate.latent import with_latent_readings
-from bayescal.estimate.unexplained import Unexplained, unexplained
+from bayescal.estimate.unexplained import FORM, FaceCheck, Unexplained, check_faces, unexplained, with_form
 from bayescal.model import check_asked, with_parameters
-from bayescal.model.parts import parts_of
+from bayescal.model.block import parts_of
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
 from bayescal.posterior.checkpoint import Checkpoint
 from bayescal.predict import Forecast, Validation, forecast, validate
-from bayescal.predict.rows import Prepared, check_located, prepared
-from bayescal.streams import spawned
+from bayescal.predict.targets import Prepared, check_located, prepared
+from bayescal.statistics import spawned
 
 VALIDATION_DRAWS = 2000
 MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 4_000_000, 400

@@ -16,10 +16,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 from loops import asserting
 
-from bayescal.arm.chain import chain_of, link_angles, points, wrenches
+from bayescal.arm.chain import Robot, chain_of, link_angles, points, wrenches
 from bayescal.arm.inverse import LEVER, descend, to_points
-from bayescal.arm.nominal import NominalArm
-from bayescal.arm.robot import Robot
+from bayescal.arm.motion import NominalArm
 from bayescal.arm.statics import gravity_loads
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Measurements, Noise, Target, Tool

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from bayescal import beside
-from bayescal.beside import alone, scratch
 from bayescal.errors import BayescalError
-from bayescal.files import write_together
-from bayescal.folders import claimed, whole
+from bayescal.storage import locks
+from bayescal.storage.files import write_together
+from bayescal.storage.folders import claimed, whole
+from bayescal.storage.locks import alone, scratch
 
 BUSY = r"another run \(process \d+\) writes to it; wait for its end, or give another --out"
 HOLDS = """
 import sys, time
 from pathlib import Path
-from bayescal.beside import alone, scratch
+from bayescal.storage.locks import alone, scratch
 with alone(Path(sys.argv[1])), scratch("bayescal-tests") as folder:
     print(folder, flush=True)
     time.sleep(60)
@@ -43,7 +43,7 @@ def other(tmp_path):
 
 
 def test_a_second_run_is_refused_until_the_first_ends(tmp_path, other, monkeypatch):
-    monkeypatch.setattr(beside.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(locks.tempfile, "tempdir", str(tmp_path))
     process, folder = other
     out = tmp_path / "out"
     for attempt in (alone(out), claimed(out, "fit.json"), whole(out, "fit.json")):
@@ -87,7 +87,8 @@ def test_a_created_folder_with_a_result_stays(tmp_path):
 def in_time(path):
     """Lock a path in a process that must end: its exit code and what it prints."""
     line = (
-        "import pathlib, sys; from bayescal.beside import alone; alone(pathlib.Path(sys.argv[1])).__enter__()"
+        "import pathlib, sys; from bayescal.storage.locks import alone; "
+        "alone(pathlib.Path(sys.argv[1])).__enter__()"
     )
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent)}
     done = subprocess.run(
@@ -130,7 +131,7 @@ def test_a_full_disk_does_not_stop_a_lock(tmp_path, monkeypatch, call):
             raise RuntimeError("endless")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(beside.os, call, full)
+    monkeypatch.setattr(locks.os, call, full)
     with alone(tmp_path / "out"):
         assert attempts
         assert [p.name for p in tmp_path.iterdir()] == [".out.bayescal-lock"]
@@ -138,7 +139,7 @@ def test_a_full_disk_does_not_stop_a_lock(tmp_path, monkeypatch, call):
 
 
 def test_a_lock_that_is_removed_again_and_again_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(beside, "_has_name", lambda handle, path: False)
+    monkeypatch.setattr(locks, "_has_name", lambda handle, path: False)
     with pytest.raises(BayescalError, match="another run writes to it"), alone(tmp_path / "out"):
         pass
 
@@ -157,7 +158,7 @@ def test_a_read_only_folder_is_one_line(tmp_path):
 
 def test_parts_of_files_that_killed_processes_left_are_removed(tmp_path):
     file = tmp_path / "arm.urdf"
-    own = beside.beside(file, beside.PART).name
+    own = locks.beside(file, locks.PART).name
     dead = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True)
     left = tmp_path / own.replace(f".{os.getpid()}.", f".{int(dead.stdout)}.")
     live = tmp_path / own.replace(f".{os.getpid()}.", f".{os.getppid()}.")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayescal import distributions as d
+from bayescal import statistics as d
 
 RNG = np.random.default_rng(0)
 DOF, BELOW = RNG.uniform(0.5, 400, (2, 300))

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from bayescal import beside
 from bayescal.errors import BayescalError
-from bayescal.folders import LIST, check_free, whole
+from bayescal.storage import locks
+from bayescal.storage.folders import LIST, check_free, whole
 
 FIT = "fit.json"
 
@@ -187,14 +187,14 @@ def test_killed_before_any_system_call(tmp_path, way):
 def test_staging_of_live_and_of_other_hosts_is_left(tmp_path, monkeypatch):
     out = tmp_path / "out"
     run(out, "first")
-    own = beside.beside(out, beside.PART).name
+    own = locks.beside(out, locks.PART).name
     dead = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True)
     names = {
         "live": re.sub(rf"\.{os.getpid()}\.", f".{os.getppid()}.", own),
         "mine": own,
         "elsewhere": own.replace(f".out.{socket.gethostname()}.", ".out.elsewhere."),
         "dead": re.sub(rf"\.{os.getpid()}\.", f".{int(dead.stdout)}.", own),
-        "reborn": own.replace(beside.TOKEN, "0" * 8),
+        "reborn": own.replace(locks.TOKEN, "0" * 8),
         "another folder's": own.replace(".out.", ".out.2."),
     }
     for name in names.values():

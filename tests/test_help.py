@@ -18,7 +18,6 @@ COMMANDS = (
     "compare",
     "simulate",
     "import",
-    "blind",
     "budget",
     "export",
     "verify",

@@ -22,23 +22,23 @@ from typer.testing import CliRunner
 from bayescal.cli import app
 
 CALLED = {
-    "blind make": ("bayescal.blind.make.make",),
-    "blind run": ("bayescal.blind.run.run", "bayescal.blind.rounds.second_round"),
+    "blind make": ("analysis.blind.make.make",),
+    "blind run": ("analysis.blind.run.run", "analysis.blind.rounds.second_round"),
     "budget": ("bayescal.public.budgets.budget",),
-    "check": ("bayescal.public.checking.check",),
+    "check": ("bayescal.public.starting.check",),
     "compare": ("bayescal.public.functions.compare",),
     "compensate": ("bayescal.public.compensating.compensate",),
-    "export": ("bayescal.public.exports.export", "bayescal.public.certificates.certificate"),
+    "export": ("bayescal.public.exports.export", "bayescal.public.budgets.certificate"),
     "fit": ("bayescal.public.functions.fit",),
     "gap": ("bayescal.public.functions.diagnose",),
     "import": ("bayescal.importing.convert", "bayescal.importing.write"),
     "init": ("bayescal.public.starting.init",),
     "plan": ("bayescal.public.planning.plan",),
-    "report": ("bayescal.public.reports.report",),
+    "report": ("bayescal.public.starting.report",),
     "robots": ("bayescal.robots.listing.table",),
-    "schema": ("bayescal.starting.schemas.schema_text",),
+    "schema": ("bayescal.preparing.artefacts.schema_text",),
     "simulate": ("bayescal.public.functions.simulate",),
-    "verify": ("bayescal.public.verifying.verify",),
+    "verify": ("bayescal.public.compensating.verify",),
 }
 """What each command calls: stand-ins record it."""
 ELSEWHERE = {"blind score": "prints a card: tests/blind/test_score_card.py"}

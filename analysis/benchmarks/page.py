@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from bayescal.blind.card import between
+from analysis.blind.card import between
 
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 ABSENT = "-"

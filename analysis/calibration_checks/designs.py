@@ -10,7 +10,7 @@ import numpy as np
 from bayescal.dataset import Dataset, Measurements, Target
 from bayescal.robots import load_robot
 from bayescal.simulation import Options
-from bayescal.simulation.artefacts import Scenery
+from bayescal.simulation.options import Scenery
 from bayescal.simulation.session import plan
 
 READ_NOISE = 30e-6

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from analysis.blind.card import between
 from analysis.calibration_checks.designs import DESIGNS
 from analysis.calibration_checks.figures import LEVELS
-from bayescal.blind.card import between
 
 BEGIN, END = "<!-- checks: begin -->", "<!-- checks: end -->"
 Figures = Mapping[str, Mapping[str, Any]]

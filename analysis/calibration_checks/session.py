@@ -13,8 +13,8 @@ from bayescal.calibration import Fit, fit
 from bayescal.errors import BayescalError
 from bayescal.estimate import root
 from bayescal.model import ARM, Model
-from bayescal.model.length_blocks import noise_groups
-from bayescal.predict.pairs import evenly, far_pairs, lengths
+from bayescal.model.model import noise_groups
+from bayescal.predict.errors import evenly, far_pairs, lengths
 
 REFERENCES = 8
 """Reference points of a session in the test of joint coverage."""

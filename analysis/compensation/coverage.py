@@ -1,6 +1,6 @@
 """``python -m analysis.compensation.coverage --seed 8 --count 60``: does U of a point hold.
 
-Sessions of `bayescal.world`, which shares no code with the model. An arm is fitted to each: with the hidden
+Sessions of `analysis.world`, which shares no code with the model. An arm is fitted to each: with the hidden
 effects where they are in the list of effects, else without. The true arm is brought to readings beside the
 measurements of the session, with their history, load and time; its TCPs are compared with those of the
 fitted arm. A compensation puts the fitted arm on its target within 0.01 µm, so that these are the errors of
@@ -27,14 +27,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from analysis.compensation.session import COUNT, MOVED, stands
+from analysis.world.build import Made, make
+from analysis.world.mix import recipe
 from bayescal.calibration import fit
+from bayescal.compensating.position import Region, expanded
 from bayescal.dataset import read_dataset
 from bayescal.errors import BayescalError
-from bayescal.exporting import FittedArm, of_fit, refitted
-from bayescal.exporting.compensate.position import expanded
-from bayescal.exporting.compensate.region import Region
-from bayescal.world.build import Made, make
-from bayescal.world.mix import recipe
+from bayescal.fitted.arm import FittedArm, of_fit, refitted
 
 UM = 1e6
 

@@ -94,7 +94,7 @@ def write(sessions: Sequence[Session], seed: int, count: int, out: Path) -> None
     lines = [
         "# Compensated targets on an independent simulator",
         "",
-        "Sessions of the simulator of the blind check (`bayescal.world`), which shares no code with the "
+        "Sessions of the simulator of the blind check (`analysis.world`), which shares no code with the "
         "model: "
         "rigid bodies and gravity by Pinocchio, effects in forms of machines. Each session is fitted, "
         f"{COUNT} nominal joint targets beside rows of the session are compensated, and the true arm is "

@@ -1,6 +1,6 @@
 """One session: an arm fitted to it, targets compensated by it, and where the true arm puts them.
 
-The true arm is that of `bayescal.world`, which shares no code with the model: Pinocchio's chain and gravity,
+The true arm is that of `analysis.world`, which shares no code with the model: Pinocchio's chain and gravity,
 hidden effects in forms of machines. Distances between targets are compared, since the frame of the base of an
 arm that is calibrated on loosely placed artefacts is its own.
 """
@@ -14,13 +14,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from analysis.world.build import Made, make
+from analysis.world.mix import FIRST_OF, recipe
 from bayescal.calibration import fit
+from bayescal.compensating.solve import compensated, nominal_arm
 from bayescal.dataset import read_dataset
-from bayescal.exporting import FittedArm, of_fit, refitted
-from bayescal.exporting.compensate.solve import compensated, nominal_arm
-from bayescal.exporting.compensate.targets import Corrected, Target
-from bayescal.world.build import Made, make
-from bayescal.world.mix import FIRST_OF, recipe
+from bayescal.fitted.arm import FittedArm, of_fit, refitted
+from bayescal.programs.targets import Corrected, Target
 
 GENERATOR = 3
 """Version of the simulator: contacts on a cube and on spheres."""

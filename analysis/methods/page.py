@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.blind.card import between
+from analysis.blind.card import between
 
 BEGIN, END = "<!-- methods: begin -->", "<!-- methods: end -->"
 Record = dict[str, Any]

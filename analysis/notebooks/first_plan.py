@@ -33,12 +33,11 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
 import bayescal as bc
 from bayescal.dataset.append import taken
+from bayescal.dataset.types import Box
 from bayescal.planning.candidates import candidates
-from bayescal.planning.criteria import mean_variance
-from bayescal.planning.exchange import select
+from bayescal.planning.exchange import mean_variance, select
 from bayescal.planning.goals import goals
-from bayescal.planning.information import linearised
-from bayescal.planning.pool import Box, Pool
+from bayescal.planning.pool import Pool, linearised
 from bayescal.planning.setup import read_setup
 
 HERE = Path.cwd()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.blind.card import between
+from analysis.blind.card import between
 
 BEGIN, END = "<!-- planning: begin -->", "<!-- planning: end -->"
 Record = dict[str, Any]

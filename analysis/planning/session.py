@@ -19,19 +19,16 @@ from bayescal.planning.candidates import candidates
 from bayescal.planning.exchange import select
 from bayescal.planning.expected import Random, u_of
 from bayescal.planning.goals import Goal, goals
-from bayescal.planning.information import Linearised, linearised
-from bayescal.planning.pool import Pool
+from bayescal.planning.pool import Linearised, Pool, linearised
 from bayescal.planning.setup import read_setup
-from bayescal.predict.distances import centre_distances
-from bayescal.predict.pairs import lengths
-from bayescal.predict.rows import prepared
+from bayescal.predict.errors import centre_distances, lengths
+from bayescal.predict.targets import prepared
 from bayescal.robots import load_robot
 from bayescal.simulation import Options
-from bayescal.simulation.artefacts import Scenery
-from bayescal.simulation.options import stream
+from bayescal.simulation.options import Scenery, stream
+from bayescal.simulation.record import distance_certificates, draws, true_targets
 from bayescal.simulation.session import plan
 from bayescal.simulation.touch import World, touch
-from bayescal.simulation.truth import distance_certificates, draws, true_targets
 
 MODEL = ("geometry", "compliance")
 CHOSEN, RANDOM = "chosen", "random"

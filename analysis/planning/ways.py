@@ -15,16 +15,17 @@ from pathlib import Path
 import numpy as np
 
 from analysis.planning.sampled import Cell, Table
-from bayescal.collision import Clearance, HalfSpace
 from bayescal.dataset import Dataset, Noise, Target, Tool
 from bayescal.dataset.read import no_rows
 from bayescal.errors import BayescalError
 from bayescal.planning import order as orders
 from bayescal.planning.candidates import candidates
-from bayescal.planning.obstacles import scene
+from bayescal.planning.place import scene
 from bayescal.planning.pool import Setup
 from bayescal.planning.setup import continued
 from bayescal.planning.transit import Transits
+from bayescal.probing.clearance import Clearance
+from bayescal.probing.shapes import HalfSpace
 from bayescal.robots import load_robot
 
 ROBOTS = (

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from analysis.blind.card import between
 from analysis.study.pictures import NAMES
 from analysis.study.session import LEVELS
-from bayescal.blind.card import between
 
 BEGIN, END = "<!-- study: begin -->", "<!-- study: end -->"
 FOLDER = "pictures"

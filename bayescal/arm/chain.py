@@ -10,17 +10,68 @@ in F0. ``link`` holds what stands between one joint and the next: Rx(alpha) Tx(a
 modified DH (and the flange behind the last), Tx(a) Rx(alpha) of the same row in standard DH. Rz and Tz
 of D commute with those of the joint, so the components are exact DH errors: of theta, d, alpha, a, and
 Hayati's beta.
+
+A robot as its drawing says it is: nominal kinematics, masses and coupling of its axes.
+
+A transform between two joints as one DH row.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
+from typing import Literal
 
 import numpy as np
 
-from bayescal.arm.robot import Robot
 from bayescal.arm.transforms import rigid, rotation
+
+Convention = Literal["mdh", "dh"]
+Coupling = Literal["display", "mechanical"]
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Nominal serial arm of n revolute joints, in SI units.
+
+    Rows follow `convention`: in modified DH (``mdh``, Craig) ``alpha`` and ``a`` of row i stand
+    before joint i, ``Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)``; in standard DH (``dh``) after it,
+    ``Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)``. ``theta = link_from_reading @ reading + offset``.
+    Behind modified rows the flange may stand anywhere (`flange`); standard ones end at it.
+
+    `coupling` says what couples the axes of `link_from_reading`. ``display``: the controller computes what
+    it shows; every motor, gear and encoder sits at its own joint, between two links. ``mechanical``: linkages
+    or gear trains do; motors and encoders turn by the readings, each moving all links of its column.
+    """
+
+    name: str
+    convention: Convention
+    joint_names: tuple[str, ...]
+    alpha: np.ndarray  # (n,) rad
+    a: np.ndarray  # (n,) m
+    d: np.ndarray  # (n,) m
+    offset: np.ndarray  # (n,) rad
+    beta: np.ndarray  # (n,) rad, Hayati's angle of near-parallel axes; zero on a drawing
+    limits: np.ndarray  # (n, 2) rad, of the link side (row of link_from_reading times its sign)
+    link_from_reading: np.ndarray  # (n, n)
+    base: np.ndarray = field(default_factory=lambda: np.eye(4))  # first row's frame in F0
+    masses: np.ndarray | None = None  # (n,) kg, of the link that each joint moves
+    centres_of_mass: np.ndarray | None = None  # (n, 3) m, each in its link frame
+    compliance: np.ndarray | None = None  # (n,) rad/(N m), where already known
+    reductions: np.ndarray | None = None  # (n,) motor turns a joint turn
+    flange: np.ndarray = field(default_factory=lambda: np.eye(4))  # in the last row's frame; mdh only
+    coupling: Coupling = "display"
+    radii: np.ndarray | None = None  # (n,) m, of capsules around the links; nan where assumed
+    velocities: np.ndarray | None = None  # (n,) rad/s, largest of the joints; nan where not stated
+    torques: np.ndarray | None = None  # (n,) N m, largest of the joints; nan where not stated
+
+    def __post_init__(self) -> None:
+        assert self.convention == "mdh" or np.array_equal(self.flange, np.eye(4)), "standard rows end at it"
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
 
 
 @dataclass(frozen=True)
@@ -192,3 +243,50 @@ def _moved(delta: np.ndarray, parts: tuple[int, ...]) -> np.ndarray:
         step[:, axis, 3] = delta[:, 2 * part + 1]
         steps.append(step)
     return reduce(np.matmul, steps)
+
+
+def split(
+    m: np.ndarray, parallel: float = np.radians(5.0)
+) -> tuple[tuple[float, float, float], tuple[float, float], tuple[float, float]]:
+    """Split a transform into ``Rz Tz`` (before), ``Rx(alpha) Tx(a) Ry(beta)``, and ``Rz Tz`` (behind).
+
+    Between near-parallel axes beta takes the place of a distance along the second axis, which there
+    is ill determined; elsewhere beta is zero (Hayati and Mirmirani 1985). Any rigid transform can be
+    split so: what stands between two joints is a row, and what it leaves to the joints beside it.
+
+    Parameters
+    ----------
+    m : np.ndarray, shape (4, 4)
+        From one joint's frame to the next, each turning about its z. m and rad.
+    parallel : float
+        Axes that differ by less count as parallel, rad.
+
+    Returns
+    -------
+    tuple
+        (alpha, a, beta), (angle, length) before, (angle, length) behind. rad and m.
+    """
+    axis = m[:3, 2]  # the second axis seen from the first
+    if np.hypot(axis[0], axis[1]) < np.sin(parallel):
+        turn = _small(np.arctan2(m[1, 3], m[0, 3])) if np.hypot(m[0, 3], m[1, 3]) > 1e-12 else 0.0
+        r, p = rotation(2, -turn) @ m[:3, :3], rotation(2, -turn) @ m[:3, 3]
+        alpha, beta = np.arctan2(-r[1, 2], r[2, 2]), np.arcsin(np.clip(r[0, 2], -1.0, 1.0))
+        rest = rotation(1, -beta) @ rotation(0, -alpha) @ r
+        before, behind = p[2], 0.0
+    else:  # turn about the first axis until the second has no component along x: the common normal
+        turn = _small(np.arctan2(axis[0], -axis[1]))
+        r, p = rotation(2, -turn) @ m[:3, :3], rotation(2, -turn) @ m[:3, 3]
+        alpha, beta = np.arctan2(-r[1, 2], r[2, 2]), 0.0
+        rest = rotation(0, -alpha) @ r
+        behind = -p[1] / np.sin(alpha)  # p = Tz(before) Tx(a) Rx(alpha) Tz(behind)
+        before = p[2] - np.cos(alpha) * behind
+    return (
+        (float(alpha), float(p[0]), float(beta)),
+        (float(turn), float(before)),
+        (float(np.arctan2(rest[1, 0], rest[0, 0])), float(behind)),
+    )
+
+
+def _small(turn: float) -> float:
+    """Of the two turns half a revolution apart the smaller: a and alpha keep their nominal signs."""
+    return float(turn - np.pi * np.round(turn / np.pi))

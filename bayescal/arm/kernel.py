@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from bayescal.arm.compiled import compiled
+from bayescal.arm.transforms import compiled
 
 WIDTH = 128
 MAX_ANGLE = 0.15  # rad a displacement; the series are then right to 1e-13 rad

@@ -7,8 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayescal.arm.chain import Chain, displaced, frames
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Chain, Robot, displaced, frames
 from bayescal.arm.transforms import cross
 
 AT_ONCE = 8192

@@ -1,9 +1,15 @@
-"""Rotations and rigid transforms. All active; ``A_from_B @ x_B = x_A``; angles in rad."""
+"""Rotations and rigid transforms. All active; ``A_from_B @ x_B = x_A``; angles in rad.
+
+Functions compiled by numba, kept on disk where any folder for them can be written.
+"""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from typing import Any
 
+import numba
 import numpy as np
 
 AXES = ("rz", "tz", "rx", "tx", "ry", "ty")
@@ -106,3 +112,15 @@ def rigid_alignment(to: np.ndarray, of: np.ndarray, weight: np.ndarray | None = 
     a, b = np.average(to, axis=0, weights=weight), np.average(of, axis=0, weights=weight)
     turn = alignment(to - a, of - b, weight)
     return rigid(turn, a - turn @ b)
+
+
+def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """A decorator like `numba.njit`, which keeps the compiled code only where that is possible."""
+
+    def compile_(function: Callable[..., Any]) -> Any:
+        try:
+            return numba.njit(cache=True, **options)(function)
+        except RuntimeError:  # neither beside the module nor in the user's cache folder
+            return numba.njit(**options)(function)
+
+    return compile_

@@ -17,13 +17,13 @@ from itertools import combinations
 import numpy as np
 
 from bayescal.dataset import Dataset
-from bayescal.distributions import chi2_sf
 from bayescal.effects import MODELS
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, calibrated
 from bayescal.estimate.discrepancy import Stated, stated
 from bayescal.model.scene import Scene
+from bayescal.statistics import chi2_sf
 
 KNOWN = 1.0
 """Information, relative to the prior's, that both sessions need in a direction for a comparison."""

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.assess.budget import Basis, certified_distances
-from bayescal.assess.budget.inputs import UNEXPLAINED
-from bayescal.assess.budget.measurand import distances
-from bayescal.estimate.clusters import poses
-from bayescal.predict.rows import RowPrediction
+from bayescal.assess.inputs import UNEXPLAINED, Basis
+from bayescal.assess.measurand import certified_distances, distances
+from bayescal.estimate.families import poses
+from bayescal.predict.targets import RowPrediction
 
 CYCLES, POSES = 30, 5
 """Cycles and poses of the standard."""

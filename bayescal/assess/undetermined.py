@@ -14,9 +14,17 @@ from typing import Literal
 
 import numpy as np
 
-from bayescal.assess.conditions import PAYLOAD, PLANNED, Conditions
-from bayescal.assess.directions import directions, in_words
-from bayescal.assess.identifiability import DETERMINED, SHOWN, Identifiability, simplified
+from bayescal.assess.identifiability import (
+    DETERMINED,
+    PAYLOAD,
+    PLANNED,
+    SHOWN,
+    Conditions,
+    Identifiability,
+    directions,
+    in_words,
+    simplified,
+)
 from bayescal.estimate import Estimate
 
 STILL = np.radians(15.0)

@@ -50,7 +50,7 @@ def budget(
     if to == "csv":
         sys.stdout.write(found.csv)
     elif to == "json":
-        from bayescal.files import json_text
+        from bayescal.storage.files import json_text
 
         sys.stdout.write(json_text(found.record))
     else:

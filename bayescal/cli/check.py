@@ -21,12 +21,12 @@ def check(
     allow_xacro: AllowXacro = False,
 ) -> None:
     """Check a dataset without fitting it: what is understood, what is missing, what looks wrong."""
-    from bayescal.public.checking import check as run
+    from bayescal.public.starting import check as run
 
     known(to, FORMATS)
     result = run(dataset, allow_xacro=allow_xacro)
     if json or to == "json":
-        from bayescal.files import json_text
+        from bayescal.storage.files import json_text
 
         typer.echo(json_text(result.record), nl=False)
         return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from bayescal.cli import (  # noqa: F401  (they register their commands)
-    blind,
     budget,
     check,
     compare,

@@ -7,20 +7,33 @@ import gc
 import os
 import signal
 import sys
+from collections.abc import Callable
 
 from bayescal.errors import BayescalError
-from bayescal.stopping import Stopped, leave, stoppable
+from bayescal.storage.stopping import Stopped, leave, stoppable
 
 FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 """A full disk, a limit on the size of files, an exhausted quota: no defect of ours."""
 
 
-def run() -> None:
-    """Run the command of this process; a `BayescalError` becomes one line and exit code 1."""
+def _commands() -> Callable[[], object]:
+    from bayescal.cli.commands import app
+
+    return app
+
+
+def run(load: Callable[[], Callable[[], object]] = _commands) -> None:
+    """Run the command of this process; a `BayescalError` becomes one line and exit code 1.
+
+    Parameters
+    ----------
+    load : callable
+        Imports the commands, and returns what parses the arguments and calls one of them.
+    """
     try:
         with stoppable():
             try:
-                _command()
+                _command(load)
             finally:
                 sys.stdout.flush()
     except OSError as error:
@@ -39,7 +52,7 @@ def run() -> None:
         leave(stopped)
 
 
-def _command() -> None:
+def _command(load: Callable[[], Callable[[], object]]) -> None:
     # the matrices are small: several BLAS threads would slow the computation down
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
@@ -48,6 +61,4 @@ def _command() -> None:
         raise BayescalError("it does not exist any more", "working directory", "change to another") from None
     # cycles are rare here: to look for them as often as by default takes a twelfth of a diagnosis
     gc.set_threshold(50_000)
-    from bayescal.cli.commands import app
-
-    app()
+    load()()

@@ -59,8 +59,8 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Export in spite of reasons against it.")] = False,
 ) -> None:
     """Export the arm of a run folder of fit or gap, and state what the file cannot hold."""
-    from bayescal.public.certificates import CertificateResult
-    from bayescal.public.certificates import certificate as certify
+    from bayescal.public.budgets import CertificateResult
+    from bayescal.public.budgets import certificate as certify
     from bayescal.public.exports import ExportResult
     from bayescal.public.exports import export as work
     from bayescal.public.results import console

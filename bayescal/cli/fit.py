@@ -62,10 +62,9 @@ def fit(
     ] = False,
 ) -> None:
     """Calibrate an arm: its parameters with uncertainty, and the expected distance error in its workspace."""
-    from bayescal.beside import CHECKPOINT, checkpoint_of
-    from bayescal.growing import remove
     from bayescal.public.functions import fit as run
     from bayescal.public.results import drawing_beside
+    from bayescal.storage.locks import CHECKPOINT, checkpoint_of, remove
 
     with (
         run_folder(out, datasets, "fit") as folder,

@@ -51,6 +51,6 @@ def schema(
     name: Annotated[str, typer.Argument(metavar="dataset|robot|artefact", help="Which file.")],
 ) -> None:
     """Print the JSON schema of dataset.yaml, robot.yaml or artefact.yaml, for editors."""
-    from bayescal.starting.schemas import schema_text
+    from bayescal.preparing.artefacts import schema_text
 
     typer.echo(schema_text(name), nl=False)

@@ -22,7 +22,7 @@ def run_folder(out: Path | None, datasets: Sequence[Path], command: str) -> Iter
     BayescalError
         If the folder contains files other than an earlier run of the command, or another run writes to it.
     """
-    from bayescal.folders import claimed
+    from bayescal.storage.folders import claimed
 
     names = "+".join(folder.resolve().name for folder in datasets)
     folder = out or Path("runs") / f"{names}-{command}"

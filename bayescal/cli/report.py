@@ -32,7 +32,7 @@ def report(
     pdf: Annotated[bool, typer.Option("--pdf", help="Also print a PDF, by Chromium or Chrome.")] = False,
 ) -> None:
     """Write the page of a run again, or a page of several runs side by side."""
-    from bayescal.public.reports import report as work
+    from bayescal.public.starting import report as work
 
     for path in work(runs, out, pdf=pdf):
         typer.echo(f"written          {path}")

@@ -26,7 +26,7 @@ def robots(
         typer.echo(found.to_csv(lineterminator="\n"), nl=False)
         return
     if to == "json":
-        from bayescal.files import json_text
+        from bayescal.storage.files import json_text
 
         typer.echo(json_text({"robots": found.reset_index().to_dict("records")}), nl=False)
         return

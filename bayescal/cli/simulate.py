@@ -57,9 +57,9 @@ def simulate(
     """Simulate a session on a cube and spheres, or on a set-up; the ground truth is a separate file."""
     import math
 
-    from bayescal.folders import claimed
     from bayescal.public.functions import simulate as run
-    from bayescal.simulation.folder import TRUTH
+    from bayescal.simulation.record import TRUTH
+    from bayescal.storage.folders import claimed
 
     with claimed(out, TRUTH):
         if setup is not None:

@@ -26,8 +26,8 @@ def verify(
     ] = None,
 ) -> None:
     """Load an exported arm in its simulator: against the fitted arm, and against the measurements."""
-    from bayescal.folders import claimed
-    from bayescal.public.verifying import verify as verified
+    from bayescal.public.compensating import verify as verified
+    from bayescal.storage.folders import claimed
 
     folder = out or Path("runs") / f"{file.stem}-verify"
     with claimed(folder, "verify.json"), progress() as notify:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.dataset.join_rows import EMPTY, NAMED, PAUSE
+from bayescal.dataset.join import EMPTY, NAMED, PAUSE
 from bayescal.dataset.types import Measurements
 
 

@@ -18,7 +18,8 @@ from pydantic import Field
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Certificate, Points, Target
 from bayescal.errors import BayescalError
-from bayescal.files import (
+from bayescal.robots.schema import number, scalar
+from bayescal.storage.files import (
     Document,
     Keys,
     Name,
@@ -29,8 +30,7 @@ from bayescal.files import (
     check_schema,
     read_document,
 )
-from bayescal.reading import check_inside
-from bayescal.robots.writing import number, scalar
+from bayescal.storage.reading import check_inside
 
 SCHEMA = "bayescal-artefact/1"
 NEAREST = 1e-6

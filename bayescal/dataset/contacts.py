@@ -1,17 +1,28 @@
 """Residuals of contacts at nominal geometry, and how far a target must move to explain them.
 
 The estimate is robust: it distinguishes an impossible row from an uncertain position of the target.
+
+Whether the stated region of a target is one of it: of its kind, and on its surface.
+
+Which targets a certificate may join, and whether their nominal places allow what it states.
+
+What is attached to the flange in each row: tool and payload.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayescal.arm.transforms import rigid_alignment, rpy_matrix
 from bayescal.dataset.target_kinds import KINDS, Seen, angle_sd, place_sd
-from bayescal.dataset.types import Target
+from bayescal.dataset.types import Dataset, Patch, Target
+from bayescal.errors import BayescalError
+from factors.certificate import FORMS, LENGTHS, RELATIONS, ordered
+from factors.feature import Feature
+from factors.relation import Relation, aligned, apart, off_plane, square
 
 ARM_ERROR = 0.01
 """m: what an arm may nominally be wrong by; a smaller misfit weighs in full."""
@@ -85,3 +96,121 @@ def scatter(p: np.ndarray, seen: np.ndarray, near: float, passes: int = 30) -> n
         if away.max() <= near:
             break
     return away
+
+
+OFF = 2e-3
+"""m: greatest distance of a region's centre from the nominal surface or axis (assumed: rounded values)."""
+ALONG_NORMAL = 0.99  # cosine from which on a direction is not one of the face
+
+
+def reason_against(target: Target, patch: Patch) -> tuple[str, str] | None:
+    """What is wrong with the region of a target, and the remedy; None if nothing is."""
+    sizes = {"plane": 2, "cylinder": 1}
+    if target.kind not in sizes:
+        what = f"has no meaning: it is of kind {target.kind}"
+        return what, "state regions of planes and cylinders; contacts on other kinds follow from their entry"
+    if len(patch.size) != sizes[target.kind]:
+        each = {"plane": "[width, height]", "cylinder": "[length]"}[target.kind]
+        return f"has {len(patch.size)} entries in `size_mm`", f"a {target.kind} needs {each}"
+    across = np.asarray(target.values["normal" if target.kind == "plane" else "axis"], float)
+    if target.kind == "plane":
+        off = abs(float(across @ patch.centre) - float(target.values["offset"]))
+        if patch.along is not None and abs(float(across @ patch.along)) > ALONG_NORMAL:
+            return "states `along` across its face", "give a direction in the face"
+    else:
+        away = patch.centre - np.asarray(target.values["point"], float)
+        off = float(np.linalg.norm(away - across * (across @ away)))
+    if off > OFF:
+        noun = "face" if target.kind == "plane" else "axis"
+        return f"has its centre {off * 1e3:.1f} mm off the {noun}", "give a centre on it, in F0"
+    return None
+
+
+WRONG: dict[Relation, Callable[[float], bool]] = {
+    aligned: lambda cosine: cosine < 0.85,
+    square: lambda cosine: cosine > 0.5,
+}
+"""Which cosines of nominal directions are some 30 degrees or more off."""
+
+SHARE: dict[Relation, float] = {off_plane: 0.1, apart: 1e-6}
+"""Of a stated length, what the nominal places must show: a plane's side is theirs to tell (assumed)."""
+
+
+def forms_of(targets: Sequence[Target]) -> tuple[str, str]:
+    """The forms of two targets."""
+    a, b = targets
+    return KINDS[a.kind].form, KINDS[b.kind].form
+
+
+def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -> None:
+    """Refuse two targets that a certificate of this kind, of this length (m), cannot join.
+
+    Raises
+    ------
+    BayescalError
+        Where the pair has no meaning, is not nominally parallel or perpendicular as stated, or coincides.
+    """
+    a, b = sorted(pair, key=lambda t: FORMS.index(KINDS[t.kind].form))
+    names, forms = f"`{a.name}` and `{b.name}`", ordered(forms_of(pair))
+    if forms not in RELATIONS[kind]:
+        what = f"a `{kind}` certificate cannot join {names}, a {a.kind} and a {b.kind}"
+        raise BayescalError(what, where, f"it joins {joinable(kind)}")
+    first, second = _nominal(a), _nominal(b)
+    relations = RELATIONS[kind][forms]
+    if first.direction is not None and second.direction is not None:
+        cosine = abs(float(first.direction @ second.direction))
+        # two axes have one distance where they are parallel
+        angles = (aligned,) if kind == "distance" else relations
+        if any(WRONG[r](cosine) for r in angles if r in WRONG):
+            angle = np.degrees(np.arccos(min(1.0, cosine)))
+            said = "as far apart as parallel axes are" if kind == "distance" else kind
+            whose = {"plane": "normals", "axis": "axes"}[forms[0]] if forms[0] == forms[1] else "directions"
+            what = f"{names} are certified {said}, but their {whose} are nominally {angle:.0f} deg apart"
+            raise BayescalError(what, where, "check the names and the directions of both")
+    for relation in (r for r in relations if r in SHARE):
+        out = _apart(relation, first, second)
+        if length is not None and out <= SHARE[relation] * length:
+            what = f"{names} are certified {1e3 * length:.6g} mm apart, but nominally {1e3 * out:.6g} mm"
+            raise BayescalError(
+                what, where, "write their nominal places: these tell on which side one stands"
+            )
+
+
+def nominal_length(pair: Sequence[Target], kind: str) -> float | None:
+    """Distance, m, of two targets at their nominal places, which a certificate of a kind states; or None."""
+    a, b = sorted(pair, key=lambda t: FORMS.index(KINDS[t.kind].form))
+    relations = RELATIONS[kind].get(ordered(forms_of(pair)), ())
+    first, second = _nominal(a), _nominal(b)
+    for relation in relations:
+        if relation in LENGTHS:
+            return abs(_apart(relation, first, second))
+    return None
+
+
+def joinable(kind: str) -> str:
+    """The kinds of target that a kind of certificate joins, in words."""
+    of = {form: "/".join(k.name for k in KINDS.values() if k.form == form) for form in FORMS}
+    return ", ".join(f"{of[a]} with {of[b]}" for a, b in RELATIONS[kind])
+
+
+def _nominal(target: Target) -> Feature:
+    kind = KINDS[target.kind]
+    direction = np.asarray(target.values[kind.direction]) if kind.direction else None
+    return Feature(kind.place(target), np.zeros((0, 3)), direction)
+
+
+def _apart(relation: Relation, a: Feature, b: Feature) -> float:
+    return float(relation(a, b)(a, b)[0][0])
+
+
+def load_mass(dataset: Dataset) -> np.ndarray:
+    """Mass of the load on the flange, (N,), kg."""
+    m = dataset.measurements
+    mass = np.array([tool.mass for tool in dataset.tools], float)[m.tool]
+    return mass if m.payload is None else mass + m.payload
+
+
+def load_centre(dataset: Dataset) -> np.ndarray:
+    """Centre of mass of the load in the flange frame, (N, 3), m; default: the ball's centre."""
+    centres = [t.centre if t.centre_of_mass is None else t.centre_of_mass for t in dataset.tools]
+    return np.array(centres)[dataset.measurements.tool]

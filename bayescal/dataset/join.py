@@ -4,22 +4,184 @@ The joined sessions share the arm, and tools with equal entries. Targets, certif
 belong to a session and have its name as a prefix (``A:cube.+x``). Its rows keep the noise that it states. Its
 times are shifted to follow those of the session before, so that rows are in the order of time; a drift still
 has separate parameters for each session (`effects.sessions`).
+
+The rows of several sessions, one session after the other.
+
+Whether two sessions are of the same robot, with the same mounting and conventions.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from hashlib import sha256
+from typing import Any
 
 import numpy as np
 
-from bayescal.dataset.checks.same_robot import check_alike
-from bayescal.dataset.join_rows import called, column, measurements, temperature_of
+from bayescal.arm.chain import Robot
 from bayescal.dataset.target_kinds import kinds_of
-from bayescal.dataset.types import Certificate, Dataset, Noise, Record, Target, Tool
+from bayescal.dataset.types import Certificate, Dataset, Measurements, Noise, Record, Target, Tool
 from bayescal.errors import BayescalError
+
+PAUSE = 3600.0
+"""s between the clocks of two sessions, which is unknown (assumed)."""
+NAMED = ("stop", "repeat")
+"""Columns of labels, called by their session."""
+EMPTY: Mapping[str, float] = {
+    "velocity": 0.0,
+    "payload": 0.0,
+    "xyz": np.nan,
+    "rpy": np.nan,
+    "length": np.nan,
+    "u": np.nan,
+}
+"""What a session without an optional column has in it: what the reader makes of empty cells."""
+
+
+def called(session: Dataset, name: str) -> str:
+    """The name that something of a session has among those of others."""
+    return f"{session.name}:{name}"
+
+
+def column(session: Dataset, name: str, width: tuple[int, ...] = ()) -> np.ndarray:
+    """A copy of an optional column (N, *width), or what stands for a missing one."""
+    m = session.measurements
+    given = getattr(m, name)
+    return np.full((len(m.ids), *width), EMPTY[name]) if given is None else np.array(given)
+
+
+def _telling(sessions: Sequence[Dataset]) -> list[Dataset]:
+    """The sessions whose temperature may drive the arm; where none does, those that record an artefact's."""
+    recorded = [s for s in sessions if s.measurements.temperature is not None]
+    return [s for s in recorded if s.temperature_of != "artefact"] or recorded
+
+
+def temperature_of(sessions: Sequence[Dataset]) -> str | None:
+    """What the temperatures of the rows joined are of."""
+    return next((s.temperature_of for s in _telling(sessions)), None)
+
+
+def measurements(
+    sessions: Sequence[Dataset], u: Sequence[np.ndarray], tool_of: Sequence[np.ndarray]
+) -> Measurements:
+    """All rows, session after session."""
+    before = np.cumsum([0, *(len(s.targets) for s in sessions[:-1])])
+    own = [s.measurements for s in sessions]
+    columns: dict[str, Any] = {
+        "ids": tuple(called(s, name) for s in sessions for name in s.measurements.ids),
+        "target": np.concatenate([m.target + at for m, at in zip(own, before, strict=True)]),
+        "tool": np.concatenate([index[m.tool] for m, index in zip(own, tool_of, strict=True)]),
+        "u": None if all(np.isnan(values).all() for values in u) else np.concatenate(list(u)),
+        "time": _clock(own),
+        "temperature": _temperature(sessions),
+    }
+    for field in fields(Measurements):
+        name = field.name
+        if name in columns:
+            continue
+        given = [getattr(m, name) for m in own]
+        known = next((values for values in given if values is not None), None)
+        if known is None:
+            columns[name] = None
+        elif name in NAMED:
+            columns[name] = np.concatenate([_labels(s, name) for s in sessions])
+        elif name in EMPTY:
+            columns[name] = np.concatenate([column(s, name, known.shape[1:]) for s in sessions])
+        else:  # a column that no value stands for counts only where every session has it
+            columns[name] = None if any(values is None for values in given) else np.concatenate(given)
+    return Measurements(**columns)
+
+
+def _labels(session: Dataset, name: str) -> np.ndarray:
+    """Stops or repeats (N,), called by their session; "" where there are none."""
+    labels = getattr(session.measurements, name)
+    if labels is None:
+        return np.full(len(session.measurements.ids), "")
+    return np.array([called(session, str(label)) if label else "" for label in labels])
+
+
+def _clock(own: Sequence[Measurements]) -> np.ndarray | None:
+    """Times (N,), s: those of each session after those of the one before; of one without, one moment."""
+    if all(m.time is None for m in own):
+        return None
+    out: list[np.ndarray] = []
+    end = 0.0
+    for m in own:
+        time = np.zeros(len(m.ids)) if m.time is None else m.time
+        out.append(time + (end + PAUSE - min(0.0, float(time.min())) if out else 0.0))
+        end = float(out[-1].max())
+    return np.concatenate(out)
+
+
+def _temperature(sessions: Sequence[Dataset]) -> np.ndarray | None:
+    """Temperatures (N,), degC, of arm or air; a session without any stays at the mean of the others."""
+    known = {s.name: s.measurements.temperature for s in _telling(sessions)}
+    if not known:
+        return None
+    mean = float(np.mean(np.concatenate([values for values in known.values() if values is not None])))
+    return np.concatenate(
+        [known.get(s.name, np.full(len(s.measurements.ids), mean)) for s in sessions],
+    )
+
+
+RELATIVE, ABSOLUTE = 1e-8, 1e-9
+"""How alike two robot files must be, SI: to the digits that files are written with."""
+NOT_THE_ARM = ("limits", "reductions", "radii")
+"""Fields of a robot that may be told otherwise, or not at all, of the same arm."""
+
+
+def check_alike(first: Dataset, other: Dataset) -> None:
+    """Refuse two sessions of different robots, mountings or conventions."""
+    difference = arm_difference(first.robot, other.robot)
+    if difference:
+        what = f"not the robot of {first.name}: {difference}"
+        raise BayescalError(what, str(other.folder), "fit the sessions of each arm apart")
+    turns = [s.noise.orientation for s in (first, other) if s.noise.orientation is not None] or [0.0]
+    pairs = (
+        ("gravity_mps2", first.gravity, other.gravity),
+        ("readings", first.readings, other.readings),
+        ("torques", first.torques, other.torques),
+        ("noise.joint_deg", np.degrees(first.noise.joint), np.degrees(other.noise.joint)),
+        ("noise.orientation_deg", np.degrees(turns[0]), np.degrees(turns[-1])),
+    )
+    for key, here, there in pairs:
+        same = here == there if isinstance(here, str) else bool(np.all(_close(here, there)))
+        if not same:
+            what = f"`{key}` is {_words(there)}, in {first.name} it is {_words(here)}"
+            raise BayescalError(what, str(other.folder), "state what is true of both, or fit them apart")
+
+
+def arm_difference(one: Robot, other: Robot) -> str:
+    """The first thing in which two robot files differ, in words; "" where they are of one arm."""
+    for field in fields(Robot):
+        if field.name in NOT_THE_ARM:
+            continue
+        here, there = getattr(one, field.name), getattr(other, field.name)
+        name = field.name.replace("_", " ")
+        if here is None and there is None:
+            continue
+        if here is None or there is None:
+            return f"{name} given for one of them only"
+        if not isinstance(here, np.ndarray):
+            if here != there:
+                return f"{name} {there}, not {here}"
+        elif here.shape != there.shape:
+            return f"{len(there)} rows of {name}, not {len(here)}"
+        elif not np.all(close := _close(here, there)):
+            at = tuple(int(k) for k in np.argwhere(~close)[0])
+            of = f" of {one.joint_names[at[0]]}" if len(here) == one.n else ""
+            return f"{name}{of} {there[at]:.9g}, not {here[at]:.9g} (SI)"
+    return ""
+
+
+def _close(here: Any, there: Any) -> np.ndarray:
+    return np.isclose(here, there, rtol=RELATIVE, atol=ABSOLUTE)
+
+
+def _words(value: Any) -> str:
+    return f"{np.round(value, 9)}" if np.ndim(value) else f"{value}"
 
 
 def joined(sessions: Sequence[Dataset], remounted: bool = False, own_noise: bool = True) -> Dataset:

@@ -1,4 +1,7 @@
-"""A folder on disk to a `Dataset`."""
+"""A folder on disk to a `Dataset`.
+
+From the cells of measurements.csv to `Measurements`, checked against tools, targets and noise.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +11,170 @@ from pathlib import Path
 
 import numpy as np
 
-from bayescal.dataset import artefact, session
-from bayescal.dataset.checks import orientation_check, plausibility, torque_check
-from bayescal.dataset.rows import measurements_of
+from bayescal.dataset import artefact, consistency, plausibility, session
 from bayescal.dataset.schema import SCHEMA, file_model
 from bayescal.dataset.solids import solids_of
-from bayescal.dataset.table import Table, read_table
-from bayescal.dataset.types import Certificate, Dataset, Measurements
+from bayescal.dataset.table import RPY, XYZ, Table, joint_columns, read_table
+from bayescal.dataset.target_kinds import KINDS
+from bayescal.dataset.types import ROLES, Certificate, Dataset, Measurements, Noise, Target, Tool
 from bayescal.errors import BayescalError, listed
-from bayescal.files import Document, check_schema, read_document
-from bayescal.reading import check_inside
 from bayescal.robots import load_robot
+from bayescal.storage.files import SMALLEST, Document, check_schema, read_document, si, unknown
+from bayescal.storage.reading import check_inside
+
+
+def measurements_of(
+    table: Table, n: int, tools: tuple[Tool, ...], targets: tuple[Target, ...], noise: Noise
+) -> Measurements:
+    """Turn the table of an arm with `n` joints to SI units, or refuse the first bad row of each check."""
+    _check_ids(table)
+    role = np.array([r or "calibrate" for r in table.cells.get("role", ("",) * len(table.line))])
+    table.first(~np.isin(role, ROLES), "unknown role '{role}'", f"must be {', '.join(ROLES)}, or empty")
+    target = _indices(table, "target", [t.name for t in targets])
+    tool = _indices(table, "tool", [t.name for t in tools])
+    rows = Measurements(
+        ids=table.cells["id"],
+        role=role,
+        target=target,
+        tool=tool,
+        readings=_joints(table, "deg", n),
+        line=table.line,
+        velocity=_velocity(table, n),
+        xyz=table.block(XYZ, needed=False),
+        rpy=table.block(RPY, needed=False),
+        length=table.optional("length_mm"),
+        u=table.optional("u_mm"),
+        stop=table.texts("stop"),
+        command=_joints(table, "command_deg", n),
+        torque=_joints(table, "nm", n),
+        time=table.optional("time_s", needed=True),
+        temperature=table.optional("temperature_c", needed=True),
+        payload=_payload(table),
+        repeat=table.texts("repeat"),
+    )
+    _check_kinds(table, rows, tools, targets)
+    _check_values(table, rows)
+    _check_noise(table, rows, targets, noise)
+    return rows
+
+
+def _check_ids(table: Table) -> None:
+    ids = table.cells["id"]
+    table.first(np.array([not i for i in ids]), "`id` is empty", "give every row an id of its own")
+    first: dict[str, int] = {}
+    for row, name in enumerate(ids):
+        if first.setdefault(name, row) != row:
+            line = table.line[first[name]]
+            raise table.error(row, f"id `{name}` is given twice", f"the first is in line {line}; rename one")
+
+
+def _indices(table: Table, column: str, names: list[str]) -> np.ndarray:
+    """Row by row the index into `names`; the only tool needs no naming."""
+    index = {name: i for i, name in enumerate(names)}
+    alone = column == "tool" and len(names) == 1
+    if column not in table.cells:
+        if alone:
+            return np.zeros(len(table.line), int)
+        what = f"no column `tool`, but there are {len(names)} tools"
+        raise BayescalError(what, f"{table.name}:1", "say which in each row")
+    out = np.empty(len(table.line), int)
+    for row, cell in enumerate(table.cells[column]):
+        if not cell and not alone:
+            raise table.error(row, f"`{column}` is empty", f"write one of {listed(names)}")
+        if cell and cell not in index:
+            remedy = unknown(column, cell, names)[1]
+            remedy = remedy if remedy.startswith("is it") else f"add it to `{column}s` in dataset.yaml"
+            raise table.error(row, f"no entry of `{column}s` is called `{cell}`", remedy)
+        out[row] = index.get(cell, 0)
+    return out
+
+
+def _joints(table: Table, kind: str, n: int) -> np.ndarray:
+    return table.block(joint_columns(kind, n), needed=True)  # type: ignore[return-value]
+
+
+def _velocity(table: Table, n: int) -> np.ndarray | None:
+    """Joint velocities; a row that states none was taken at rest."""
+    columns = joint_columns("degps", n)
+    velocity = table.block(columns, needed=False)
+    if velocity is None:
+        return None
+    missing = np.isnan(velocity)
+    for i, column in enumerate(columns):
+        table.first(missing[:, i] & ~missing.all(axis=1), f"`{column}` is empty", "give all joints', or none")
+    return np.where(missing, 0.0, velocity)
+
+
+def _payload(table: Table) -> np.ndarray | None:
+    payload = table.optional("payload_kg")
+    return None if payload is None else np.nan_to_num(payload)
+
+
+def _check_kinds(
+    table: Table, rows: Measurements, tools: tuple[Tool, ...], targets: tuple[Target, ...]
+) -> None:
+    """Every row has what its target's kind needs, and nothing that it cannot use."""
+    kind = np.array([t.kind for t in targets])[rows.target]
+    no_ball = np.array([t.ball_radius is None for t in tools])[rows.tool]
+    bad = np.array([KINDS[t.kind].touched for t in targets])[rows.target] & no_ball
+    if bad.any():
+        row = int(np.argmax(bad))
+        what = f"{kind[row]} `{targets[rows.target[row]].name}` touched with `{tools[rows.tool[row]].name}`"
+        raise table.error(row, f"{what}, which has no ball", "add `ball_radius_mm` to the tool")
+    reads = np.array([KINDS[t.kind].reads for t in targets])[rows.target]
+    instrument = reads == "xyz"
+    for column in XYZ:
+        empty = np.array([not c for c in table.cells.get(column, ("",) * len(kind))])
+        for name in readers("xyz"):
+            what = f"{name} `{{target}}`, but `{column}` is empty"
+            table.first((kind == name) & empty, what, f"fill in {', '.join(XYZ)}")
+        _refuse(table, ~instrument & ~empty, column, " or ".join(readers("xyz")))
+    turned = np.zeros((len(kind), 3), bool) if rows.rpy is None else np.isfinite(rows.rpy)
+    for column, given in zip(RPY, turned.T, strict=True):
+        _refuse(table, ~instrument & given, column, " or ".join(readers("xyz")))
+        table.first(
+            turned.any(axis=1) & ~given, f"`{column}` is empty", f"give all of {', '.join(RPY)}, or none"
+        )
+    fixed = np.array([np.isfinite(t.values.get("length", np.nan)) for t in targets])[rows.target]
+    read = np.zeros(len(kind), bool) if rows.length is None else np.isfinite(rows.length)
+    for name in readers("length"):
+        lengthless = f"{name} `{{target}}` has no `length_mm`"
+        table.first((kind == name) & ~fixed & ~read, lengthless, "write it in the row, or in the target")
+    _refuse(table, read & (reads != "length"), "length_mm", " or ".join(readers("length")))
+
+
+def readers(field: str) -> list[str]:
+    """Kinds of target whose rows read a field of `Measurements`."""
+    return [kind.name for kind in KINDS.values() if kind.reads == field]
+
+
+def _refuse(table: Table, bad: np.ndarray, column: str, kind: str) -> None:
+    what = f"`{column}` is given, but `{{target}}` is no {kind}"
+    table.first(bad, what, f"leave the cell empty, or name the {kind}")
+
+
+def _check_values(table: Table, rows: Measurements) -> None:
+    if rows.payload is not None:
+        table.first(rows.payload < 0, "`payload_kg` is {payload_kg}", "a mass is not negative")
+    if rows.u is not None:
+        remedy = f"must be more than 0, at least {SMALLEST:g}, or empty for the stated noise"
+        table.first(rows.u < si("u_mm") * SMALLEST, "`u_mm` is {u_mm}", remedy)
+    if rows.length is not None:
+        table.first(rows.length <= 0, "`length_mm` is {length_mm}", "must be more than 0")
+
+    # A clock that goes back is let pass: a long real session has poses measured again and appended.
+
+
+def _check_noise(table: Table, rows: Measurements, targets: tuple[Target, ...], noise: Noise) -> None:
+    """Every row knows its standard uncertainty: its own, or the stated one of its kind."""
+    instrument = np.array([KINDS[t.kind].noise == "point" for t in targets])[rows.target]
+    own = np.zeros(len(instrument), bool) if rows.u is None else np.isfinite(rows.u)
+    stated_of = (("contact_mm", noise.contact, ~instrument), ("point_mm", noise.point, instrument))
+    for key, stated, which in stated_of:
+        if stated is None:
+            what = f"no noise is stated for a row of `{{target}}`: `noise` has no `{key}`"
+            table.first(which & ~own, what, f"add `{key}` to `noise` in dataset.yaml, or `u_mm` to the row")
+
 
 SETTINGS, TABLE = "dataset.yaml", "measurements.csv"
 MARKED = ("tools", "noise", "targets", "certificates")
@@ -49,9 +205,9 @@ def read_dataset(folder: Path | str, judge: bool = True, allow_xacro: bool = Fal
     """
     dataset, table, document = read_parts(folder, allow_xacro)
     if judge:
-        torque_check.check_sign(dataset, document)
+        consistency.check_sign(dataset, document)
         plausibility.check(dataset, table, document)
-        orientation_check.check(dataset, table)
+        consistency.check(dataset, table)
     return dataset
 
 
@@ -81,7 +237,7 @@ def read_parts(folder: Path | str, allow_xacro: bool = False) -> tuple[Dataset, 
         measurements=measurements_of(table, n, bare.tools, bare.targets, bare.noise),
         sha256=_digest(document.content, table.content, *contents),
     )
-    torque_check.check_present(dataset, document)
+    consistency.check_present(dataset, document)
     return dataset, table, document
 
 

@@ -12,7 +12,16 @@ from pydantic_core import PydanticCustomError
 
 from bayescal.dataset.solids import SolidEntry
 from bayescal.dataset.target_kinds import KINDS, MEANING, TargetKind
-from bayescal.files import Keys, Name, NotNegative, Number, Positive, Uncertain, UncertainOrKnown, Vector
+from bayescal.storage.files import (
+    Keys,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Uncertain,
+    UncertainOrKnown,
+    Vector,
+)
 
 SCHEMA = "bayescal-dataset/1"
 

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayescal.dataset import joins, patches
+from bayescal.dataset import contacts
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Box, Certificate, Noise, Patch, PlanSettings, Record, Target, Tool
 from bayescal.errors import BayescalError
-from bayescal.files import Document, si, stem_of, unknown
+from bayescal.storage.files import Document, si, stem_of, unknown
 
 if TYPE_CHECKING:
     from bayescal.dataset import schema
@@ -109,7 +109,7 @@ def certificates_of(
             raise BayescalError(what, where, f"the first is in line {other}; keep one")
         stated = {FIELDS[k]: getattr(entry, k) * si(k) for k in type(entry).model_fields if k in FIELDS}
         if len(names) == 2:
-            joins.check(entry.kind, stated.get("distance"), [by_name[n] for n in names], where)
+            contacts.check(entry.kind, stated.get("distance"), [by_name[n] for n in names], where)
         certificates.append(Certificate(entry.kind, names, **stated))
     return tuple(certificates)
 
@@ -139,7 +139,7 @@ def plan_of(
             raise BayescalError(f"a region of `{name}`, which is no target", document.where(path), remedy)
         along = None if entry.along is None else _direction(document, path, "along", np.array(entry.along))
         regions[name] = Patch(np.array(entry.centre_mm) * 1e-3, np.array(entry.size_mm) * 1e-3, along)
-        if reason := patches.reason_against(by_name[name], regions[name]):
+        if reason := contacts.reason_against(by_name[name], regions[name]):
             raise BayescalError(f"the region of `{name}` {reason[0]}", document.where(path), reason[1])
     if any(len(pose) != n for pose in stated.poses_deg):
         where, remedy = document.where(("plan", "poses_deg")), f"give {n} readings in deg for each pose"

@@ -13,8 +13,8 @@ from pydantic import Field
 
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
-from bayescal.files import Document, Keys, Name, Positive, Vector
-from bayescal.reading import check_inside
+from bayescal.storage.files import Document, Keys, Name, Positive, Vector
+from bayescal.storage.reading import check_inside
 
 LARGEST = 20_000_000
 """Bytes of a mesh file."""

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.errors import BayescalError, shown
-from bayescal.files import outside, range_of, si, unknown
-from bayescal.reading import decoded
+from bayescal.storage.files import outside, range_of, si, unknown
+from bayescal.storage.reading import decoded
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")

@@ -14,7 +14,7 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset.types import Dataset, Target
-from bayescal.files import Number, Positive, Vector
+from bayescal.storage.files import Number, Positive, Vector
 from factors.cylinder import Cylinder
 from factors.distance import Distance
 from factors.fixed_point import FixedPoint

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot
 from bayescal.dataset.solids import OwnSolid
 
 ROLES = ("calibrate", "validate", "locate")

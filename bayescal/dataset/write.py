@@ -19,10 +19,10 @@ from bayescal.dataset.table import JOINT, RPY, XYZ, joint_columns
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Certificate, Dataset, PlanSettings, Record, Target, Tool
 from bayescal.errors import BayescalError
-from bayescal.files import FILL_IN, si, stem_of
-from bayescal.folders import whole
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
-from bayescal.robots.writing import number, scalar
+from bayescal.robots.schema import number, scalar
+from bayescal.storage.files import FILL_IN, si, stem_of
+from bayescal.storage.folders import whole
 
 ROBOT, ARTEFACT = "robot.yaml", "artefact.yaml"
 

@@ -15,8 +15,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.arm.motion import Term
-from bayescal.arm.robot import Robot
 from bayescal.effects.joints import at, carries, without_torques
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import COMPLIANT, FACTOR

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.arm.motion import Term
-from bayescal.arm.robot import Robot
 from bayescal.effects import location
 from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Form, Parameter, Where

@@ -8,9 +8,8 @@ from typing import TypedDict
 
 import numpy as np
 
-from bayescal.arm.chain import Chain
+from bayescal.arm.chain import Chain, Robot
 from bayescal.arm.motion import CERTIFICATE, Term
-from bayescal.arm.robot import Robot
 from bayescal.arm.statics import Loads, Stance
 from bayescal.effects.location import ARM, CONSTANT, Driver, Site
 from bayescal.effects.sizes import Size

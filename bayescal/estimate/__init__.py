@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from bayescal.estimate.checks import check_converged, check_length, check_within_reach
-from bayescal.estimate.enough import check_enough
+from bayescal.estimate.checks import check_converged, check_enough, check_length, check_within_reach
 from bayescal.estimate.estimate import Estimate, at_solution, calibrated, estimate, settled
-from bayescal.estimate.linear import Linear, leverages, linearise, root
-from bayescal.estimate.noise import STATED_WORTH
-from bayescal.estimate.solver import add_block, add_constraints, solve
-from bayescal.estimate.weights import Weights, unit_weights
+from bayescal.estimate.solver import (
+    STATED_WORTH,
+    Linear,
+    Weights,
+    add_block,
+    add_constraints,
+    leverages,
+    linearise,
+    root,
+    solve,
+    unit_weights,
+)
 
 __all__ = [
     "STATED_WORTH",

@@ -1,16 +1,21 @@
-"""Solutions that are refused: no known length, not converged, beyond the range of the model."""
+"""Solutions that are refused: no known length, not converged, beyond the range of the model.
+
+Whether a session has enough rows to calibrate an arm.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import ceil
 
 import numpy as np
 
 from bayescal.arm.kernel import MAX_ANGLE
 from bayescal.errors import BayescalError
-from bayescal.estimate.linear import Linear
+from bayescal.estimate.solver import Linear, linearise, unit_weights
 from bayescal.model.block import ARM
-from bayescal.model.model import Model
+from bayescal.model.model import Model, with_parameters
+from bayescal.model.scene import Scene
 
 LARGEST_SCALE_SD = 5e-3
 """Relative standard deviation of the arm's size beyond which it counts as not identifiable."""
@@ -67,3 +72,44 @@ def check_within_reach(model: Model, z: np.ndarray) -> None:
                 "robot",
                 "check offset_deg, the signs of link_from_reading and the units of the readings",
             )
+
+
+def check_enough(scene: Scene) -> None:
+    """Refuse a session whose rows determine hardly more than the positions of its targets.
+
+    Rows locate the targets first. With the singular values s of the whitened Jacobian of the targets alone,
+    sum s^2 / (1 + s^2) of their unknowns are located by rows and certificates, and the same sum over the
+    certificates' part by these alone. The difference is the number of rows that the targets need: one for
+    each unknown of a target without stated uncertainty, none for a known target (`u_mm: 0`). At least one
+    further row per joint is required, for the joint offsets, the minimum of a calibration. The other
+    parameters have tolerance priors, so a session may have fewer rows than parameters.
+
+    Raises
+    ------
+    BayescalError
+        With the required number of rows.
+    """
+    model = with_parameters(scene, (), ())
+    z = np.zeros(model.size)
+    jacobian = linearise(model, z, unit_weights(model, z)).jacobian
+    numbers = sum(b.residuals for b in model.blocks)  # of the rows; the certificates' residuals follow
+    located = _determined(jacobian)
+    joints = scene.dataset.robot.n
+    left = numbers - (located - _determined(jacobian[numbers:]))
+    if left > joints - 0.5:
+        return
+    rows = len(scene.rows("calibrate"))
+    needed = rows + ceil((joints - left + model.size - located) * rows / numbers - 1e-3)
+    word = "row has" if rows == 1 else "rows have"
+    raise BayescalError(
+        f"{rows} {word} the role calibrate: too few for {joints} joints and {len(model.states)} targets "
+        f"({model.size} unknowns)",
+        "measurements.csv",
+        f"measure {needed} or more: at least one per joint, in addition to those that locate the targets",
+    )
+
+
+def _determined(jacobian: np.ndarray) -> float:
+    """Number of unknowns that whitened residuals determine beyond their priors; Jacobian (R, D)."""
+    square = np.maximum(np.linalg.eigvalsh(jacobian.T @ jacobian), 0.0)
+    return float(np.sum(square / (1.0 + square)))

@@ -18,12 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri, fdtrc
 
-from bayescal.distributions import f_isf, f_noncentrality
-from bayescal.estimate.linear import Evaluations, linearise
-from bayescal.estimate.noise import STATED_WORTH, by_group
-from bayescal.estimate.solver import solve
-from bayescal.estimate.weights import Weights
+from bayescal.estimate.solver import STATED_WORTH, Evaluations, Weights, by_group, linearise, solve
 from bayescal.model.model import Model
+from bayescal.statistics import f_isf, f_noncentrality
 
 TAIL = 4.0
 """Degrees of freedom of the Student t that weighs measurements while outliers are sought."""

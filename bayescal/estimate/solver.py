@@ -1,19 +1,151 @@
-"""Levenberg-Marquardt on the factor graph."""
+"""Levenberg-Marquardt on the factor graph.
+
+Weights of the residuals: standard uncertainties, noise scales, row weights.
+
+The problem linearised at a point, whitened.
+
+The noise scale of each group, estimated with the fit.
+
+Cholesky factors of small matrices, by LAPACK itself: SciPy prepares a call for longer than it takes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
-from bayescal.estimate.linear import Evaluations
-from bayescal.estimate.weights import Weights
 from bayescal.model.block import ARM, Block, Constraint
 from bayescal.model.model import Model
 
 if TYPE_CHECKING:
     from factors.graph import Function, Graph
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of the residuals by block: `sigma` (R,) m at noise scale 1, row weights (C,)."""
+
+    sigma: Mapping[str, np.ndarray]
+    row: Mapping[str, np.ndarray]
+    scale: Mapping[str, float]  # by noise group
+
+    def whitening(self, block: Block) -> np.ndarray:
+        """Factors (R,) that whiten a block's residuals."""
+        row = np.tile(self.row[block.name], block.kind.rows)
+        return np.sqrt(row) / (self.sigma[block.name] * self.scale[block.group])
+
+
+def unit_weights(model: Model, z: np.ndarray) -> Weights:
+    """Full weight for every contact, at its stated noise, plus reading noise through the Jacobian at z."""
+    joint = model.scene.dataset.noise.joint
+    sigma = {}
+    for block in model.blocks:
+        own = np.tile(block.sigma, block.kind.rows)
+        if joint > 0:
+            coupling = model.scene.dataset.robot.link_from_reading
+            slices = model.slices
+            by = block.by_readings(model.deviations(z[slices[ARM]]), z[slices[block.target]], coupling)
+            own = np.sqrt(own**2 + joint**2 * np.sum(by**2, axis=1))
+        sigma[block.name] = own
+    row = {block.name: np.ones(len(block.rows)) for block in model.blocks}
+    return Weights(sigma, row, {block.group: 1.0 for block in model.blocks})
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The problem linearised at z, whitened, without the prior: contacts of each block, then constraints."""
+
+    residual: np.ndarray  # (R,)
+    jacobian: np.ndarray  # (R, D)
+    of_block: Mapping[str, slice]  # rows of each block's contacts, by the block's name
+
+
+class Evaluations:
+    """Residuals and slopes of a model's blocks and constraints, each kept for the point asked for last.
+
+    The solver, the search for outliers and the noise ask for the same points one after another, with other
+    weights. The arrays are not whitened, and not to be changed.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self._known: dict[int, tuple[bytes, Any]] = {}
+
+    def block(
+        self, block: Block, arm: np.ndarray, own: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residuals (R,), m, and slopes by the arm's z (R, P) and by the target's (R, size)."""
+
+        def new() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            r, by_arm, by_target = block.linearise(self.model.deviations(arm), own)
+            by_arm *= self.model.sd
+            return r, by_arm, by_target
+
+        found: tuple[np.ndarray, np.ndarray, np.ndarray] = self._at(block, new, (arm, own))
+        return found
+
+    def constraint(
+        self, constraint: Constraint, parts: Mapping[str, np.ndarray]
+    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """As `Model.linearised`."""
+        found: tuple[np.ndarray, dict[str, np.ndarray]] = self._at(
+            constraint,
+            lambda: self.model.linearised(constraint, parts),
+            [parts[name] for name in constraint.variables],
+        )
+        return found
+
+    def _at(self, of: Block | Constraint, new: Callable[[], Any], point: Sequence[np.ndarray]) -> Any:
+        here = b"".join([part.tobytes() for part in point])
+        at, found = self._known.get(id(of), (b"", None))
+        if found is None or at != here:
+            found = new()
+            self._known[id(of)] = here, found
+        return found
+
+
+def linearise(
+    model: Model, z: np.ndarray, weights: Weights, evaluations: Evaluations | None = None
+) -> Linear:
+    """Whitened residuals and Jacobian at z, in NumPy arrays; from evaluations of the model, where given."""
+    evaluations = evaluations or Evaluations(model)
+    count = sum(b.residuals for b in model.blocks) + sum(t.rows for t in model.constraints)
+    residual, jacobian, of_block, at = np.empty(count), np.zeros((count, model.size)), {}, 0
+    arm = model.slices[ARM]
+    for block in model.blocks:
+        own, mine = model.slices[block.target], slice(at, at + block.residuals)
+        r, by_arm, by_target = evaluations.block(block, z[arm], z[own])
+        whiten = weights.whitening(block)
+        residual[mine] = r * whiten
+        np.multiply(
+            by_arm, whiten[:, None], out=jacobian[mine, arm]
+        )  # in place: of a large session each copy counts
+        jacobian[mine, own] = by_target * whiten[:, None]
+        of_block[block.name] = mine
+        at = mine.stop
+    for constraint in model.constraints:
+        mine = slice(at, at + constraint.rows)
+        parts = {name: z[model.slices[name]] for name in constraint.variables}
+        residual[mine], by = evaluations.constraint(constraint, parts)
+        for name, slope in by.items():
+            jacobian[mine, model.slices[name]] = slope
+        at = mine.stop
+    return Linear(residual, jacobian, of_block)
+
+
+def leverages(linear: Linear, covariance: np.ndarray) -> np.ndarray:
+    """Leverage of each residual, (R,)."""
+    return np.einsum("ij,jk,ik->i", linear.jacobian, covariance, linear.jacobian, optimize=True)
+
+
+def root(covariance: np.ndarray) -> np.ndarray:
+    """Factor L (D, D) with L L' = covariance, also of a nearly singular covariance."""
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 def solve(
@@ -92,3 +224,60 @@ def _constraint_function(evaluations: Evaluations, constraint: Constraint, free:
         return r, [by[name] for name in free]
 
     return function
+
+
+STATED_WORTH = 8.0
+"""Weight of the stated noise, in contacts, as a prior of the noise scale (inverse gamma)."""
+
+
+def by_group(model: Model) -> dict[str, list[Block]]:
+    """Blocks by noise group."""
+    out: dict[str, list[Block]] = {}
+    for block in model.blocks:
+        out.setdefault(block.group, []).append(block)
+    return out
+
+
+def rescaled_weights(
+    model: Model, weights: Weights, linear: Linear, covariance: np.ndarray
+) -> tuple[Weights, dict[str, float]]:
+    """Noise scales estimated from the residuals, and their degrees of freedom."""
+    effective_dof = leverages(linear, covariance)
+    scale, dof = {}, {}
+    for group, blocks in by_group(model).items():
+        at = [linear.of_block[b.name] for b in blocks]
+        chi2 = sum(float(np.sum(linear.residual[s] ** 2)) for s in at) * weights.scale[group] ** 2
+        count = sum(float(np.sum(weights.row[b.name])) * b.kind.rows for b in blocks)
+        dof[group] = max(count - sum(float(np.sum(effective_dof[s])) for s in at), 0.0)
+        scale[group] = float(np.sqrt((STATED_WORTH + chi2) / (STATED_WORTH + dof[group])))
+    return replace(weights, scale=scale), dof
+
+
+def factored(matrix: np.ndarray) -> np.ndarray:
+    """Lower factor L (D, D) of a positive definite matrix (D, D); what is above its diagonal is not used.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix is not positive definite, or not finite.
+    """
+    factor, failed = dpotrf(matrix, lower=1, clean=0)
+    if failed or not np.isfinite(np.diag(factor)).all():
+        raise np.linalg.LinAlgError("the matrix is not positive definite")
+    return factor
+
+
+def solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution x of L L' x = right, of shape (D,) or (D, K) as `right`, with the factor L of `factored`."""
+    return _finite(dpotrs(factor, right, lower=1)[0])
+
+
+def halved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution x of L x = right, (D, K), with the factor L of `factored`."""
+    return _finite(dtrtrs(factor, right, lower=1)[0])
+
+
+def _finite(found: np.ndarray) -> np.ndarray:
+    if not np.isfinite(found).all():
+        raise ValueError("the right-hand side is not finite")
+    return found

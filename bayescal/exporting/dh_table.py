@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot
 from bayescal.arm.transforms import rpy_of
-from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.robot import ROBOT_YAML, calibrated_robot, robot_items
 from bayescal.exporting.written import Format, Options, Written
-from bayescal.files import json_text
+from bayescal.fitted.arm import FittedArm
+from bayescal.storage.files import json_text
 
 SCHEMA = "bayescal-dh/1"
 COLUMNS = {

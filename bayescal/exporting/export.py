@@ -1,4 +1,7 @@
-"""An arm in a format: the file, what it lacks, and the sidecar that says both."""
+"""An arm in a format: the file, what it lacks, and the sidecar that says both.
+
+All formats that an arm can be exported to. A further one is a file and an entry here.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +18,40 @@ from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
 from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
-from bayescal.exporting import gate
+from bayescal.exporting.dh_table import DH_CSV
 from bayescal.exporting.expressed import Missing, not_expressed
-from bayescal.exporting.fitted import FittedArm
-from bayescal.exporting.formats import format_of
-from bayescal.exporting.rows import state_row
+from bayescal.exporting.joint_zeros import JOINT_ZEROS
+from bayescal.exporting.mjcf.format import MJCF
+from bayescal.exporting.robot import ROBOT_YAML
+from bayescal.exporting.sdf import SDF
 from bayescal.exporting.sidecar import SCHEMA, sidecar_of
-from bayescal.exporting.written import Options, Written, path_of
-from bayescal.files import json_text, write_together
-from bayescal.reading import content_of
+from bayescal.exporting.ur_yaml import UR_YAML
+from bayescal.exporting.urdf import URDF
+from bayescal.exporting.written import Format, Options, Written, path_of
+from bayescal.fitted import gate
+from bayescal.fitted.arm import FittedArm
+from bayescal.fitted.unmodelled import state_row
+from bayescal.storage.files import json_text, write_together
+from bayescal.storage.reading import content_of
+
+FORMATS: dict[str, Format] = {f.name: f for f in (ROBOT_YAML, URDF, SDF, MJCF, UR_YAML, DH_CSV, JOINT_ZEROS)}
+CERTIFICATE = "dcc"
+"""A Digital Calibration Certificate: a format of the command, which is no file of an arm."""
+
+
+def format_of(name: str) -> Format:
+    """A format by its name.
+
+    Raises
+    ------
+    BayescalError
+        If there is no such format.
+    """
+    if name not in FORMATS:
+        known = ", ".join((*FORMATS, CERTIFICATE))
+        raise BayescalError(f"there is no format `{name}`", "--to", f"formats: {known}")
+    return FORMATS[name]
+
 
 UM = 1e6
 AT_FLANGE = 1e-6

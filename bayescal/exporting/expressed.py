@@ -10,9 +10,9 @@ import numpy as np
 from bayescal.arm.motion import CERTIFICATE, CONTACT
 from bayescal.effects import Parameter
 from bayescal.effects.tool import TOOL
-from bayescal.exporting.displaced import at_state, changes, constant
-from bayescal.exporting.fitted import FittedArm
+from bayescal.exporting.geometry import at_state, changes, constant
 from bayescal.exporting.written import Format
+from bayescal.fitted.arm import FittedArm
 from bayescal.model import Model
 
 WHY = {

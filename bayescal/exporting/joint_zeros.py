@@ -12,9 +12,9 @@ import io
 import numpy as np
 
 from bayescal.arm.transforms import AXES
-from bayescal.exporting.displaced import at_state, constant
-from bayescal.exporting.fitted import FittedArm
+from bayescal.exporting.geometry import at_state, constant
 from bayescal.exporting.written import Format, Options, Written, item
+from bayescal.fitted.arm import FittedArm
 
 TICKS = 4096
 """Steps per revolution of the encoders of common servos (Feetech STS, Dynamixel X)."""

@@ -6,9 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.arm.chain import chain_of, displaced
-from bayescal.arm.robot import Robot
-from bayescal.arm.rows import split
+from bayescal.arm.chain import Robot, chain_of, displaced, split
 from bayescal.arm.transforms import rigid
 from bayescal.effects import Parameter
 from bayescal.effects.compliance import COMPLIANCE
@@ -17,10 +15,9 @@ from bayescal.effects.geometry import PARALLEL
 from bayescal.effects.joint import JOINT
 from bayescal.effects.joints import READING, side_of
 from bayescal.effects.selection import Selection
-from bayescal.exporting.displaced import constant, constant_displacements
-from bayescal.exporting.fitted import FittedArm
-from bayescal.exporting.geometry import items
+from bayescal.exporting.geometry import constant, constant_displacements, items
 from bayescal.exporting.written import Format, Item, Options, Written, item
+from bayescal.fitted.arm import FittedArm
 from bayescal.model import Model
 from bayescal.robots import robot_to_yaml
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot
 from bayescal.arm.transforms import rigid
 from bayescal.errors import BayescalError
 from bayescal.exporting.geometry import zero_frames

@@ -13,21 +13,17 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot
 from bayescal.arm.transforms import rpy_of
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.tool import TOOL
-from bayescal.exporting.digits import number, numbers
-from bayescal.exporting.displaced import constant
-from bayescal.exporting.fitted import FittedArm
-from bayescal.exporting.geometry import coupled, items
-from bayescal.exporting.mjcf.content import Content
-from bayescal.exporting.mjcf.law import Law
-from bayescal.exporting.mjcf.links import DAMPING, GYRATION, WEIGHTLESS
-from bayescal.exporting.mjcf.mechanism import Hinge, Mechanism, mechanism
+from bayescal.exporting.geometry import constant, coupled, items, number, numbers
+from bayescal.exporting.mjcf.content import Content, Law
+from bayescal.exporting.mjcf.links import DAMPING, GYRATION, WEIGHTLESS, Hinge, Mechanism, mechanism
 from bayescal.exporting.written import Format, Item, Options, Written, item
+from bayescal.fitted.arm import FittedArm
 
 VERSION = "1.8"
 ELASTIC = (COMPLIANCE.name, BENDING.name, BASE_COMPLIANCE.name)

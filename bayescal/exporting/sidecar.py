@@ -1,4 +1,7 @@
-"""The sidecar of an exported file: where it is, and what other commands need of it."""
+"""The sidecar of an exported file: where it is, and what other commands need of it.
+
+Simulators, which are extras of the package.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,14 @@ import json
 from collections.abc import Mapping
 from hashlib import sha256
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal
 
 from pydantic import BaseModel, Field, ValidationError
 
 from bayescal.errors import BayescalError
-from bayescal.files import Number, Vector
-from bayescal.reading import read_record
+from bayescal.storage.files import Number, Vector
+from bayescal.storage.reading import read_record
 
 SCHEMA: Literal["bayescal-export/1"] = "bayescal-export/1"
 SUFFIX = ".bayescal.json"
@@ -111,3 +115,36 @@ def _entries(record: Mapping[str, Any]) -> type[_Sidecar]:
         return _Urdf
     placed = record.get("format") == "mjcf" and record.keys() & {"into", "joints", "root_in_f0"}
     return _Placed if placed else _Sidecar
+
+
+def mujoco() -> ModuleType:
+    """The module of MuJoCo. Its warnings are not written to a file of the working folder.
+
+    Raises
+    ------
+    BayescalError
+        If it is not installed.
+    """
+    try:
+        import mujoco as module
+    except ImportError:
+        remedy = "pip install 'bayescal[mujoco]'"
+        raise BayescalError("MuJoCo is not installed", "simulator", remedy) from None
+    module.set_mju_user_warning(lambda _: None)
+    return module
+
+
+def pinocchio() -> ModuleType:
+    """The module of Pinocchio.
+
+    Raises
+    ------
+    BayescalError
+        If it is not installed.
+    """
+    try:
+        import pinocchio as module
+    except ImportError:
+        remedy = "pip install 'bayescal[mujoco]' or 'bayescal[pinocchio]'"
+        raise BayescalError("neither MuJoCo nor Pinocchio is installed", "simulator", remedy) from None
+    return module

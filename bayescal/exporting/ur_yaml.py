@@ -12,15 +12,14 @@ from __future__ import annotations
 import numpy as np
 import yaml
 
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
-from bayescal.exporting.displaced import constant
-from bayescal.exporting.fitted import FittedArm
-from bayescal.exporting.geometry import geometry_of, items, steps, zero_frames
+from bayescal.exporting.geometry import constant, geometry_of, items, steps, zero_frames
 from bayescal.exporting.same_arm import FileArm, match
 from bayescal.exporting.written import Format, Options, Written, path_of
-from bayescal.files import read_document
+from bayescal.fitted.arm import FittedArm
+from bayescal.storage.files import read_document
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")

@@ -20,28 +20,28 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from bayescal.arm.chain import chain_of
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot, chain_of
 from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError
-from bayescal.exporting.digits import numbers
-from bayescal.exporting.displaced import constant, constant_displacements
-from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.geometry import (
     at_zero_poses,
     centre_in_frame,
+    constant,
+    constant_displacements,
     coupled,
     geometry_of,
     items,
     joint_angles,
+    numbers,
     steps,
 )
 from bayescal.exporting.same_arm import FileArm, match
 from bayescal.exporting.written import Format, Options, Written, path_of
 from bayescal.exporting.xml_text import XmlText
-from bayescal.reading import decoded
+from bayescal.fitted.arm import FittedArm
 from bayescal.robots.markup import LARGEST, parse_markup
 from bayescal.robots.tree import TURNING, UNLIMITED, Tree, read_tree, tip_of
+from bayescal.storage.reading import decoded
 
 CLOSE = 1e-9
 """m: difference of the written file's kinematics from the model's geometry at which it is not handed out."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bayescal.effects import UNITS
-from bayescal.exporting.fitted import FittedArm
+from bayescal.fitted.arm import FittedArm
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,7 @@
-"""A complete diagnosis: fit, search, verdict, refit, and all results."""
+"""A complete diagnosis: fit, search, verdict, refit, and all results.
+
+Fits of the model levels: nominal, the baseline effect by effect, then each named effect.
+"""
 
 from __future__ import annotations
 
@@ -11,34 +14,57 @@ from bayescal.assess.identifiability import identifiability
 from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import parameters_of
-from bayescal.estimate import Estimate, check_enough
+from bayescal.estimate import Estimate, calibrated, check_enough, estimate
 from bayescal.estimate.bounds import bounded
 from bayescal.estimate.discrepancy import stated
-from bayescal.gap.design.advise import advise
+from bayescal.gap.design.advise import advise, rivals, undecided
 from bayescal.gap.design.blind_spots import blind_spots, places_of, unseen
-from bayescal.gap.design.undecided import rivals, undecided
+from bayescal.gap.examine import where
 from bayescal.gap.explain import Explained, Progress, explain
-from bayescal.gap.level_fits import fitted_levels
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import again
-from bayescal.gap.locations import where
-from bayescal.gap.outcome.amplitudes import amplitudes
-from bayescal.gap.outcome.levels import model_levels
-from bayescal.gap.outcome.magnitude import magnitude, noise_floor
+from bayescal.gap.outcome.magnitude import magnitude, model_levels, noise_floor
 from bayescal.gap.outcome.margins import margins
-from bayescal.gap.outcome.notes import warnings
+from bayescal.gap.outcome.notes import amplitudes, warnings
 from bayescal.gap.outcome.shrinkage import shrinkage
 from bayescal.gap.result import Gap
 from bayescal.gap.search.beam import COMPLIANCE
-from bayescal.gap.search.refit import refit, still_without
-from bayescal.model import check_asked
-from bayescal.model.length_blocks import length_blocks
-from bayescal.model.parts import Part, parts_of
+from bayescal.gap.search.refit import model_name, refit, still_without
+from bayescal.model import check_asked, with_parameters
+from bayescal.model.block import Part, parts_of
+from bayescal.model.model import length_blocks
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.errors import kept
-from bayescal.predict.rows import check_located
-from bayescal.streams import spawned
+from bayescal.predict.targets import check_located
+from bayescal.statistics import spawned
+
+
+def fitted_levels(
+    scene: Scene, effects: tuple[str, ...], width: float, robust: bool, without: Sequence[Part],
+    found: Explained,
+) -> list[tuple[tuple[str, ...], Estimate]]:  # fmt: skip
+    """Nominal, each effect of the baseline, then each named effect in the order of the search."""
+    out: list[tuple[tuple[str, ...], Estimate]]
+    out = [(("nominal",), estimate(with_parameters(scene, (), ()), robust=robust))]
+    if effects[:1] == ("geometry",):
+        out.append((("joint",), calibrated(scene, ("joint",), width, robust)))
+    for k in range(1, len(effects)):
+        out.append((effects[:k], calibrated(scene, effects[:k], width, robust, without)))
+    last, members = found.last, found.last.decision.members
+    if effects:
+        out.append((effects, found.first.fitted))
+    if found.promoted:
+        out.append(((*effects, COMPLIANCE), last.fitted))
+    for k in range(1, len(members) + 1):
+        e = (
+            found.final
+            if k == len(members)
+            else refit(last.fitted, last.candidates, members[:k], robust, width, without)
+        )
+        names = (model_name(m, last.candidates) for m in members[:k])
+        out.append(((*last.fitted.model.effects, *names), e))
+    return out
 
 
 def diagnose(

@@ -1,4 +1,7 @@
-"""A baseline and all effects that it lacks: fit, candidates, search, decision."""
+"""A baseline and all effects that it lacks: fit, candidates, search, decision.
+
+Locations of the named effects, as shares of the excess variance of the baseline.
+"""
 
 from __future__ import annotations
 
@@ -11,23 +14,23 @@ import numpy as np
 from bayescal.assess.shared_causes import SharedCause, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.masses import masses
-from bayescal.estimate import Estimate, calibrated, clusters
-from bayescal.estimate.compliances import with_compliances
-from bayescal.gap.linear.problem import Problem
-from bayescal.gap.linear.shared_error import shared_variance, worth
-from bayescal.gap.linear.slopes import Slopes, of_certificate
+from bayescal.estimate import Estimate, calibrated, families
+from bayescal.estimate.families import with_compliances
+from bayescal.gap.linear.evidence import shared_variance, worth
+from bayescal.gap.linear.problem import Problem, Slopes, of_certificate
 from bayescal.gap.linear.state import State, fit_state
-from bayescal.gap.search.beam import COMPLIANCE, Search
+from bayescal.gap.outcome.where import places, places_named
+from bayescal.gap.result import Place
+from bayescal.gap.search.beam import COMPLIANCE, Member, Search
 from bayescal.gap.search.candidates import Candidates, candidates, wide
 from bayescal.gap.search.cells import cells
-from bayescal.gap.search.refit import refit
-from bayescal.gap.search.screen import screened
+from bayescal.gap.search.refit import refit, screened
 from bayescal.gap.search.unknown import Pool, filled, with_set
 from bayescal.gap.search.verdict import Decision, decide
 from bayescal.gap.settings import LINEAR, VERDICT
 from bayescal.model import ORIENTATION
-from bayescal.model.length_blocks import main_group
-from bayescal.model.parts import Part
+from bayescal.model.block import Part
+from bayescal.model.model import main_group
 from bayescal.model.scene import Scene
 
 
@@ -88,7 +91,7 @@ def _weighed(
 
     if causes:
         slopes = replace(slopes, sharing=np.isin(slopes.rows, np.concatenate([x.rows for x in causes])))
-    poses = clusters.poses(fitted.model.scene.dataset.measurements, slopes.rows)
+    poses = families.poses(fitted.model.scene.dataset.measurements, slopes.rows)
     poses = poses[slopes.contact[: len(slopes.sigma)]]
 
     def searched(variance: float) -> Examined:
@@ -151,3 +154,29 @@ def _looseness(fitted: Estimate) -> float:
 def _alike(a: Estimate, b: Estimate) -> bool:
     """Whether the noise ratio is equal in both: an error of orientations only first looks like noise."""
     return bool(abs(np.log(_looseness(a) / _looseness(b))) < np.log(VERDICT.alike))
+
+
+def where(first: Examined, last: Examined, promoted: bool, noise: float) -> tuple[Place, ...]:
+    """Locations of compliance where that was missing, then all others; shares of the same excess."""
+    out: tuple[Place, ...] = ()
+    null = first.search.hypotheses[frozenset()].state
+    chosen, size = last.decision.hypothesis, last.fitted.model.size
+    excess = _excess(null, chosen.state, noise)
+    if promoted:
+        every = max(first.candidates.variants[COMPLIANCE], key=lambda v: len(v.columns))
+        own = first.search.hypothesis([Member(every, 1.0, 0.0)])
+        pool, absorbs = first.candidates.pool, first.fitted.model.size
+        out = places_named(own, pool, first.circumstances, excess, absorbs)
+    return (*out, *places(chosen, last.pool, last.candidates.pool, last.circumstances, excess, size))
+
+
+def _excess(null: State, chosen: State, noise: float) -> float:
+    """Excess variance of the lengths of a contact under the baseline, m2.
+
+    Over the noise or, where that is less certain, over the residual variance of the chosen hypothesis.
+    """
+    p = null.problem
+    keep = chosen.weight[: p.lengths] > 0
+    square, left = (float(np.mean((s.residual[: p.lengths] * p.sigma)[keep] ** 2)) for s in (null, chosen))
+    own = noise**2 * (1.0 - null.effective_dof / max(float(np.sum(chosen.weight[: p.count] > 0)), 1.0))
+    return max(square - min(own, left), 0.0)

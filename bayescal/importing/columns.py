@@ -10,12 +10,10 @@ from functools import partial
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.importing.expressions import Expression, parse, place
 from bayescal.importing.log import Log
-from bayescal.importing.mapping import TEXTS, Column, Map, dimension_of
+from bayescal.importing.mapping import LONG, STAMPS, TEXTS, Column, Map, NoStampError, dimension_of
 from bayescal.importing.rotations import CONVENTIONS
-from bayescal.importing.stamps import LONG, STAMPS, NoStampError
-from bayescal.importing.units import Unit, is_number, listed, unit_of
+from bayescal.importing.units import Expression, Unit, is_number, listed, parse, place, unit_of
 
 DECIMALS = ("", "comma")
 """How numbers with a comma are stated to be meant; "" finds it."""

@@ -1,34 +1,152 @@
-"""From a log, its map and further information to a dataset, in memory and on disk."""
+"""From a log, its map and further information to a dataset, in memory and on disk.
+
+What an import understood, in words: the columns, the first row, and what was left out.
+
+Messages of an import: located instruments and tools, and numbers in a wrong unit.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from bayescal.beside import scratch
 from bayescal.dataset import Dataset, read_dataset, write_dataset
 from bayescal.dataset.append import followed
-from bayescal.dataset.checks.units import suspicion
+from bayescal.dataset.consistency import away
+from bayescal.dataset.plausibility import Suspicion, suspicion
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.errors import BayescalError
-from bayescal.importing import formats
+from bayescal.importing import ask
 from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.columns import Columns, columns_of, missing_in
-from bayescal.importing.echo import mapping_words, row_words
 from bayescal.importing.log import read_log
-from bayescal.importing.mapping import Map, own_map, read_map, setting
-from bayescal.importing.messages import accusation, found_words
+from bayescal.importing.mapping import Column, Map, own_map, read_map, setting
 from bayescal.importing.onto import files_of, measured_before, onto
-from bayescal.importing.orientations import compared
-from bayescal.importing.pair import is_measured, pair
-from bayescal.importing.probing import format_of, read_records
-from bayescal.importing.programs import LISTINGS, read_listing
-from bayescal.importing.reflectors import stacked, unfolded
-from bayescal.importing.roles import role_note, with_roles
-from bayescal.importing.rows import measurements, readings
-from bayescal.importing.units import is_unit
+from bayescal.importing.orientations import Loose, compared
+from bayescal.importing.pair import is_measured, pair, stacked, unfolded
+from bayescal.importing.programs import LISTINGS, format_of, read_listing, read_records
+from bayescal.importing.roles import measurements, readings, role_note, with_roles
+from bayescal.importing.units import UNITS, is_unit, meant
+from bayescal.storage.locks import scratch
+
+SHOWN = 12
+"""Unused columns in a message."""
+
+
+def mapping_words(columns: Columns) -> tuple[str, ...]:
+    """The columns with their units, joints together, and the columns that are not used."""
+    entries = [f"{key} = {_source(column)}" for key, column in _folded(columns.said).items()]
+    lines = [f"columns of {columns.name}: {'; '.join(entries)}"]
+    if columns.unused:
+        more = f", ... ({len(columns.unused)} in all)" if len(columns.unused) > SHOWN else ""
+        lines.append(f"columns not used: {', '.join(columns.unused[:SHOWN])}{more}")
+    return (*lines, *columns.notes)
+
+
+def row_words(dataset: Dataset, line: int) -> str:
+    """The first row as it was understood; `line` is its line in the log."""
+    rows = dataset.measurements
+    parts = [
+        f"id {rows.ids[0]}",
+        f"target {dataset.targets[rows.target[0]].name}",
+        *([f"tool {dataset.tools[rows.tool[0]].name}"] if len(dataset.tools) > 1 else []),
+        f"joints {_numbers(np.degrees(rows.readings[0]), 4)} deg",
+    ]
+    if rows.xyz is not None:
+        parts.append(f"point {_numbers(1e3 * rows.xyz[0], 4)} mm")
+    if rows.rpy is not None:
+        parts.append(f"roll, pitch, yaw {_numbers(np.degrees(rows.rpy[0]), 4)} deg")
+    singles = (
+        ("length", rows.length, 1e3, "mm"),
+        ("u", rows.u, 1e3, "mm"),
+        ("time", rows.time, 1.0, "s"),
+        ("temperature", rows.temperature, 1.0, "°C"),
+        ("payload", rows.payload, 1.0, "kg"),
+    )
+    parts += [
+        f"{name} {values[0] * scale:.6g} {unit}"
+        for name, values, scale, unit in singles
+        if values is not None and np.isfinite(values[0])
+    ]
+    return f"first row (line {line}): {', '.join(parts)}"
+
+
+def _numbers(values: np.ndarray, decimals: int) -> str:
+    return " ".join(f"{v:.{decimals}f}" for v in values)
+
+
+def _folded(said: dict[str, Column]) -> dict[str, Column]:
+    """Entries with those of all joints as the first and the last, where they differ by the number alone."""
+    out: dict[str, Column] = {}
+    groups: dict[str, list[str]] = {}
+    for key in said:
+        if joint := re.fullmatch(r"j\d+(\w*)", key):
+            groups.setdefault(joint[1], []).append(key)
+    for key, column in said.items():
+        joint = re.fullmatch(r"j\d+(\w*)", key)
+        keys = groups[joint[1]] if joint else [key]
+        if len(keys) < 2 or not _alike([said[k] for k in keys]):
+            out[key] = column
+        elif key == keys[0]:
+            last = said[keys[-1]]
+            name = f"{column.name} to {last.name}"
+            out[f"{key} to {keys[-1]}"] = Column(name, column.unit, column.constant, column.stamp)
+    return out
+
+
+def _alike(columns: list[Column]) -> bool:
+    """Whether names differ only by numbers and units are the same."""
+    return len({(re.sub(r"\d+", "*", c.name), c.unit) for c in columns}) == 1
+
+
+def _source(column: Column) -> str:
+    if column.constant:
+        return f"'{column.name}'"
+    if column.turn:
+        return f"{column.name} {column.turn}" + (f" {column.unit.name}" if column.unit else "")
+    unit = column.stamp or (column.unit.name if column.unit else "")
+    return f"{column.name} {unit}".strip()
+
+
+def accusation(found: Suspicion, columns: Columns) -> str:
+    """A message: the stated unit, the probable unit, and the errors of the rows with both."""
+    first, last = found.quantities[0], found.quantities[-1]
+    noun = f"`{first}`" if first == last else f"`{first}` to `{last}`"
+    unit = columns.unit(first) or UNITS["deg" if first.startswith("j") else "mm"]
+    other = meant(unit, found.factor)
+    ratio = max(found.factor, 1 / found.factor)
+    size = f"{ratio:.0f} times too {'small' if found.factor > 1 else 'large'}"
+    fits = f"in {other} they agree with" if other else "corrected, they agree with"
+    return (
+        f"{noun} cannot be in {unit.name}: the numbers are {size}; "
+        f"{fits} the nominal arm within {1e3 * found.other:.2g} mm, "
+        f"in {unit.name} within {1e3 * found.stated:.0f} mm"
+    )
+
+
+def found_words(dataset: Dataset, loose: Loose) -> tuple[str, ...]:
+    """Located instruments and reflectors, and the error of the nominal arm."""
+    lines = [
+        f"reflector `{tool.name}` located at {_mm(tool.centre)} mm in the flange frame"
+        for tool in dataset.tools
+        if tool.name in loose.tools
+    ]
+    for target in dataset.targets:
+        if target.name in loose.targets:
+            turn = ", ".join(f"{v:.3f}" for v in np.rad2deg(target.values["rpy"]))
+            lines.append(
+                f"instrument `{target.name}` located at {_mm(target.values['xyz'])} mm, rpy {turn} deg"
+            )
+    off = 1e3 * away(dataset, dataset.measurements.readings)
+    lines.append(f"error of the nominal arm: median {np.median(off):.2g} mm, maximum {off.max():.2g} mm")
+    return tuple(lines)
+
+
+def _mm(point: np.ndarray | float) -> str:
+    return ", ".join(f"{1e3 * v:.2f}" for v in np.atleast_1d(point))
 
 
 @dataclass(frozen=True)
@@ -185,14 +303,14 @@ def _columns(request: Request, n: int) -> Read:
     notes: list[str] = []
     if request.format == "robodk" and not request.map:
         log = read_log(request.log)
-        columns, centres = formats.robodk(log, n)
+        columns, centres = ask.robodk(log, n)
         if left := len(log.rows) - columns.count:
             notes.append(f"{left} row{'s' * (left > 1)} of {log.name} excluded: not measured (0, 0, 0)")
     elif request.format == "csv" and not request.map:
         log = read_log(request.log, headed=True)
         columns = columns_of(log, own_map(log.header, n, log.name), request.decimal)
     else:
-        map_ = read_map(formats.FORMATS[request.format].map, n, formal=True) | read_map(request.map, n)
+        map_ = read_map(ask.FORMATS[request.format].map, n, formal=True) | read_map(request.map, n)
         if request.format == "probing":
             columns = columns_of(read_records(request.log, n), map_)
         elif request.format in LISTINGS:
@@ -220,7 +338,7 @@ def _points(request: Request, path: Path, said: str, n: int) -> Columns:
     """A file beside the log; its map may be the unit of its points alone."""
     if is_unit(said.strip()):
         log = read_log(path)
-        return columns_of(log, formats.points_map(log, said.strip()), request.decimal)
+        return columns_of(log, ask.points_map(log, said.strip()), request.decimal)
     return _mapped(path, read_map(said, n), request.decimal)
 
 

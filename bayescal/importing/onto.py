@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.dataset import Dataset, Measurements, Target
-from bayescal.dataset.read import SETTINGS
-from bayescal.dataset.rows import measurements_of
+from bayescal.dataset.read import SETTINGS, measurements_of
 from bayescal.dataset.table import read_table
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
@@ -18,7 +17,7 @@ from bayescal.importing.columns import Columns, columns_of, first
 from bayescal.importing.log import read_log
 from bayescal.importing.mapping import own_map
 from bayescal.importing.pair import check_ids
-from bayescal.importing.probing import CONTACT, numbered, state_of, unmade
+from bayescal.importing.programs import CONTACT, numbered, state_of, unmade
 
 PLAN = "plan.csv"
 MEASURED = "measured.csv"

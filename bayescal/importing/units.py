@@ -1,13 +1,28 @@
-"""Units that people write, and what one is in SI."""
+"""Units that people write, and what one is in SI.
+
+Columns of a log by name or number, and sums and multiples of them: ``A3 + A2``, ``U95 / 2``.
+
+Only numbers, columns, ``+ - * /`` and parentheses are evaluated, by walking the syntax tree.
+
+Lines of a log, of whatever encoding, and their cells, whatever separates them.
+"""
 
 from __future__ import annotations
 
+import ast
+import csv
 import math
+import operator
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
 
 from bayescal.errors import BayescalError
+from bayescal.storage.files import unknown
+from bayescal.storage.reading import content_of
 
 
 @dataclass(frozen=True)
@@ -130,3 +145,230 @@ def _floats(words: Iterable[str], where: str) -> Iterable[float]:
         if not is_number(word):
             raise BayescalError(f"'{word}' is not a number", where, "write plain numbers, then the unit")
         yield float(word)
+
+
+OPERATORS: dict[type, Callable[..., np.ndarray]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: np.divide,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+
+TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|\{(?P<braced>[^{}]+)\}|(?P<hash>#[1-9]\d*)"
+    r"|(?P<name>[^\W\d][\w.]*)|(?P<sign>[-+*/()]))"
+)
+"""Names with other characters than letters, digits, ``_`` and ``.`` are enclosed in braces."""
+
+LONGEST = 300
+"""Characters of an expression."""
+
+
+@dataclass(frozen=True)
+class Expression:
+    """Columns by index from 0, and the tree that combines them, `None` of a column alone."""
+
+    text: str
+    columns: tuple[int, ...]
+    tree: ast.expr | None = None
+
+    def value(self, numbers: Callable[[int], np.ndarray], count: int) -> np.ndarray:
+        """The values (N,) of all rows, from those of a column, `numbers(index)`."""
+        if self.tree is None:
+            return numbers(self.columns[0])
+        values = {f"c{i}": numbers(i) for i in self.columns}
+        with np.errstate(all="ignore"):
+            return np.broadcast_to(_walk(self.tree, values), (count,)).astype(float)
+
+
+def place(name: str, header: Sequence[str], width: int, where: str) -> int:
+    """Index of the column with a name (its unit in brackets may be left out) or a number (``#3``).
+
+    Raises
+    ------
+    BayescalError
+        If there is no such column, or several.
+    """
+    if re.fullmatch(r"#[1-9]\d*", name) and name not in header:
+        if int(name[1:]) <= width:
+            return int(name[1:]) - 1
+        what = f"there is no column {name[1:]}, the file has {width} columns"
+        raise BayescalError(what, where, "columns are numbered from 1")
+    found = [i for i, cell in enumerate(header) if cell == name]
+    found = found or [i for i, cell in enumerate(header) if name_and_unit(cell)[0] == name]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        numbers = " and ".join(f"#{i + 1}" for i in found)
+        raise BayescalError(f"columns {numbers} are both called `{name}`", where, "give the number")
+    _, remedy = unknown("column", name, header)
+    hint = remedy if header else "the file has no header: use #1, #2, ... as column names"
+    raise BayescalError(f"no column `{name}`", where, hint)
+
+
+def parse(text: str, header: Sequence[str], width: int, where: str) -> Expression:
+    """Read an expression on the columns of a header.
+
+    Parameters
+    ----------
+    text : str
+        The name of a column, or an expression.
+    header : sequence of str
+        Names of the columns; empty if there are none.
+    width : int
+        Number of columns.
+    where : str
+        For messages.
+
+    Raises
+    ------
+    BayescalError
+        For an unknown column, a text that is no expression, and a number that is the name of a column too.
+    """
+    is_name = text in header or any(name_and_unit(cell)[0] == text for cell in header)
+    if is_name and is_number(text):
+        what = f"`{text}` is the number {text} and the name of a column"
+        raise BayescalError(what, where, f"write {{{text}}} for the column, {float(text)} for the number")
+    tokens = None if is_name else _tokens(text)
+    if tokens is None or (len(tokens) == 1 and tokens[0][0] != "number"):
+        name = text if tokens is None else tokens[0][1]
+        return Expression(text, (place(name, header, width, where),))
+    columns: list[int] = []
+    source = []
+    for kind, token in tokens:
+        if kind in ("number", "sign"):
+            source.append(token)
+        else:
+            columns.append(place(token, header, width, where))
+            source.append(f"c{columns[-1]}")
+    try:
+        tree = ast.parse(" ".join(source), mode="eval").body
+        _check(tree)
+    except (SyntaxError, ValueError, RecursionError):
+        remedy = "use columns, numbers, + - * / and parentheses"
+        raise BayescalError(f"'{text}' is no expression", where, remedy) from None
+    return Expression(text, tuple(dict.fromkeys(columns)), tree)
+
+
+def _tokens(text: str) -> list[tuple[str, str]] | None:
+    """Kinds and texts of the tokens; None if the text has characters of no token."""
+    out: list[tuple[str, str]] = []
+    at = 0
+    text = text.strip()
+    while at < len(text):
+        found = TOKEN.match(text, at)
+        if found is None or len(text) > LONGEST:
+            return None
+        out.append(next((kind, token) for kind, token in found.groupdict().items() if token))
+        at = found.end()
+    operands = [kind == "sign" for kind, _ in out]
+    return None if not any(operands) and len(out) > 1 else out  # words: the name of a column
+
+
+def _check(tree: ast.AST) -> None:
+    if isinstance(tree, ast.BinOp) and type(tree.op) in OPERATORS:
+        _check(tree.left)
+        _check(tree.right)
+    elif isinstance(tree, ast.UnaryOp) and type(tree.op) in OPERATORS:
+        _check(tree.operand)
+    elif not isinstance(tree, ast.Name) and not (
+        isinstance(tree, ast.Constant) and isinstance(tree.value, (int, float)) and math.isfinite(tree.value)
+    ):
+        raise ValueError
+
+
+def _walk(tree: ast.AST, values: dict[str, np.ndarray]) -> np.ndarray:
+    if isinstance(tree, ast.BinOp):
+        return OPERATORS[type(tree.op)](_walk(tree.left, values), _walk(tree.right, values))
+    if isinstance(tree, ast.UnaryOp):
+        return OPERATORS[type(tree.op)](_walk(tree.operand, values))
+    if isinstance(tree, ast.Name):
+        return values[tree.id]
+    assert isinstance(tree, ast.Constant)
+    return np.asarray(float(str(tree.value)))
+
+
+COMMENTS = ("//", "#", "!", "%")
+"""How a comment begins; SpatialAnalyzer writes ``//``."""
+
+MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
+"""Byte order marks and their encodings."""
+
+Raw = str | tuple[str, ...]
+"""A line of a text file, or the cells of a row of a spreadsheet."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Lines with their numbers, without empty ones; comments apart; and notes on how they were read."""
+
+    kept: tuple[tuple[int, Raw], ...]
+    comments: tuple[tuple[int, str], ...]
+    notes: tuple[str, ...] = ()
+
+
+def text_of(path: Path) -> tuple[str, str]:
+    """The text of a file: UTF-8, UTF-16 with a byte order mark, or Windows-1252.
+
+    Returns
+    -------
+    tuple of str
+        The text, and a note if the file does not state its encoding, else "".
+
+    Raises
+    ------
+    BayescalError
+        If it is none of them.
+    """
+    content = content_of(path)
+    encoding = next((name for mark, name in MARKS.items() if content.startswith(mark)), "utf-8")
+    note = ""
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError:
+        try:
+            if encoding != "utf-8":
+                raise
+            text = content.decode("cp1252")
+            note = f"{path.name} is not UTF-8: it is read as Windows-1252 (Western European)"
+        except UnicodeDecodeError:
+            raise BayescalError("the encoding is not known", path.name, "save the file as UTF-8") from None
+    if "\0" in text:
+        remedy = "save it as text in UTF-8; a spreadsheet must be .xlsx"
+        raise BayescalError("not a text file", path.name, remedy)
+    return text, note
+
+
+def text_lines(path: Path) -> Lines:
+    """Lines of a text file."""
+    text, note = text_of(path)
+    kept: list[tuple[int, Raw]] = []
+    comments = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.lstrip().startswith(COMMENTS):
+            comments.append((number, line))
+        elif line.strip():
+            kept.append((number, line))
+    return Lines(tuple(kept), tuple(comments), (note,) if note else ())
+
+
+def cells(raw: Raw, separator: str) -> tuple[str, ...]:
+    """Cells of a line, stripped; a separator at its end adds none."""
+    if isinstance(raw, tuple):
+        return raw
+    if separator == " ":
+        return tuple(raw.split()) if '"' not in raw else _quoted(raw.strip(), separator)
+    return tuple(map(str.strip, raw.split(separator))) if '"' not in raw else _quoted(raw, separator)
+
+
+def _quoted(line: str, separator: str) -> tuple[str, ...]:
+    out = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    return tuple(cell.strip() for cell in out if cell or separator != " ")
+
+
+def separator_of(lines: Sequence[Raw]) -> str:
+    """A semicolon, a tab, a comma or white space: the first of them that most lines have."""
+    texts = [line for line in lines if isinstance(line, str)]
+    return next((s for s in ";\t," if 2 * sum(s in line for line in texts) > len(texts)), " ")

@@ -15,8 +15,7 @@ import numpy as np
 
 from bayescal.methods.linear import NO_LENGTH
 from bayescal.methods.method import Method, Solution, where_it_stands
-from bayescal.methods.solving import levenberg
-from bayescal.methods.system import Rows, System
+from bayescal.methods.solving import Rows, System, levenberg
 from bayescal.model import Block, Model, build
 from bayescal.model.scene import Scene
 

@@ -9,8 +9,7 @@ redundant stays nominal. The size of the arm comes from certified distances.
 from __future__ import annotations
 
 from bayescal.methods.method import Method, Solution, where_it_stands
-from bayescal.methods.solving import linear_steps
-from bayescal.methods.system import System, part
+from bayescal.methods.solving import System, linear_steps, part
 from bayescal.model import Block, Model, build
 from bayescal.model.scene import Scene
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from bayescal.methods.method import Method, Solution, where_it_stands
 from bayescal.methods.planes import is_plane
-from bayescal.methods.solving import levenberg
-from bayescal.methods.system import Rows, System, part
+from bayescal.methods.solving import Rows, System, levenberg, part
 from bayescal.model import Block, Model, build
 from bayescal.model.scene import Scene
 from factors.plane import Plane

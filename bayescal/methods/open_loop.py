@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from bayescal.methods.linear import touches
 from bayescal.methods.method import Method, Solution, where_it_stands
-from bayescal.methods.solving import levenberg
-from bayescal.methods.system import System, part
+from bayescal.methods.solving import System, levenberg, part
 from bayescal.model import Block, Model, build
 from bayescal.model.scene import Scene
 

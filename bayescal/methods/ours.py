@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bayescal.effects.selection import plain
 from bayescal.estimate import calibrated
-from bayescal.estimate.flatness import FORM, check_faces, with_form
+from bayescal.estimate.unexplained import FORM, check_faces, with_form
 from bayescal.methods.method import Method, Solution
 from bayescal.model import ARM
 from bayescal.model.scene import Scene

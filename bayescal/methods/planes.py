@@ -13,8 +13,7 @@ import numpy as np
 
 from bayescal.effects import parameters_of
 from bayescal.methods.method import Method, Solution, where_it_stands
-from bayescal.methods.solving import levenberg
-from bayescal.methods.system import System, part
+from bayescal.methods.solving import System, levenberg, part
 from bayescal.model import Block, Model, build, with_parameters
 from bayescal.model.model import KNOWN_PLACE
 from bayescal.model.scene import Scene

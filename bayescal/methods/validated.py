@@ -15,7 +15,7 @@ from bayescal.model import ARM, Model, with_parameters
 from bayescal.posterior import gaussian
 from bayescal.predict import Validation, validate
 from bayescal.predict.locate import locate
-from bayescal.streams import spawned
+from bayescal.statistics import spawned
 
 DRAWS = 2000
 

@@ -2,6 +2,8 @@
 
 The vector z = (arm, first target, second target, ...) is standard normal a priori. The arm's part
 maps to physical values by `Parameter`, a target's part by the `sd` of its kind.
+
+Blocks whose residuals are lengths: contacts and points, not the orientations that instruments read.
 """
 
 from __future__ import annotations
@@ -18,9 +20,7 @@ from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
-from bayescal.model.block import ARM, Block, Constraint, Turned
-from bayescal.model.orientations import sigma
-from bayescal.model.parts import Part, kept
+from bayescal.model.block import ARM, Block, Constraint, Part, Turned, kept, sigma
 from bayescal.model.scene import POINTS, Scene, u_of
 from factors import certificate
 from factors.cylinder import Cylinder
@@ -30,7 +30,6 @@ from factors.sphere import Sphere
 
 ORIENTATION = "orientation"
 """Noise group of all orientations."""
-
 
 LENGTHS = ("parallel", "distance", "diameter")
 """Certificates that state a length."""
@@ -321,3 +320,25 @@ def _function(scene: Scene, entry: CertificateEntry, of: Sequence[Kind]) -> cert
     a, b = of
     forms = scene.forms(entry)
     return certificate.join(entry.kind, forms, (a, b), entry.distance, entry.u_distance, entry.u_angle)
+
+
+def length_blocks(model: Model) -> tuple[Block, ...]:
+    """Blocks whose residuals are lengths, m; in a model they precede those of orientations, rad."""
+    return tuple(b for b in model.blocks if not isinstance(b, Turned))
+
+
+def main_group(model: Model) -> str:
+    """The noise group with most lengths: reports give other noise scales in addition to its scale."""
+    count: dict[str, int] = {}
+    for b in length_blocks(model):
+        count[b.group] = count.get(b.group, 0) + b.residuals
+    return max(count, key=lambda group: count[group])
+
+
+def noise_groups(model: Model) -> tuple[str, ...]:
+    """All noise groups of a fitted model, that of most lengths first; none if nothing is fitted."""
+    present = dict.fromkeys(b.group for b in model.blocks)
+    if not length_blocks(model):
+        return tuple(present)
+    first = main_group(model)
+    return (first, *(g for g in present if g != first))

@@ -12,12 +12,11 @@ from bayescal.arm import chain as reference
 from bayescal.arm.chain import Chain, chain_of, link_angles
 from bayescal.arm.statics import Loads, Stance, gravity_loads, torques_on_links
 from bayescal.dataset import Certificate, Dataset, Target
-from bayescal.dataset.joins import forms_of
-from bayescal.dataset.load import load_centre, load_mass
+from bayescal.dataset.contacts import forms_of, load_centre, load_mass
 from bayescal.dataset.target_kinds import KINDS, TargetKind, kinds_of, seen
 from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
-from bayescal.model import orientations
+from bayescal.model import block
 from factors.certificate import RELATIONS, ordered
 from factors.instrument import Instrument
 from factors.kind import Kind
@@ -143,12 +142,12 @@ class Scene:
     @cached_property
     def tool_frames(self) -> np.ndarray:
         """Nominal orientation of each row's tool on the flange, (N, 3, 3)."""
-        return orientations.tool_frames(self.dataset, self.flange)[self.dataset.measurements.tool]
+        return block.tool_frames(self.dataset, self.flange)[self.dataset.measurements.tool]
 
     @cached_property
     def posed(self) -> np.ndarray:
         """Which rows have an orientation of the tool that is used, (N,)."""
-        return orientations.posed(self.dataset) & self.oriented
+        return block.posed(self.dataset) & self.oriented
 
     @cached_property
     def declared(self) -> tuple[TargetKind, ...]:
@@ -347,7 +346,7 @@ class Scene:
         """Orientation readings of an instrument in some of its rows."""
         of, d = self.kind(target, rows), self.dataset
         assert isinstance(of, Instrument)
-        return Orientation(of.frame, orientations.read(d, rows), of.sd)
+        return Orientation(of.frame, block.read(d, rows), of.sd)
 
     def kind(self, target: int, rows: np.ndarray) -> Kind:
         """The measurement kind of a target, for some of its rows.

@@ -20,10 +20,9 @@ from scipy.linalg import block_diag
 
 from bayescal.estimate import Estimate
 from bayescal.gap.result import Pair
-from bayescal.model.parts import Part
+from bayescal.model.block import Part
 from bayescal.planning.pool import Pool
-from bayescal.planning.projection import CandidateColumns, Projection
-from bayescal.planning.vocabulary import Vocabulary, vocabulary
+from bayescal.planning.projection import CandidateColumns, Projection, Vocabulary, vocabulary
 
 NONE = np.empty(0, int)
 LEAST = 1e-12

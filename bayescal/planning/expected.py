@@ -9,11 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from bayescal.model import ARM
-from bayescal.planning.criteria import mean_variance
-from bayescal.planning.exchange import Selection, grow, root_of, shrink
+from bayescal.planning.exchange import Selection, grow, mean_variance, root_of, shrink
 from bayescal.planning.goals import Goal
-from bayescal.planning.information import Linearised
-from bayescal.planning.pool import Pool
+from bayescal.planning.pool import Linearised, Pool
 from bayescal.planning.result import ExpectedDistances, ExpectedParameter
 
 TIMES = 15

@@ -8,21 +8,21 @@ import numpy as np
 
 from bayescal.arm.inverse import descend, to_points
 from bayescal.dataset.append import appended
+from bayescal.dataset.types import Box
 from bayescal.effects import parameters_of
 from bayescal.errors import BayescalError
 from bayescal.model import ARM, Model
-from bayescal.planning.information import Linearised
-from bayescal.planning.pool import Box, Pool
-from bayescal.predict.pairs import evenly, far_pairs, slopes
-from bayescal.predict.rows import certified_diameters
+from bayescal.planning.pool import Linearised, Pool
+from bayescal.predict.errors import evenly, far_pairs, slopes
 from bayescal.predict.targets import (
     centre_of,
+    certified_diameters,
     linearised_target,
     noise_of,
     unknown_tool,
     with_diameter,
 )
-from bayescal.simulation.reach import Arm
+from bayescal.probing.reach import Arm
 
 CERTIFIED, VOLUME, REGION, POSES = (
     "certified distances",

@@ -12,14 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from bayescal.arm.inverse import LEVER, PASSES, descend, to_axes, to_frames, to_points
 from bayescal.arm.transforms import rpy_matrix
-from bayescal.collision import Clearance, Scene
-from bayescal.collision.path import RETRACT
 from bayescal.dataset import Dataset
 from bayescal.planning.place import Place
 from bayescal.planning.pool import CLEAR
 from bayescal.planning.sites import Sites
-from bayescal.simulation.probing import FASTEST, SPEED
-from bayescal.simulation.reach import Arm
+from bayescal.probing.approach import FASTEST, SPEED
+from bayescal.probing.clearance import RETRACT, Clearance
+from bayescal.probing.reach import Arm
+from bayescal.probing.scene import Scene
 
 TURNING = np.radians(2.0)
 """rad: rotation of the tool during the approach, about a random axis. It lets every joint come to a contact

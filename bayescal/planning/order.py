@@ -12,11 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from bayescal.collision.path import RETRACT
-from bayescal.planning.obstacles import placements
-from bayescal.planning.place import seconds_between
+from bayescal.planning.place import placements, seconds_between
 from bayescal.planning.pool import Pool
-from bayescal.simulation.probing import SPEED
+from bayescal.probing.approach import SPEED
+from bayescal.probing.clearance import RETRACT
 
 SWEEPS = "sweeps"
 """The default."""

@@ -1,37 +1,41 @@
-"""A plan: contacts chosen for distances and for the diagnosis of the gap, in the order of probing."""
+"""A plan: contacts chosen for distances and for the diagnosis of the gap, in the order of probing.
+
+What the next contacts of a measured session shall decide, from its diagnosis (gap.json).
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.dataset.append import taken
+from bayescal.effects import UNITS
+from bayescal.effects.compliance import COMPLIANCE
 from bayescal.errors import BayescalError
-from bayescal.gap.result import Pair
+from bayescal.gap.result import Pair, Side, Suspect
 from bayescal.model import check_asked
-from bayescal.model.parts import Part
+from bayescal.model.block import Part
 from bayescal.planning import order as orders
 from bayescal.planning.candidates import COUNT, candidates
 from bayescal.planning.contrasts import contrasts
-from bayescal.planning.criteria import observability_of
-from bayescal.planning.detectable import confusable, detectable
-from bayescal.planning.exchange import select
+from bayescal.planning.exchange import observability_of, select
 from bayescal.planning.expected import Random, curves, expected, parameters
 from bayescal.planning.goals import goals
 from bayescal.planning.hand import TURNING
-from bayescal.planning.information import check_count, linearised
-from bayescal.planning.levers import with_levers
-from bayescal.planning.pool import Pool, Setup
-from bayescal.planning.projection import Projection
+from bayescal.planning.pool import Pool, Setup, check_count, linearised
+from bayescal.planning.projection import Projection, nominal
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
-from bayescal.planning.separate import choose, repeated
+from bayescal.planning.separate import choose, confusable, detectable, repeated, with_levers
 from bayescal.planning.transit import Transits
-from bayescal.planning.vocabulary import nominal
-from bayescal.streams import spawned
+from bayescal.statistics import spawned
+from bayescal.storage.folders import check_unchanged
+from bayescal.storage.reading import read_record
 
 AIMS = (BOTH, DISTANCES, GAP)
 PAYLOAD, APPROACH = "payload", "approach"
@@ -224,3 +228,97 @@ def _closed(session: Dataset, by_hand: Sequence[str]) -> list[str]:
 
 def _median(each: Sequence[dict[str, float]]) -> dict[str, float]:
     return {key: float(np.median([one[key] for one in each])) for key in each[0]}
+
+
+GAP, SCHEMA = "gap.json", "bayescal-gap/1"
+AGAIN = "repeat bayescal gap with this version"
+SI = {name: (unit, factor) for unit, (name, factor) in UNITS.items()}
+"""SI unit, and factor from it, by the unit in a file."""
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """What a diagnosis leaves open.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        The model beside which effects are named, as for --model.
+    without : tuple of str
+        Parts that it lacks.
+    pairs : tuple of Pair
+        Explanations between which the data do not decide, and names that are not confirmed. Without any, the
+        next contacts shall show every effect.
+    probability : mapping of str to float
+        Of every effect that was assessed.
+    """
+
+    effects: tuple[str, ...]
+    without: tuple[str, ...]
+    pairs: tuple[Pair, ...]
+    probability: Mapping[str, float]
+
+
+def continuation(dataset: Dataset, gap: Path | str) -> Continuation:
+    """Read what a diagnosis of a session leaves open.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        The session that was diagnosed.
+    gap : path
+        Its gap.json, or the run folder that holds it.
+
+    Raises
+    ------
+    BayescalError
+        If there is no such diagnosis, or it is one of other data or of another version.
+    """
+    path = Path(gap)
+    path = path / GAP if path.is_dir() else path
+    if not path.exists():
+        raise BayescalError("no such file", str(path), "give the run folder of bayescal gap")
+    record = read_record(path, SCHEMA, AGAIN)
+    check_unchanged(path.parent, (path.name,))
+    of = record.get("dataset")
+    if not isinstance(of, dict) or of.get("sha256") != dataset.sha256:
+        what = f"it is no diagnosis of the present files of {dataset.name}"
+        raise BayescalError(what, str(path), "repeat bayescal gap of this dataset")
+    return continued(record, str(path))
+
+
+def continued(record: Mapping[str, Any], where: str) -> Continuation:
+    """What the content of a gap.json leaves open.
+
+    Raises
+    ------
+    BayescalError
+        If it is of another version.
+    """
+    try:
+        effects, without = tuple(record["baseline"]), tuple(record["without"])
+        probability = {name: float(p) for name, p in record["probability"].items()}
+        named = [n["effect"] for n in record["named"]]
+        pairs = tuple(
+            Pair(*(_side(pair[key]) for key in ("a", "b", "common"))) for pair in record["undecided"]
+        )
+    except KeyError as error:
+        raise BayescalError(f"it lacks {error}", where, AGAIN) from None
+    except (TypeError, ValueError, AttributeError) as error:
+        raise BayescalError(f"incomplete: {error}", where, AGAIN) from None
+    if COMPLIANCE.name in named and COMPLIANCE.name not in effects:  # the other effects are named beside it
+        effects = (*effects, COMPLIANCE.name)
+        pairs = tuple(
+            p for p in pairs if not any(s.selection.effect == COMPLIANCE.name for s in (*p.a, *p.b))
+        )
+    return Continuation(effects, without, pairs, probability)
+
+
+def _side(entries: list[Mapping[str, Any]]) -> Side:
+    """Effects with their parameters in SI."""
+    out = []
+    for s in entries:
+        stated = {p["parameter"]: (p["value"], *SI[p["unit"]]) for p in s["values"]}
+        values = {name: value / factor for name, (value, _, factor) in stated.items()}
+        out.append(Suspect(s["model"], values, {name: unit for name, (_, unit, _) in stated.items()}))
+    return tuple(out)

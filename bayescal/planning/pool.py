@@ -1,16 +1,31 @@
-"""What a plan is made from: the setup of a session, and its candidate contacts."""
+"""What a plan is made from: the setup of a session, and its candidate contacts.
+
+Information of candidate contacts: the model linearised, in closed form.
+
+The vector z of a model is standard normal a priori. With the whitened Jacobian J of some contacts, that of
+the certificates Jc and that of the rows measured already Jm, the information of a selection is
+
+    I + Jc'Jc + Jm'Jm + J'J,
+
+and its inverse is the covariance of z, at the stated noise and assuming the model is correct. Nothing is
+simulated. A contact has one residual, a point that an instrument reads three, a pose six: selections are of
+contacts.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from bayescal.dataset import Box, Dataset
-
-__all__ = ["Box", "Pool", "Region", "Setup"]
+from bayescal.errors import BayescalError
+from bayescal.estimate import Estimate, Weights, check_length, linearise, unit_weights
+from bayescal.estimate.solver import factored, solved
+from bayescal.model import ARM, Model, Scene, build
+from bayescal.model.block import Part
 
 CONE = np.radians(60.0)
 """rad: working cone of a probe that states none, of its axis about the inward normal (assumed)."""
@@ -115,3 +130,170 @@ class Pool:
         """Rows of the session that belong to every plan, (V,)."""
         role = self.session.measurements.role
         return np.flatnonzero((role == "validate") & (np.arange(len(role)) >= self.measured))
+
+
+RESERVE = 40
+"""Contacts beyond the number of unknowns, below which a plan is warned of."""
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The candidates of a pool under a model, whitened by the stated noise.
+
+    Attributes
+    ----------
+    model : Model
+        Of all rows with the role calibrate: those measured already and the candidates.
+    z : np.ndarray, shape (D,)
+        Where it is linearised.
+    weights : Weights
+    jacobian : np.ndarray, shape (R, D)
+        Of the residuals of the candidates by z, ordered by candidate.
+    contact : np.ndarray, shape (R,)
+        Number of the candidate of each residual, ascending.
+    count : int
+        Number of candidates, C.
+    certificates, measured : np.ndarray, shape (D, D)
+        Information of the certificates, and of the rows that were measured already.
+    residuals : int
+        Number of residuals of those rows.
+    """
+
+    model: Model
+    z: np.ndarray
+    weights: Weights
+    jacobian: np.ndarray
+    contact: np.ndarray
+    count: int
+    certificates: np.ndarray
+    measured: np.ndarray
+    residuals: int = 0
+
+    @cached_property
+    def base(self) -> np.ndarray:
+        """Information (D, D) without any candidate: prior, certificates, measurements."""
+        return np.eye(self.jacobian.shape[1]) + self.certificates + self.measured
+
+    @cached_property
+    def blocks(self) -> np.ndarray:
+        """The Jacobian by candidate, (C, r, D), with rows of zeros where a candidate has fewer residuals."""
+        begin = np.searchsorted(self.contact, np.arange(self.count))
+        place = np.arange(len(self.contact)) - begin[self.contact]
+        out = np.zeros((self.count, int(place.max(initial=0)) + 1, self.jacobian.shape[1]))
+        out[self.contact, place] = self.jacobian
+        return out
+
+    def selected(self, chosen: Sequence[int] | np.ndarray) -> np.ndarray:
+        """Information (D, D) of candidates alone; a candidate that is given twice counts twice."""
+        rows = self.blocks[np.asarray(chosen, int)].reshape(-1, self.jacobian.shape[1])
+        return np.asarray(rows.T @ rows)
+
+    def information(self, chosen: Sequence[int] | np.ndarray) -> np.ndarray:
+        """Information (D, D) of candidates, with that of the base."""
+        return np.asarray(self.base + self.selected(chosen))
+
+    def covariance(self, chosen: Sequence[int] | np.ndarray) -> np.ndarray:
+        """Covariance (D, D) of z after a selection."""
+        return inverse(self.information(chosen))
+
+    @cached_property
+    def estimate(self) -> Estimate:
+        """The base as an estimate at z, for functions that predict from one."""
+        linear = linearise(self.model, self.z, self.weights)
+        covariance = inverse(self.base)
+        return Estimate(self.model, self.z, covariance, self.weights, linear, 0, np.zeros(0, int), {})
+
+
+def linearised(
+    pool: Pool,
+    effects: tuple[str, ...],
+    values: np.ndarray | None = None,
+    without: Sequence[Part] = (),
+) -> Linearised:
+    """Linearise the candidates of a pool.
+
+    Parameters
+    ----------
+    pool : Pool
+    effects : tuple of str
+        The model: names of `effects.MODELS`.
+    values : np.ndarray, shape (D,), optional
+        z at which the model is linearised; default: the nominal arm, which touches the nominal targets (the
+        mean of a prior may be elsewhere: compliances deflect the arm by up to a millimetre).
+    without : sequence of Part
+        Parts that the model lacks.
+
+    Notes
+    -----
+    The states of targets without a row to calibrate (validation spheres) are not part of z. Gravity acts at
+    the nominal pose: the difference, some 10 µm of deflection, does not change an information matrix.
+
+    Raises
+    ------
+    BayescalError
+        If there is no candidate, the stated noise is missing or zero, no length is known, or the session
+        lacks data for an effect.
+    """
+    if not len(pool.candidates):
+        raise BayescalError("no candidate contact", pool.session.name, "check the targets and the reach")
+    model = build(Scene(pool.session, oriented=True), effects, without=without)
+    check_length(model)
+    z = np.zeros(model.size) if values is None else values
+    if values is None:
+        z[model.slices[ARM]] = -model.shift / model.sd
+    weights = unit_weights(model, z)
+    for block in model.blocks:
+        if not np.all(weights.sigma[block.name] > 0):  # nan where none is stated
+            remedy = f"state the noise of a {block.group} above 0"
+            raise BayescalError(f"the noise of {block.target} is not stated", "dataset.yaml: noise", remedy)
+    linear = linearise(model, z, weights)
+    fitted = sum(block.residuals for block in model.blocks)
+    row = np.concatenate([np.tile(block.rows, block.kind.rows) for block in model.blocks])
+    new = row >= pool.measured
+    jacobian, certificates = linear.jacobian[:fitted], linear.jacobian[fitted:]
+    contact = np.searchsorted(pool.candidates, row[new])
+    order = np.argsort(contact, kind="stable")
+    measured = jacobian[~new]
+    return Linearised(
+        model, z, weights, jacobian[new][order], contact[order], len(pool.candidates),
+        certificates.T @ certificates, measured.T @ measured, len(measured),
+    )  # fmt: skip
+
+
+def inverse(information: np.ndarray) -> np.ndarray:
+    """Inverse (D, D) of a positive definite matrix, symmetric."""
+    out = solved(factored(information), np.eye(len(information)))
+    return np.asarray(0.5 * (out + out.T))
+
+
+def check_count(linear: Linearised, count: int) -> str:
+    """Refuse a plan with too few contacts; a warning if it has hardly enough, else "".
+
+    Unknowns are the parameters of the arm and the states of the targets that are touched.
+
+    Raises
+    ------
+    BayescalError
+        If the residuals of the plan and of the rows measured already are not more than the unknowns, or the
+        pool has fewer candidates.
+    """
+    size, each = linear.model.size, len(linear.contact) / linear.count
+    needed = int(np.floor((size - linear.residuals) / each)) + 1
+    unknowns = f"{len(linear.model.parameters)} parameters and {len(linear.model.states)} targets"
+    if count < max(needed, 1):
+        remedy = f"give {max(needed, 1)} or more, better {_ample(size, linear.residuals, each)}"
+        what = f"{count} contacts are not more than the {size} unknowns ({unknowns})"
+        raise BayescalError(what, "--contacts", remedy)
+    if count > linear.count:
+        what = f"{count} contacts of {linear.count} candidates"
+        raise BayescalError(what, "--contacts", f"give {linear.count} or fewer, or enlarge the targets")
+    if count < (ample := _ample(size, linear.residuals, each)):
+        return (
+            f"{count} contacts for {size} unknowns ({unknowns}): the noise cannot be checked well and a "
+            f"single outlier matters; {ample} or more are recommended"
+        )
+    return ""
+
+
+def _ample(size: int, residuals: int, each: float) -> int:
+    return int(np.ceil((size + RESERVE - residuals) / each))

@@ -5,14 +5,31 @@ With the whitened Jacobian J (R, D) of the chosen contacts, certificates and mea
 detectability of their combinations. A further residual with the row j and the columns x has the variance
 v = j'Cj and the error e = x - j'C J'X; it increases G by e e' / (1 + v) (Sherman and Morrison). No step
 needs a refit.
+
+The effects that a model lacks, at every site that the candidates of a pool can show, as columns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+from bayescal.dataset import Dataset
+from bayescal.effects import EFFECTS, Circumstances, Parameter, named
+from bayescal.effects.masses import masses
+from bayescal.errors import BayescalError
+from bayescal.estimate import Estimate, linearise, unit_weights
+from bayescal.estimate.families import with_compliances
+from bayescal.gap.design.blind_spots import Seat, seats
+from bayescal.gap.linear.problem import problem
+from bayescal.gap.result import Side, Suspect
+from bayescal.gap.search.beam import COMPLIANCE
+from bayescal.gap.search.candidates import Candidates, candidates, extended, wide
+from bayescal.model import Scene, build
+from bayescal.model.block import Part
+from bayescal.planning.pool import Pool
 
 
 @dataclass(frozen=True)
@@ -101,3 +118,132 @@ class Projection:
         self.error -= np.outer(wrong / by, across)
         self.variance -= across**2 / by
         self.covariance -= np.outer(gain, gain / by)
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """Effects as columns; `seats` are those of the usual setting, each column in one of them.
+
+    `parameters` are those of all columns; after those of the seats follow those of suspects in a setting,
+    whose columns `settings` are given by the text of the suspect.
+    """
+
+    seats: tuple[Seat, ...]
+    parameters: tuple[Parameter, ...]
+    settings: Mapping[str, np.ndarray]
+    columns: CandidateColumns
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every effect once."""
+        return tuple(dict.fromkeys(s.effect for s in self.seats))
+
+    def of(self, effect: str) -> np.ndarray:
+        """Columns of an effect, in its usual setting."""
+        return np.concatenate([s.columns for s in self.seats if s.effect == effect])
+
+    def confusable(self, effect: str) -> tuple[str, ...]:
+        """Effects with a similar form, of those that the session can show."""
+        return tuple(n for n in self.names if n in EFFECTS[effect].confusable_with)
+
+    def shown(self, one: Suspect) -> np.ndarray:
+        """Columns (k,) of a suspect; none if it is not among the columns."""
+        usual = np.flatnonzero([_is(one, p) for p in self.parameters])
+        return self.settings.get(one.model, usual)
+
+    def side(self, side: Side) -> tuple[np.ndarray, np.ndarray | None]:
+        """Columns (k,) of suspects, and their amplitudes (k, 1) in units of their priors, where stated."""
+        if not side:
+            return np.empty(0, int), None
+        columns = [self.shown(one) for one in side]
+        if not any(one.values for one in side):
+            return np.concatenate(columns), None
+        amplitudes = [
+            one.values.get(p.name, 0.0) / p.sd if one.values else 1.0
+            for one, own in zip(side, columns, strict=True)
+            for p in (self.parameters[k] for k in own)
+        ]
+        return np.concatenate(columns), np.array(amplitudes)[:, None]
+
+
+def nominal(session: Dataset, effects: tuple[str, ...], without: Sequence[Part] = ()) -> Estimate:
+    """A model of a session's rows at the mean of its prior, with the stated noise, as if it were fitted."""
+    model = build(Scene(session, oriented=True), effects, without=without)
+    z = np.zeros(model.size)
+    weights = unit_weights(model, z)
+    linear = linearise(model, z, weights)
+    return Estimate(model, z, np.eye(model.size), weights, linear, 0, np.empty(0, int), {})
+
+
+def vocabulary(
+    pool: Pool, fitted: Estimate, suspects: Iterable[Suspect] = (), without: Sequence[Part] = ()
+) -> Vocabulary:
+    """Linearise every effect that a model lacks.
+
+    Parameters
+    ----------
+    pool : Pool
+    fitted : Estimate
+        Of the model of the pool's session: where it is linearised.
+    suspects : iterable of Suspect
+        Effects that must be among the columns, also in a setting that is not the usual.
+    without : sequence of Part
+        Parts that the model lacks; they are effects like others.
+
+    Raises
+    ------
+    BayescalError
+        If a suspect is not an effect that the candidates show.
+    """
+    scene, effects = fitted.model.scene, fitted.model.effects
+    c = with_compliances(scene.circumstances(scene.rows("calibrate")), fitted)
+    known = _known(c, effects, without)
+    found: list[Seat] = []
+    parameters: list[Parameter] = []
+    for seat in seats(known):
+        found.append(replace(seat, columns=len(parameters) + np.arange(len(seat.columns))))
+        parameters += [known.pool[k] for k in seat.columns]
+    usual, settings = tuple(parameters), {}
+    for one in suspects:
+        if not any(_is(one, p) for p in usual) and one.model not in settings:
+            more = _shown(one, c)
+            settings[one.model] = len(parameters) + np.arange(len(more))
+            parameters += more
+    nuisance = masses(c) if COMPLIANCE in effects else []
+    p = problem(fitted, parameters, nuisance)
+    row = p.rows[p.contact]
+    new = np.flatnonzero(np.isin(row, pool.candidates))
+    number = np.searchsorted(pool.candidates, row[new])
+    order = np.argsort(number, kind="stable")
+    rest = np.setdiff1d(np.arange(len(p.residual)), new)
+    new, number = new[order], number[order]
+    columns = CandidateColumns(p.jacobian[new], p.pool[new], number, p.jacobian[rest], p.pool[rest])
+    return Vocabulary(tuple(found), tuple(parameters), settings, columns)
+
+
+def _known(c: Circumstances, effects: tuple[str, ...], without: Sequence[Part]) -> Candidates:
+    """The candidates of a diagnosis; of a scan that it screens by residuals, one setting."""
+    known = candidates(c, effects, without)
+    for effect in EFFECTS.values():
+        if effect.name not in known.variants and wide(effect, c) and effect.scan is not None:
+            lacks, values = effect.missing(c), effect.scan.values(c)
+            known = extended(known, effect, [float(values[len(values) // 2]) if lacks else None], c, lacks)
+    return known
+
+
+def _is(one: Suspect, p: Parameter) -> bool:
+    """Whether a column is one of a suspect in its usual setting."""
+    asked = one.selection
+    if p.effect != asked.effect or asked.setting is not None:
+        return False
+    return p.name in one.values if one.values else asked.holds(p) and asked.together == bool(p.stands_for)
+
+
+def _shown(one: Suspect, c: Circumstances) -> list[Parameter]:
+    """Parameters of a suspect in its setting."""
+    effect, setting = named(one.model)
+    found = one.selection.of(effect.at(c, setting), "--after")
+    if not found:
+        what = f"no candidate contact shows {one.model}"
+        raise BayescalError(what, "--after", "check the columns of the setup, and its payloads")
+    return found

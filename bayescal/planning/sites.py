@@ -9,8 +9,9 @@ import numpy as np
 
 from bayescal.arm.transforms import cross
 from bayescal.dataset import Target
-from bayescal.planning.pool import Box, Region
-from bayescal.simulation.reach import cone
+from bayescal.dataset.types import Box
+from bayescal.planning.pool import Region
+from bayescal.probing.reach import cone
 
 DOWN = np.radians(100.0)
 """rad from upwards: contacts on a cylinder whose normal is lower are on its underside (assumed)."""

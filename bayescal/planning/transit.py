@@ -14,11 +14,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from bayescal.collision import Scene
 from bayescal.planning.hand import EVERY, Hand
-from bayescal.planning.obstacles import placements, scene
-from bayescal.planning.place import RAISED, TOLERANCE, Place, seconds_between
+from bayescal.planning.place import RAISED, TOLERANCE, Place, placements, scene, seconds_between
 from bayescal.planning.pool import Pool
+from bayescal.probing.scene import Scene
 
 WAITING = 60  # raised poses that are tried where the arm waits, those of the shortest way first
 HARD = 6  # of them to which a way past other configurations is searched

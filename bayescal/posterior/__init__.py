@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from bayescal.posterior.density import Density
-from bayescal.posterior.draws import Draws, approximate, gaussian
-from bayescal.posterior.pointwise import Pointwise, pointwise, prior_draws
+from bayescal.posterior.density import Density, Pointwise, pointwise, prior_draws
+from bayescal.posterior.linearised import Draws, approximate, gaussian
 
 __all__ = ["Density", "Draws", "Pointwise", "approximate", "gaussian", "pointwise", "prior_draws"]

@@ -25,9 +25,8 @@ from zipfile import BadZipFile
 import numpy as np
 
 from bayescal import __version__
-from bayescal.beside import CHECKPOINT
-from bayescal.growing import block, first_line, read, remove, write
-from bayescal.stopping import completed, keeping
+from bayescal.storage.locks import CHECKPOINT, block, first_line, read, remove, write
+from bayescal.storage.stopping import completed, keeping
 
 if TYPE_CHECKING:
     from bayescal.posterior.ensemble import Ensemble

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from bayescal.predict.crossvalidation import inside95, interval95
 from bayescal.predict.forecast import DistanceErrors, Forecast, forecast
-from bayescal.predict.intervals import inside95, interval95
 from bayescal.predict.validation import (
     DiameterCheck,
     DistanceCheck,

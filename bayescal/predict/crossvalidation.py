@@ -6,23 +6,159 @@ fitted (a sphere, an instrument) is first located from its own rows. Only length
 orientation that a row measures together with its point is used in the fit and is never left out.
 
 A test of a name needs more: neighbours share errors. For it, fitted measurements are left out in `folds`.
+
+Blocked cross-validation: fitted measurements are left out in blocks of poses and time, in closed form.
+
+Bootstrap of validation errors: rows of one pose of the arm are resampled together.
+
+Distances that share spheres have no such blocks. Their bootstrap is parametric, by errors of the centres.
+
+95 % intervals: of draws, and of a value with its bootstrap draws.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtri
 
+from bayescal.dataset import Measurements
 from bayescal.estimate import Estimate, linearise, root
+from bayescal.estimate.families import poses
 from bayescal.model import ARM, Block
-from bayescal.model.length_blocks import length_blocks
-from bayescal.predict.bootstrap import blocks
-from bayescal.predict.distances import centre_distances
-from bayescal.predict.errors import ValidationErrors
-from bayescal.predict.folds import folds, without_fold
-from bayescal.predict.rows import RowPrediction, prepared
+from bayescal.model.model import length_blocks
+from bayescal.model.scene import Scene
+from bayescal.predict.errors import CentreDistances, ValidationErrors, centre_distances
+from bayescal.predict.targets import RowPrediction, prepared
+from bayescal.statistics import t_ppf
+
+FOLDS = 10
+"""Number of blocks of rows that are left out in turn (convention)."""
+ROUNDING = 1e-9
+"""Smallest share of the information on a direction that the other blocks must have."""
+
+
+def folds(m: Measurements, rows: np.ndarray) -> np.ndarray:
+    """Block (R,) of each of some rows, from 0, by time within each target; rows of one pose are together.
+
+    The rows of a target are in the order of time, and a block is a stretch of them. A session that probes one
+    face after the other so never loses a whole face, whose location the other rows do not determine.
+
+    Parameters
+    ----------
+    m : Measurements
+    rows : np.ndarray of int, shape (R,)
+        Rows of the session, in any order; several residuals may have the same row.
+    """
+    own, inverse = np.unique(rows, return_inverse=True)
+    block = np.empty(len(own), int)
+    for target in np.unique(m.target[own]):
+        mine = np.flatnonzero(m.target[own] == target)
+        block[mine] = np.arange(len(mine)) * FOLDS // len(mine)
+    pose = poses(m, own)
+    _, first = np.unique(pose, return_index=True)
+    return block[first][pose][inverse]
+
+
+def without_fold(
+    residual: np.ndarray, by: np.ndarray, weight: np.ndarray, fold: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Predict the rows of each block by a fit to the others, exact for a linear model.
+
+    Parameters
+    ----------
+    residual : np.ndarray, shape (R,)
+        Whitened residuals at the optimum.
+    by : np.ndarray, shape (R, D)
+        Whitened slopes by posterior standard normals: J F with covariance F F'.
+    weight : np.ndarray, shape (R,)
+        0 for rows that were not fitted, else 1.
+    fold : np.ndarray of int, shape (R,)
+
+    Yields
+    ------
+    rows : np.ndarray of int, shape (K,)
+        Residuals of a block.
+    residual : np.ndarray, shape (K,)
+        Whitened, by the fit to the other blocks.
+    by : np.ndarray, shape (K, D)
+        Whitened slopes by posterior standard normals of that fit.
+
+    Notes
+    -----
+    With B of the block's rows, the others have the information 1 - B'WB in these coordinates, and the optimum
+    moves by its inverse times B'W r.
+    """
+    for one in np.unique(fold):
+        mine = np.flatnonzero(fold == one)
+        b, used = by[mine], weight[mine]
+        values, vectors = np.linalg.eigh(np.eye(by.shape[1]) - (b.T * used) @ b)
+        own = (b @ vectors) / np.sqrt(np.maximum(values, ROUNDING))
+        yield mine, residual[mine] + own @ (own.T @ (used * residual[mine])), own
+
+
+RESAMPLES = 2000
+BLOCKS = 40
+"""Number of blocks, in order of time, of rows that share their pose with no other row."""
+SMALLEST, CORRELATED = 1e-3, 0.999
+"""Smallest simulated excess of a mean square, relative to the mean square that is expected for a correct
+model, and largest correlation of the errors of two models."""
+
+
+def blocks(scene: Scene, rows: np.ndarray) -> np.ndarray:
+    """Block labels (R,) of rows in order of time: a pose, or else neighbours in time."""
+    pose = poses(scene.dataset.measurements, rows)
+    alone = np.bincount(pose)[pose] == 1
+    rest = np.unique(rows[alone])
+    place = np.searchsorted(rest, rows) * min(BLOCKS, max(len(rest), 1)) // max(len(rest), 1)
+    return np.unique(np.where(alone, place, len(rows) + pose), return_inverse=True)[1]
+
+
+def resampled(block: np.ndarray, values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Means (RESAMPLES, K) of values (K, R) over block bootstrap samples, the same ones for all K."""
+    labels, inverse = np.unique(block, return_inverse=True)
+    draws = rng.multinomial(len(labels), np.full(len(labels), 1.0 / len(labels)), size=RESAMPLES)
+    sums = np.stack([np.bincount(inverse, v) for v in values], axis=1)
+    return (draws @ sums) / (draws @ np.bincount(inverse))[:, None]
+
+
+def resampled_distances(
+    before: CentreDistances, after: CentreDistances, rng: np.random.Generator
+) -> np.ndarray:
+    """Bootstrap draws of the mean squared error (RESAMPLES, 2), m2, of the same distances by two models.
+
+    Model error is simulated as an independent error of every centre, with the same variance in all three
+    coordinates. Its variance and its correlation between the two models are estimated from the distances.
+    Noise and parameter errors are simulated as the second model expects them. Each draw is the measured mean
+    square divided by the ratio of a simulated mean square to its expectation; the ratio is widened for few
+    distances. This respects that distances share centres and that both models see the same noise.
+    """
+    floor = float(np.mean(after.predicted_sd() ** 2))
+    pair = np.stack([before.error, after.error])
+    left = pair @ pair.T / pair.shape[1] - floor
+    own = np.maximum(np.diag(left), SMALLEST * floor)
+    largest = CORRELATED * np.sqrt(own[0] * own[1])
+    across = float(np.clip(left[0, 1], -largest, largest))
+    factor = np.linalg.cholesky(np.array([[own[0], across], [across, own[1]]]))
+    by = before.by_centres / np.sqrt(2.0)  # a distance has the errors of two centres along it
+    errors = np.einsum("ij,sjk->sik", factor, rng.standard_normal((RESAMPLES, 2, by.shape[1]))) @ by.T
+    noise = rng.standard_normal((RESAMPLES, after.by_parameters.shape[1])) @ after.by_parameters.T
+    noise += rng.standard_normal((RESAMPLES, after.by_noise.shape[1])) @ after.by_noise.T
+    noise += after.u * rng.standard_normal(noise.shape)
+    simulated = np.mean((errors + noise[:, None]) ** 2, axis=2)
+    number = independent_distances(before)
+    # the simulated covariance was itself estimated from this number of distances
+    wider = np.sqrt(number / (number - 1.0)) if number > 1.0 else 1.0
+    return np.mean(pair**2, axis=1) * ((own + floor) / simulated) ** wider
+
+
+def independent_distances(d: CentreDistances) -> float:
+    """Effective number of independent distances among D distances that share spheres (Satterthwaite)."""
+    joint = d.by_centres @ d.by_centres.T
+    return float(np.trace(joint) ** 2 / np.sum(joint**2))
+
 
 VALIDATED, LEFT_OUT = "validation measurements", "leave-one-out cross-validation"
 BLOCKED = "blocked cross-validation"
@@ -178,3 +314,28 @@ def blocks_left_out(estimate: Estimate) -> list[_Part]:
         _part(b, residual[own] * noise[own], noise[own], spread[own] * noise[own, None])
         for b, own in zip(lengths, np.split(np.arange(len(rows)), ends[:-1]), strict=True)
     ]
+
+
+TAILS = (0.025, 0.975)
+"""Probabilities below the ends of a 95 % interval."""
+
+
+def interval95(predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Central 95 % interval of draws (S, ...): lower and upper ends, (...)."""
+    low, high = np.quantile(predicted, TAILS, axis=0)
+    return low, high
+
+
+def inside95(measured: np.ndarray | float, predicted: np.ndarray) -> np.ndarray:
+    """Which measured values (...) lie in the 95 % intervals of draws (S, ...)."""
+    low, high = interval95(predicted)
+    return (low <= measured) & (measured <= high)
+
+
+def bootstrap_interval95(value: float, draws: np.ndarray, blocks: int) -> tuple[float, float]:
+    """95 % interval of a value from its bootstrap draws, widened for few blocks (Student t)."""
+    if blocks < 2 or not len(draws):
+        return float("nan"), float("nan")
+    wider = np.sqrt(blocks / (blocks - 1)) * t_ppf(TAILS[1], blocks - 1) / ndtri(TAILS[1])
+    low, high = value + wider * (np.quantile(draws, TAILS) - value)
+    return float(low), float(high)

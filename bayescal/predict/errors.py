@@ -1,14 +1,89 @@
-"""Validation errors: residuals of validation data, their predicted covariance, and which are gross."""
+"""Validation errors: residuals of validation data, their predicted covariance, and which are gross.
+
+Errors of certified distances between located targets, and their predicted uncertainty.
+
+Distances between points of the workspace: pairs, lengths, and their slopes by the arm.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from bayescal.arm.motion import Motion
+from bayescal.dataset import Certificate
 from bayescal.estimate.outliers import rejected, scale
-from bayescal.predict.distances import CentreDistances
+from bayescal.model import Model
+from bayescal.model.scene import Scene
+from bayescal.predict.targets import LocatedTarget
+
+
+@dataclass(frozen=True)
+class CentreDistances:
+    """D distances between located centres, m; `by_...` are factors of covariances."""
+
+    names: tuple[tuple[str, str], ...]
+    error: np.ndarray  # (D,) measured by the arm minus certified
+    by_parameters: np.ndarray  # (D, F) by standard normals: posterior of the arm, priors of the targets
+    by_noise: np.ndarray  # (D, M) by standard normals: noise of the rows that located the targets
+    u: np.ndarray  # (D,) of the certificates
+    along: np.ndarray  # (D, 3) unit vectors in F0, from the second centre to the first
+
+    @property
+    def by_centres(self) -> np.ndarray:
+        """Slopes (D, 3 N) of the distances by errors of the N centres, three coordinates for each centre."""
+        ends = [name for pair in self.names for name in pair]
+        centres = list(dict.fromkeys(ends))
+        out = np.zeros((len(self.names), len(centres), 3))
+        for d, (first, second) in enumerate(self.names):
+            out[d, centres.index(first)] += self.along[d]
+            out[d, centres.index(second)] -= self.along[d]
+        return out.reshape(len(self.names), 3 * len(centres))
+
+    def predicted_sd(self, noise: float = 1.0) -> np.ndarray:
+        """Predicted standard deviations (D,), m, with the noise of the fit multiplied by a factor."""
+        square = np.sum(self.by_parameters**2, axis=1) + noise**2 * np.sum(self.by_noise**2, axis=1)
+        return np.sqrt(square + self.u**2)
+
+
+def certified_pairs(
+    scene: Scene, located: Mapping[str, LocatedTarget]
+) -> Iterator[tuple[Certificate, LocatedTarget, LocatedTarget]]:
+    """Certificates of a distance between two located targets that have a centre, with both targets."""
+    centres = {k: t for k, t in located.items() if scene.declared_of(k).centred}
+    for c in scene.dataset.certificates:
+        if c.kind == "distance" and all(name in centres for name in c.targets):
+            a, b = (centres[name] for name in c.targets)
+            yield c, a, b
+
+
+def centre_distances(scene: Scene, located: Mapping[str, LocatedTarget], arm: np.ndarray) -> CentreDistances:
+    """Errors of certified distances; `arm` (P, F): rows of the arm in a factor of the covariance."""
+    pairs = list(certified_pairs(scene, located))
+    used = list({id(t): t for _, *ends in pairs for t in ends}.values())
+    rows = np.cumsum([0, *(len(t.noise) for t in used)])
+    unknowns = np.cumsum([0, *(len(t.by_prior) for t in used)]) + arm.shape[1]
+    number = {id(t): k for k, t in enumerate(used)}
+    by_parameters = np.zeros((len(pairs), unknowns[-1] if used else arm.shape[1]))
+    by_noise = np.zeros((len(pairs), rows[-1]))
+    names, error, u, directions = [], [], [], [np.zeros((0, 3))]
+    for i, (c, a, b) in enumerate(pairs):
+        apart = a.centre - b.centre
+        length = float(np.linalg.norm(apart))
+        names.append((c.targets[0], c.targets[1]))
+        error.append(length - (c.distance or 0.0))
+        u.append(c.u_distance or 0.0)
+        directions.append((apart / length)[None])
+        for t, sign in ((a, 1.0), (b, -1.0)):
+            k, by = number[id(t)], sign * (apart / length) @ t.to_state[:3]
+            by_parameters[i, : arm.shape[1]] += by @ t.by_arm @ arm
+            by_parameters[i, unknowns[k] : unknowns[k + 1]] = by @ t.by_prior
+            by_noise[i, rows[k] : rows[k + 1]] = by @ t.by_noise
+    along = np.concatenate(directions)
+    return CentreDistances(tuple(names), np.array(error), by_parameters, by_noise, np.array(u), along)
+
 
 USUAL = {"kind": 0.9, "target": 0.75}
 """Share of all measurements of a kind, and of a target, that gives the scale of their errors, if above 1.
@@ -95,3 +170,46 @@ class ValidationErrors:
 def kept(*held: ValidationErrors) -> np.ndarray:
     """Which residuals (R,) of one session are used: all except those that are gross under every model."""
     return ~np.logical_and.reduce([h.gross for h in held])
+
+
+SHORTEST = 0.2
+"""Shortest distance, relative to the longest: shorter distances give little information on the arm."""
+
+
+def evenly(count: int, most: int) -> np.ndarray:
+    """At most `most` indices, evenly among `count`."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
+
+
+def far_pairs(at: np.ndarray) -> np.ndarray:
+    """Pairs (K, 2) of points (3, N) with a distance that is long enough."""
+    pairs = np.stack(np.triu_indices(at.shape[1], 1), axis=1)
+    apart = lengths(at, pairs)
+    return pairs[apart > SHORTEST * np.max(apart, initial=0.0)]
+
+
+def lengths(at: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Distances (..., K) between points (..., 3, N)."""
+    return np.linalg.norm(at[..., pairs[:, 0]] - at[..., pairs[:, 1]], axis=-2)
+
+
+def slopes(model: Model, motion: Motion, values: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Slopes (K, P), m, of the distances of pairs (K, 2) of TCP positions by z of the arm.
+
+    Parameters
+    ----------
+    model : Model
+    motion : Motion
+        Of N rows, under this model's parameters.
+    values : np.ndarray, shape (P,)
+        Deviations of the arm's parameters, SI.
+    pairs : np.ndarray, shape (K, 2)
+        Of the rows.
+    """
+    at = motion.points(values)
+    first, second = pairs.T
+    along = (at[:, first] - at[:, second]) / lengths(at, pairs)
+    axes = [np.repeat(axis[:, None], at.shape[1], axis=1) for axis in np.eye(3)]
+    by_point = np.stack([motion.columns(values, at, axis) for axis in axes])  # (3, P, N)
+    by = np.einsum("ak,apk->kp", along, by_point[..., first] - by_point[..., second])
+    return np.asarray(by * model.sd)

@@ -14,10 +14,16 @@ import numpy as np
 
 from bayescal.estimate import Estimate
 from bayescal.model import ARM, Block, Model
-from bayescal.model.length_blocks import noise_groups
-from bayescal.predict.distances import certified_pairs
-from bayescal.predict.rows import Prepared, RowPrediction, certified_diameters, predicted_rows, prepared
-from bayescal.predict.targets import LocatedTarget
+from bayescal.model.model import noise_groups
+from bayescal.predict.errors import certified_pairs
+from bayescal.predict.targets import (
+    LocatedTarget,
+    Prepared,
+    RowPrediction,
+    certified_diameters,
+    predicted_rows,
+    prepared,
+)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,7 @@
-"""The public function for uncertainty budgets, and its result."""
+"""The public function for uncertainty budgets, and its result.
+
+The export of a Digital Calibration Certificate.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +15,15 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.public.results import FitResult, GapResult, as_text
-from bayescal.reading import read_json
+from bayescal.storage.reading import read_json
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from rich.console import RenderableType
 
-    from bayescal.assess.budget import Basis, Budget
-    from bayescal.exporting.fitted import FittedArm
+    from bayescal.assess.budget import Budget
+    from bayescal.assess.inputs import Basis
+    from bayescal.fitted.arm import FittedArm
 
 
 @dataclass(frozen=True, repr=False)
@@ -134,6 +138,7 @@ def budget(
     import numpy as np
 
     from bayescal.assess import budget as work
+    from bayescal.assess import measurand as measurands
 
     if (distance is not None) + bool(parameter) + (point is not None) > 1:
         what = "more than one measurand is asked for"
@@ -142,11 +147,11 @@ def budget(
     if distance is not None:
         if len(distance) != 2:
             raise BayescalError(f"{len(distance)} targets", "--distance", "name two targets")
-        measurand = work.distance(basis, (distance[0], distance[1]))
+        measurand = measurands.distance(basis, (distance[0], distance[1]))
     elif parameter:
-        measurand = work.parameter(basis, parameter)
+        measurand = measurands.parameter(basis, parameter)
     elif point is not None:
-        from bayescal.exporting.point import point as pointed
+        from bayescal.fitted.point import point as pointed
 
         readings = np.radians(np.asarray(point, float))
         measurand = pointed(arm, basis, readings, tool=tool, payload_kg=payload_kg)
@@ -158,8 +163,8 @@ def budget(
 def stated(run: FitResult | GapResult | str | PathLike[str]) -> tuple[FittedArm, Basis, int]:
     """The arm of a run, and what was stated of it."""
     from bayescal.calibration import basis_of
-    from bayescal.exporting import of_fit
-    from bayescal.exporting.restored import check_restored, restored
+    from bayescal.fitted.arm import of_fit
+    from bayescal.fitted.file import check_restored, restored
     from bayescal.public.exports import arm_of
 
     if isinstance(run, FitResult):
@@ -185,3 +190,75 @@ def _as_written(basis: Basis, folder: Path) -> Basis:
         return replace(basis, excess=1e-6 * record["unexplained_um"], excess_dof=inf if dof is None else dof)
     except (ValueError, KeyError, TypeError) as error:
         raise BayescalError(f"cannot be read: {error}", str(path), "repeat the command") from None
+
+
+@dataclass(frozen=True, repr=False)
+class CertificateResult:
+    """A Digital Calibration Certificate; `content` is its XML."""
+
+    content: str
+    name: str
+    validated: str = ""
+
+    def report(self) -> RenderableType:
+        """What was written, to be printed by a `rich.console.Console`."""
+        checked = (
+            f"valid by {self.validated}" if self.validated else "not validated: --schema names a dcc.xsd"
+        )
+        return f"Digital Calibration Certificate 3.3.0, {checked}"
+
+    def save(self, path: str | PathLike[str] | None = None) -> tuple[Path, ...]:
+        """Write the certificate; return its path. A file that exists is not replaced."""
+        from bayescal.storage.files import write_together
+
+        file = Path(path or self.name)
+        if file.exists():
+            raise BayescalError("exists", str(file), "give another --out: certificates are not replaced")
+        write_together({file: self.content})
+        return (file,)
+
+    def __repr__(self) -> str:
+        return f"<certificate {self.name}>"
+
+
+def certificate(
+    run: FitResult | GapResult | str | PathLike[str],
+    entries: str | PathLike[str],
+    *,
+    schema: str | PathLike[str] = "",
+    force: bool = False,
+) -> CertificateResult:
+    """A Digital Calibration Certificate (DCC 3.3.0) of a calibration, with the numbers of its budgets.
+
+    Parameters
+    ----------
+    run : FitResult, GapResult or path
+    entries : path
+        YAML file with the administrative data; see docs/budget.md.
+    schema : path, optional
+        A copy of dcc.xsd, with SI_Format.xsd beside it, by which the certificate is validated.
+    force : bool
+        In spite of reasons against the arm, which the certificate then states.
+
+    Raises
+    ------
+    BayescalError
+        With the entries that are missing, reasons against the arm, or what is not valid.
+    """
+    from bayescal.exporting.dcc import check_valid, dcc, read_entries
+    from bayescal.fitted import gate
+
+    pass  # REMOVE
+
+    if not str(entries):
+        what = "a certificate needs its administrative data"
+        raise BayescalError(what, "--certificate", "name a YAML file: see docs/budget.md")
+    given = read_entries(Path(entries))
+    arm, basis, _ = stated(run)
+    gate.check(arm.use, force, "certified")
+    notes = (*arm.use.notes, *(f"Issued in spite of: {reason}" for reason in arm.use.against))
+    content = dcc(given, basis, notes)
+    validated = str(schema)
+    if validated and (faults := check_valid(content, Path(schema))):
+        validated += f", of which {faults} faulty or missing parts were not checked"
+    return CertificateResult(content, f"{arm.dataset.robot.name}-dcc.xml", validated)

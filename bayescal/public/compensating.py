@@ -1,12 +1,16 @@
-"""The public function for compensated targets, and its result."""
+"""The public function for compensated targets, and its result.
+
+Verification of an exported file, of the public API.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.public.exports import arm_of, names
@@ -16,8 +20,9 @@ if TYPE_CHECKING:
     import numpy as np
     from rich.console import RenderableType
 
-    from bayescal.exporting.compensate.compensation import Compensation
-    from bayescal.exporting.fitted import FittedArm
+    from bayescal.compensating.compensation import Compensation
+    from bayescal.fitted.arm import FittedArm
+    from bayescal.verifying.result import Verification
 
 
 @dataclass(frozen=True, repr=False)
@@ -60,7 +65,7 @@ class CompensationResult:
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.compensation import compensation_summary
+        from bayescal.reporting.exports import compensation_summary
 
         return compensation_summary(self.arm, self.data)
 
@@ -143,8 +148,8 @@ def compensate(
     """
     import numpy as np
 
-    from bayescal.exporting import gate
-    from bayescal.exporting.compensate.compensation import compensate_file
+    from bayescal.compensating.compensation import compensate_file
+    from bayescal.fitted import gate
 
     arm = arm_of(run, names(with_), names(without))
     gate.check(arm.use, force, "compensated")
@@ -163,3 +168,81 @@ def check_out(out: Path, targets: Path) -> None:
     if out.is_dir() or not out.parent.is_dir():
         what = "is a folder" if out.is_dir() else f"there is no folder {out.parent}"
         raise BayescalError(what, f"--out {out}", "name a file in a folder that exists")
+
+
+@dataclass(frozen=True, repr=False)
+class VerificationResult:
+    """An exported file in its simulator."""
+
+    verification: Verification
+
+    @property
+    def passed(self) -> bool:
+        """Whether the simulator has the fitted arm, within the limits of its effects."""
+        return self.verification.passed
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The content of verify.json."""
+        from bayescal.reporting.exports import record
+
+        return record(self.verification)
+
+    def report(self) -> RenderableType:
+        """The text that `bayescal verify` prints, for rich."""
+        from bayescal.reporting.exports import report
+
+        return report(self.verification)
+
+    def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
+        """Write verify.json to a run folder; return the name of the file."""
+        from bayescal.storage.folders import whole
+
+        with whole(Path(folder), "verify.json") as stage:
+            text = json.dumps(self.record, indent=1, allow_nan=False) + "\n"
+            (stage / "verify.json").write_text(text, encoding="utf-8")
+        return ("verify.json",)
+
+    def __str__(self) -> str:
+        from bayescal.public.results import as_text
+
+        return as_text(self.report())
+
+    def __repr__(self) -> str:
+        most = 1e6 * self.verification.levels[-1].maximum
+        verdict = "passed" if self.passed else "failed"
+        return f"<verification of {self.verification.path.name}: {verdict}, {most:.2g} µm at most>"
+
+
+def verify(
+    run: str | PathLike[str],
+    file: str | PathLike[str],
+    *,
+    progress: Callable[[str, float], None] = lambda stage, fraction: None,
+) -> VerificationResult:
+    """Load an exported arm in its simulator, and compare it with the fitted arm and with the measurements.
+
+    Parameters
+    ----------
+    run : path
+        Run folder of `fit` or `diagnose`.
+    file : path
+        File that was exported from it.
+    progress : callable
+        Called with the stage and its completed fraction.
+
+    Raises
+    ------
+    BayescalError
+        If the run folder has no arm, the simulator is not installed, or the file is not of this arm.
+
+    Examples
+    --------
+    >>> import bayescal as bc
+    >>> result = bc.verify("runs/session-fit", "arm.xml")  # doctest: +SKIP
+    >>> result.passed  # doctest: +SKIP
+    True
+    """
+    from bayescal.verifying.result import verify as verified
+
+    return VerificationResult(verified(Path(run), Path(file), progress))

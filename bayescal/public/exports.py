@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from bayescal.exporting.export import Exported
-    from bayescal.exporting.fitted import FittedArm
+    from bayescal.fitted.arm import FittedArm
 
 
 @dataclass(frozen=True, repr=False)
@@ -41,7 +41,7 @@ class ExportResult:
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.export import export_summary
+        from bayescal.reporting.exports import export_summary
 
         return export_summary(self.data)
 
@@ -76,7 +76,7 @@ def export(
         A path is that of a run folder. The arm of a diagnosis has the named effects that the validation data
         confirm.
     to : str
-        Format: a name of `bayescal.exporting.formats.FORMATS`.
+        Format: a name of `bayescal.exporting.export.FORMATS`.
     into : path
         A file of the user, which is patched in a copy; ``arm.urdf#tool0`` names the link with the tool.
     with_, without : sequence of str, or str
@@ -112,7 +112,7 @@ def export(
     ()
     """
     from bayescal.exporting.export import export as work
-    from bayescal.exporting.formats import format_of
+    from bayescal.exporting.export import format_of
 
     format_of(to)  # before a session is fitted again
     arm = arm_of(run, names(with_), names(without))
@@ -132,7 +132,7 @@ def names(effects: Sequence[str] | str) -> tuple[str, ...]:
 
 def arm_of(run: object, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
     """The arm of a result, new or read back, or of a run folder, with other effects fitted again."""
-    from bayescal.exporting import of_fit, of_gap, open_run, refitted
+    from bayescal.fitted.arm import of_fit, of_gap, open_run, refitted
     from bayescal.public.saved import SavedFit, SavedGap
 
     if isinstance(run, FitResult):

@@ -260,8 +260,8 @@ def simulate(
         what = f"there is no option {', '.join(unknown)}"
         raise BayescalError(what, "simulate", f"known: {', '.join(known)}")
     if setup is not None:
-        from bayescal.planning.practice import practice
         from bayescal.planning.setup import read_setup
+        from bayescal.preparing.practice import practice
 
         if excess := [name for name in options if name not in PRACTICE]:
             what = f"a set-up states {', '.join(excess)} itself"

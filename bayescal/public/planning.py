@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from bayescal.dataset import Dataset
-    from bayescal.planning.after import Continuation
+    from bayescal.planning.plan import Continuation
     from bayescal.planning.pool import Setup
     from bayescal.planning.result import Plan
 
@@ -54,7 +54,7 @@ class PlanResult(PlanTables):
         """The contacts in the order of probing, by id: the columns of plan.csv, and `purpose`."""
         from io import StringIO
 
-        from bayescal.reporting.plan.contacts import table_of_plan
+        from bayescal.reporting.plan.record import table_of_plan
 
         return self.contacts_of(StringIO(table_of_plan(self.data)))
 
@@ -93,7 +93,7 @@ class PlanResult(PlanTables):
             For an unknown format, or a probe that a format cannot use.
         """
         from bayescal.exporting.plan import Probe
-        from bayescal.reporting.plan.files import write_plan
+        from bayescal.reporting.plan.record import write_plan
 
         probe = Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm)
         return write_plan(self.data, Path(folder), names(to), probe)
@@ -171,7 +171,7 @@ def plan(
     >>> bool((planned.distances["distance_sd_um"] > 0).all())
     True
     """
-    from bayescal.model.parts import parts_of
+    from bayescal.model.block import parts_of
     from bayescal.planning.plan import plan as run
 
     where, open_ = _setup(setup, after, allow_xacro)
@@ -199,8 +199,8 @@ def _setup(
 ) -> tuple[Setup, Continuation | None]:
     """The setup, and what a diagnosis leaves open."""
     from bayescal.dataset.read import no_rows
-    from bayescal.planning.after import continuation
-    from bayescal.planning.after import continued as left_open
+    from bayescal.planning.plan import continuation
+    from bayescal.planning.plan import continued as left_open
     from bayescal.planning.setup import continued, read_setup
 
     if isinstance(after, GapResult):

@@ -229,7 +229,7 @@ def _draws(result: FitResult | SavedFit, names: Sequence[str]) -> dict[str, np.n
 
 
 def _budget(result: Any) -> Mapping[str, Any]:
-    from bayescal.reading import read_json
+    from bayescal.storage.reading import read_json
 
     folder = getattr(result, "folder", None)
     if folder is None or not (path := Path(folder) / "budget.json").is_file():

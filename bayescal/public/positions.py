@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     import numpy as np
     from pandas import DataFrame
 
-    from bayescal.exporting.compensate.position import Positions
-    from bayescal.exporting.fitted import FittedArm
+    from bayescal.compensating.position import Positions
+    from bayescal.fitted.arm import FittedArm
 
 
 @dataclass(frozen=True, repr=False)
@@ -133,8 +133,8 @@ class Positioned:
         """
         import numpy as np
 
-        from bayescal.exporting import gate
-        from bayescal.exporting.compensate.position import positions
+        from bayescal.compensating.position import positions
+        from bayescal.fitted import gate
 
         arm = self._arm
         gate.check(arm.use, force, "used")

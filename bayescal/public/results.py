@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bayescal.dataset import Dataset
     from bayescal.gap.result import Gap
     from bayescal.methods import Comparison
-    from bayescal.planning.practice import Practice
+    from bayescal.preparing.practice import Practice
     from bayescal.simulation import Simulation
 
 WIDTH = 100
@@ -139,7 +139,7 @@ class GapResult(GapTables, Positioned):
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
         """Write gap.json, gap.html, arm.json, the dataset, the figures where `pictures`; return the names."""
-        from bayescal.reporting.gap.files import write_gap
+        from bayescal.reporting.gap.record import write_gap
 
         return write_gap(self.data, Path(folder), pictures)
 
@@ -205,13 +205,13 @@ class SimulatedSession:
 
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
         """Write a dataset folder with its truth.json; return the names of its files."""
-        from bayescal.simulation.folder import write
+        from bayescal.simulation.record import write
 
         write(self.data, Path(folder))
         return tuple(sorted(p.name for p in Path(folder).iterdir() if not p.name.startswith(".")))
 
     def __str__(self) -> str:
-        from bayescal.simulation.folder import summary
+        from bayescal.simulation.record import summary
 
         return summary(self.data)
 

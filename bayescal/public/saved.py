@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from bayescal.errors import BayescalError
 from bayescal.public.positions import Positioned
 from bayescal.public.tables import FitTables, GapTables, Json, PlanTables, fit_line, gap_line, plan_line
-from bayescal.reading import read_record
+from bayescal.storage.reading import read_record
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -1,13 +1,28 @@
-"""Set-ups of new sessions, and schemas of the files that users write."""
+"""Set-ups of new sessions, and schemas of the files that users write.
+
+The check of a dataset before a fit, of the public API.
+
+`report`: pages of results from run folders.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bayescal.public.exports import names
+from bayescal.public.results import as_text
+from bayescal.public.tables import Json
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from rich.console import RenderableType
+
+    from bayescal.preparing.check import Check
 
 
 def init(
@@ -58,7 +73,7 @@ def init(
     import numpy as np
 
     from bayescal.importing.units import quantity
-    from bayescal.starting.folder import start
+    from bayescal.preparing.folder import start
 
     centre = np.array(quantity(tool, "length", 3, "--tcp")) if tool else None
     return start(Path(folder), robot, names(artefact), centre, name, allow_xacro)
@@ -88,6 +103,128 @@ def schema(name: str) -> dict[str, Any]:
     >>> sorted(bc.schema("robot")["required"])
     ['convention', 'joints', 'name', 'schema']
     """
-    from bayescal.starting.schemas import schema_of
+    from bayescal.preparing.artefacts import schema_of
 
     return schema_of(name)
+
+
+@dataclass(frozen=True, repr=False)
+class CheckResult:
+    """What is understood of a dataset, what is missing and what looks wrong; `print` shows it.
+
+    Attributes
+    ----------
+    data : Check
+        The complete result, in SI.
+    """
+
+    data: Check
+
+    @cached_property
+    def record(self) -> Json:
+        """The content of `bayescal check --to json`."""
+        from bayescal.preparing.check import check_record
+
+        return check_record(self.data)
+
+    @cached_property
+    def findings(self) -> DataFrame:
+        """A row per finding: code, kind, what, where, remedy."""
+        from pandas import DataFrame
+
+        columns = ["code", "kind", "what", "where", "remedy"]
+        return DataFrame([vars(f) for f in self.data.findings], columns=columns)
+
+    def report(self) -> RenderableType:
+        """The report, to be printed by a `rich.console.Console`."""
+        from bayescal.reporting.check import check_summary
+
+        return check_summary(self.data)
+
+    def __str__(self) -> str:
+        return as_text(self.report())
+
+    def __repr__(self) -> str:
+        from bayescal.reporting.check import said
+
+        return f"<check of {self.data.dataset.name}: {said(self.data.findings)}>"
+
+
+def check(folder: str | PathLike[str], *, allow_xacro: bool = False) -> CheckResult:
+    """Check a dataset folder without fitting it: what is understood, missing, and probably a mistake.
+
+    Parameters
+    ----------
+    folder : path
+        As of `read_dataset`.
+    allow_xacro : bool
+        As of `read_dataset`.
+
+    Returns
+    -------
+    CheckResult
+        Prints as a summary; `findings` is a table.
+
+    Raises
+    ------
+    BayescalError
+        If the folder cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import bayescal as bc
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     names = bc.simulate(contacts=120, later=4, repeats=2, spheres=0).save(f"{folder}/session")
+    ...     bc.check(f"{folder}/session")
+    <check of simulated: no findings>
+    """
+    from bayescal.preparing.check import check as run
+
+    return CheckResult(run(Path(folder), allow_xacro))
+
+
+def report(
+    runs: str | PathLike[str] | Sequence[str | PathLike[str]],
+    out: str | PathLike[str] | None = None,
+    *,
+    pdf: bool = False,
+) -> tuple[Path, ...]:
+    """Write the page of a run folder again, or a page that compares several runs.
+
+    Parameters
+    ----------
+    runs : path or sequence of paths
+        Run folders of `fit` or `diagnose`. Several are shown side by side: verdicts, distance errors,
+        parameters with their differences and u, model levels.
+    out : path, optional
+        The HTML file. By default report.html or gap.html in the run folder, and of several runs
+        runs/<names>-report.html.
+    pdf : bool
+        Also print it to a PDF file of the same name, by Chromium or Chrome.
+
+    Returns
+    -------
+    tuple of Path
+        The files that were written.
+
+    Raises
+    ------
+    BayescalError
+        For a folder without a result, a changed run folder, a file that is no page of bayescal, or without
+        a browser for the PDF.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import bayescal as bc
+    >>> session = bc.simulate(effects="geometry", contacts=60, later=8, repeats=5, spheres=0, seed=1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     names = bc.fit(session, "geometry", samples=0).save(f"{folder}/run")
+    ...     [path.name for path in bc.report(f"{folder}/run")]
+    ['report.html']
+    """
+    from bayescal.reporting.page.build import write_report
+
+    each = [runs] if isinstance(runs, str | PathLike) else list(runs)
+    return write_report([Path(run) for run in each], None if out is None else Path(out), pdf)

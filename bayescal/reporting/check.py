@@ -8,8 +8,8 @@ from typing import Any
 
 from rich.console import Group, RenderableType
 
-from bayescal.checking.check import Check, check_record
-from bayescal.checking.finding import KINDS, Finding
+from bayescal.preparing.check import Check, check_record
+from bayescal.preparing.missing import KINDS, Finding
 from bayescal.reporting.shared.text import facts
 
 TITLES = {"refused": "refused by fit", "odd": "odd", "missing": "missing"}

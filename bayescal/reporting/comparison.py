@@ -13,10 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from bayescal.effects import UNITS
-from bayescal.folders import whole
 from bayescal.methods import Comparison, Result, Row, Solution
 from bayescal.reporting.shared.origin import origin
 from bayescal.reporting.shared.text import MM, UM, facts, model_label, plain_table, um
+from bayescal.storage.folders import whole
 
 COMPARE = "compare.json"
 SCHEMA = "bayescal-compare/1"

@@ -18,14 +18,13 @@ import difflib
 import os
 from pathlib import Path
 
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot
 from bayescal.errors import BayescalError
-from bayescal.files import check_schema, read_document
-from bayescal.reading import check_inside
 from bayescal.robots.markup import refuse_network
-from bayescal.robots.schema import SCHEMA, robot_from
+from bayescal.robots.schema import SCHEMA, robot_from, robot_to_yaml
 from bayescal.robots.urdf import robot_from_urdf
-from bayescal.robots.writing import robot_to_yaml
+from bayescal.storage.files import check_schema, read_document
+from bayescal.storage.reading import check_inside
 
 __all__ = ["builtin_robots", "full_name", "load_robot", "names", "robot_to_yaml", "table"]
 

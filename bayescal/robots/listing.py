@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayescal.arm.chain import chain_of, frames
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot, chain_of, frames
 from bayescal.errors import BayescalError
 from bayescal.robots import builtin_robots, load_robot
 

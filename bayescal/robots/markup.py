@@ -8,8 +8,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 from bayescal.errors import BayescalError
-from bayescal.reading import decoded
 from bayescal.robots.xacro_file import expanded
+from bayescal.storage.reading import decoded
 
 NETWORK = re.compile(r"\s*(?:(?!(?:package|model|file):)[a-z][a-z0-9+.-]*://|//|\\\\)", re.IGNORECASE)
 """What is fetched from another machine. Meshes may say ``package://``: they are never opened."""

@@ -22,8 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayescal.arm.robot import Robot
-from bayescal.arm.rows import split
+from bayescal.arm.chain import Robot, split
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.errors import BayescalError
 from bayescal.robots.markup import read_markup

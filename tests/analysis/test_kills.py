@@ -11,7 +11,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from analysis.kills import COMMANDS, SIDECAR, contents, killed, kills, state
-from bayescal.folders import whole
+from bayescal.storage.folders import whole
 
 
 def test_killed_commands_leave_nothing_or_a_complete_result(tmp_path, monkeypatch):

@@ -3,12 +3,21 @@
 import numpy as np
 import pytest
 
-from bayescal.arm.inverse import descend, poses_apart, to_axes, to_frames, to_points, to_poses
-from bayescal.arm.nominal import NominalArm
-from bayescal.arm.solutions import nearest, solutions, without_solution
+from analysis.world import reach
+from bayescal.arm.inverse import (
+    descend,
+    nearest,
+    poses_apart,
+    solutions,
+    to_axes,
+    to_frames,
+    to_points,
+    to_poses,
+    without_solution,
+)
+from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
 from bayescal.robots import load_robot
-from bayescal.world import reach
 
 TOOL = np.array([0.06, 0.0, 0.12])
 
@@ -141,7 +150,11 @@ def test_what_is_found_has_the_orientation_too(name):
     low, high = arm.robot.limits.T
     begin, there = descend(to_points(arm, points), arm.angles_of(random_readings(arm, 80, 1)), low, high)
     assert there.mean() > 0.5
-    by_task = {"pose": to_poses(arm, goals), "frame": to_frames(arm, goals), "axis": to_axes(arm, points, axes)}
+    by_task = {
+        "pose": to_poses(arm, goals),
+        "frame": to_frames(arm, goals),
+        "axis": to_axes(arm, points, axes),
+    }
     for task, own in by_task.items():
         angles, found = descend(own, begin, low, high, passes=60)
         assert (found & there).sum() > 15, task

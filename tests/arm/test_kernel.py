@@ -114,7 +114,7 @@ def test_seven_joints_any_table(program, convention):
 
 
 def _seven(convention):
-    from bayescal.arm.robot import Robot
+    from bayescal.arm.chain import Robot
 
     rng = np.random.default_rng(7)
     return Robot(

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayescal.arm.chain import chain_of, displaced, frames, link_angles, points
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot, chain_of, displaced, frames, link_angles, points
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.arm.transforms import AXES
 

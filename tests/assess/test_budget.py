@@ -8,20 +8,9 @@ import pytest
 from scipy.stats import chi2
 from scipy.stats import t as student
 
-from bayescal.assess.budget import (
-    COVERAGE,
-    Basis,
-    Budget,
-    budget,
-    certified_distances,
-    distance,
-    parameter,
-    volume,
-)
-from bayescal.assess.budget.budget import Component
-from bayescal.assess.budget.inputs import CERTIFICATE, MASSES, NOISE, PRIOR, READINGS, Input
-from bayescal.assess.budget.measurand import Measurand
-from bayescal.assess.budget.readings import readings
+from bayescal.assess.budget import COVERAGE, Budget, Component, budget
+from bayescal.assess.inputs import CERTIFICATE, MASSES, NOISE, PRIOR, READINGS, Basis, Input
+from bayescal.assess.measurand import Measurand, certified_distances, distance, parameter, readings, volume
 from bayescal.calibration import fit
 from bayescal.estimate import calibrated, estimate
 from bayescal.estimate.discrepancy import stated
@@ -132,7 +121,7 @@ def component(b, text):
 def test_a_large_session_is_summed_in_parts(fitted, monkeypatch):
     of_volume = volume(fitted.basis)
     whole = budget(fitted.basis, of_volume)
-    module = import_module("bayescal.assess.budget.budget")  # the package has a function of this name
+    module = import_module("bayescal.assess.budget")  # the package has a function of this name
     monkeypatch.setattr(module, "MOST_VALUES", 7 * len(of_volume.by_z))
     parts = budget(fitted.basis, of_volume)
     assert parts.u == pytest.approx(whole.u, rel=1e-12)

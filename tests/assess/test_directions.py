@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayescal.assess.directions import directions
+from bayescal.assess.identifiability import directions
 
 
 def model_of(normals: np.ndarray) -> SimpleNamespace:

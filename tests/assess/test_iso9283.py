@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayescal.assess.budget import Basis
+from bayescal.assess.inputs import Basis
 from bayescal.assess.iso9283 import iso9283
 from bayescal.calibration import fit
 from bayescal.estimate import calibrated

@@ -14,8 +14,9 @@ from markupsafe import escape
 from rich.console import Console
 from scipy.stats import t as student
 
-from bayescal.assess.budget import budget, distance, headline, volume
-from bayescal.assess.conformance import FAIL, OPEN, PASS, conformance
+from bayescal.assess.acceptance import FAIL, OPEN, PASS, conformance
+from bayescal.assess.budget import budget, headline
+from bayescal.assess.measurand import distance, volume
 from bayescal.calibration import fit
 from bayescal.reporting.fit.budget import in_words
 from bayescal.reporting.fit.files import write_fit
@@ -134,7 +135,7 @@ def test_what_is_printed_stored_and_decided_with_is_one_number(fitted, run):
 
 
 def test_the_certificate_states_the_same_u(fitted):
-    from bayescal.exporting.dcc.document import in_digits
+    from bayescal.exporting.dcc import in_digits
 
     for pair, b in fitted.budgets.items():
         u, _ = expanded(fitted, pair)

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayescal.assess.reliability import reliability
+from bayescal.assess.findings import reliability
 from bayescal.calibration import fit
 from bayescal.estimate import calibrated
 from bayescal.estimate.outliers import POWER, detectable, rejected
 from bayescal.model import ARM
 from bayescal.model.scene import Scene
+from bayescal.predict.errors import lengths, slopes
 from bayescal.predict.forecast import workspace
-from bayescal.predict.pairs import lengths, slopes
 
 FULL = ("geometry", "compliance")
 

@@ -1,6 +1,6 @@
 """Truths and answers of worlds that were never made."""
 
-from bayescal.blind.score import records
+from analysis.blind.score import records
 
 PLACE = {"site": "joint 4", "driver": "joint angle", "also": ["angle 4"]}
 

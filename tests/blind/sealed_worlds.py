@@ -1,9 +1,9 @@
 """Blind folders without diagnoses: worlds and answers are made up, seals are not."""
 
-from bayescal.blind import make as maker
-from bayescal.blind import run as runner
-from bayescal.blind import seal
-from bayescal.blind.folder import FILES
+from analysis.blind import make as maker
+from analysis.blind import run as runner
+from analysis.blind import seal
+from analysis.blind.folder import FILES
 
 
 def made_up(task):

@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 
 pytest.importorskip("pinocchio")
 
-from bayescal.blind import seal
-from bayescal.blind.folder import texts
-from bayescal.blind.run import Task, answered, run
+from analysis.blind import seal
+from analysis.blind.folder import texts
+from analysis.blind.run import Task, answered, run
 from bayescal.cli import app
 from bayescal.errors import BayescalError
 
@@ -35,7 +35,7 @@ sys.addaudithook(told)
 
 
 def command(*words: object) -> str:
-    import bayescal.cli.blind  # noqa: F401  (registers itself)
+    import analysis.blind.__main__  # noqa: F401  (registers itself)
 
     done = CliRunner().invoke(app, ["blind", *map(str, words)])
     if done.exception:
@@ -180,7 +180,7 @@ def test_refusals(made, tmp_path, words, told):
 def test_help_is_quick():
     """The command line alone loads neither solver nor cluster."""
     program = (
-        "import sys, bayescal.cli.blind\n"
+        "import sys, analysis.blind.__main__\n"
         "print([m for m in ('numpy', 'gtsam', 'distributed', 'pinocchio') if m in sys.modules])"
     )
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
@@ -189,7 +189,7 @@ def test_help_is_quick():
 
 def test_who_hands_out_the_work_needs_none_of_it():
     program = (
-        "import sys, bayescal.blind.run, bayescal.blind.make\n"
+        "import sys, analysis.blind.run, analysis.blind.make\n"
         "print([m for m in ('numpy', 'gtsam', 'distributed', 'pinocchio') if m in sys.modules])"
     )
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout

@@ -9,11 +9,11 @@ pytest.importorskip("pinocchio")
 
 from made_up_worlds import answer, silent, truth
 
-from bayescal.blind import compared, further, rounds, seal
-from bayescal.blind.folder import SEALED, TRUTH, answer_path, record, texts, write
-from bayescal.blind.further import ERROR, Open, planned, probed
-from bayescal.blind.make import make
-from bayescal.blind.rounds import ARMS, ROUND, is_open, second_round
+from analysis.blind import compared, further, rounds, seal
+from analysis.blind.folder import SEALED, TRUTH, answer_path, record, texts, write
+from analysis.blind.further import ERROR, Open, planned, probed
+from analysis.blind.make import make
+from analysis.blind.rounds import ARMS, ROUND, is_open, second_round
 from bayescal.errors import BayescalError
 
 SEED = 101

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from made_up_worlds import answer, at, many, null, one, pair, perfect, shrunk, silent, strange, tracked, truth
 
-from bayescal.blind.reasons import REASONS
-from bayescal.blind.score import figures, records
-from bayescal.blind.shrunk import worse_beyond_noise
-from bayescal.blind.skill import base_rates, log_score, stated
+from analysis.blind.reasons import REASONS
+from analysis.blind.score import figures, records
+from analysis.blind.shrunk import worse_beyond_noise
+from analysis.blind.skill import base_rates, log_score, stated
 from bayescal.errors import BayescalError
 
 NAMES = ("step", "lobing", "backlash", "bending")

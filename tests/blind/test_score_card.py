@@ -7,10 +7,10 @@ import pytest
 from made_up_worlds import answer, many, null, perfect, shrunk, silent, strange, tracked, truth
 from rich.console import Console
 
-from bayescal.blind.card import BEGIN, END, between, page, tables, terminal
-from bayescal.blind.files import MISSES, SCORE, write_score
-from bayescal.blind.pictures import PICTURES, said_of
-from bayescal.blind.score import figures
+from analysis.blind.card import BEGIN, END, between, page, tables, terminal
+from analysis.blind.files import MISSES, SCORE, write_score
+from analysis.blind.pictures import PICTURES, said_of
+from analysis.blind.score import figures
 from bayescal.errors import BayescalError
 
 ABOUT = {

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from sealed_worlds import here, made_up
 
-from bayescal.blind import seal
-from bayescal.blind.folder import FILES, PLAN, write
-from bayescal.blind.make import Drawn, make
-from bayescal.blind.run import run
-from bayescal.blind.unseal import opened
-from bayescal.blind.workers import Lost
+from analysis.blind import seal
+from analysis.blind.folder import FILES, PLAN, write
+from analysis.blind.make import Drawn, make
+from analysis.blind.run import run
+from analysis.blind.unseal import opened
+from analysis.blind.workers import Lost
 from bayescal.errors import BayescalError
-from bayescal.folders import LIST
+from bayescal.storage.folders import LIST
 
 WORLDS, SEED = 3, 5
 pytestmark = pytest.mark.usefixtures("_no_pinocchio_needed")
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("_no_pinocchio_needed")
 
 @pytest.fixture
 def _no_pinocchio_needed(monkeypatch):
-    monkeypatch.setattr("bayescal.blind.make.find_spec", lambda name: name)
+    monkeypatch.setattr("analysis.blind.make.find_spec", lambda name: name)
 
 
 @pytest.fixture
@@ -100,7 +100,10 @@ TAMPERED = {
         lambda f: shutil.copy(f / "answers/002.json", f / "answers/003.json"),
         "003.json: an answer that was not sealed",
     ),
-    "answers not sealed": (lambda f: (f / "answers.json").unlink(), "not sealed; run `bayescal blind run"),
+    "answers not sealed": (
+        lambda f: (f / "answers.json").unlink(),
+        "not sealed; run `python -m analysis.blind run",
+    ),
     "no seal of `run`": (lambda f: (f / "answers.json").write_text("{}"), "answers.json: lacks 'answers'"),
     "answers to another truth": (
         lambda f: edit(f / "answers.json", '"truth_sha256": "', '"truth_sha256": "0'),
@@ -162,7 +165,7 @@ def test_other_sources_are_told(answered, monkeypatch):
 
 def test_sealed_answers_stay(answered):
     before = files(answered)
-    with pytest.raises(BayescalError, match=r"sealed already; `bayescal blind score`"):
+    with pytest.raises(BayescalError, match=r"sealed already; `python -m analysis.blind score`"):
         run(answered)
     assert files(answered) == before
 
@@ -208,7 +211,7 @@ def test_a_worker_with_other_sources_is_refused(made, monkeypatch):
     def results(work, tasks, workers, dask):
         yield 0, {"world": "000", "code_sha256": "other"}
 
-    monkeypatch.setattr("bayescal.blind.run.results", results)
+    monkeypatch.setattr("analysis.blind.run.results", results)
     with pytest.raises(BayescalError, match=r"^tcp://there: a worker has a different version"):
         run(made, dask="tcp://there")
     assert not (made / "answers").exists()
@@ -216,7 +219,7 @@ def test_a_worker_with_other_sources_is_refused(made, monkeypatch):
 
 def test_a_world_that_kills_its_workers_is_a_crash(made, monkeypatch):
     monkeypatch.setattr(
-        "bayescal.blind.run.results",
+        "analysis.blind.run.results",
         lambda _, tasks, *how: ((k, Lost("killed")) for k, _ in enumerate(tasks)),
     )
     assert run(made).crashed == WORLDS
@@ -225,13 +228,13 @@ def test_a_world_that_kills_its_workers_is_a_crash(made, monkeypatch):
 
 def test_making_goes_on(tmp_path, monkeypatch):
     """The same worlds and the same truth as in one go, and none made twice."""
-    monkeypatch.setattr("bayescal.blind.make.secrets.token_hex", lambda count: count * "ab")
+    monkeypatch.setattr("analysis.blind.make.secrets.token_hex", lambda count: count * "ab")
     done = here(monkeypatch, most=2)
     with pytest.raises(KeyboardInterrupt):
         make(tmp_path / "parts", WORLDS, SEED)
     assert not (tmp_path / "parts/truth.json").exists()
     for command in (run, opened):
-        with pytest.raises(BayescalError, match=r"not all made.*`bayescal blind make`"):
+        with pytest.raises(BayescalError, match=r"not all made.*`python -m analysis.blind make`"):
             command(tmp_path / "parts")
     (tmp_path / "parts/worlds/.002.1.part").mkdir()  # as a killed process leaves it
     last = here(monkeypatch)
@@ -254,7 +257,7 @@ def test_sealing_goes_on(tmp_path, monkeypatch, after):
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayescal.blind.make.write", killed)
+        patch.setattr("analysis.blind.make.write", killed)
         with pytest.raises(KeyboardInterrupt):
             make(folder, WORLDS, SEED)
     with pytest.raises(BayescalError, match="not all made"):
@@ -290,7 +293,7 @@ def test_made_once(made):
 
 def test_a_drawn_seed_is_told_by_the_truth_alone(tmp_path, monkeypatch):
     here(monkeypatch)
-    monkeypatch.setattr("bayescal.blind.make.secrets.randbelow", lambda below: 1234567)
+    monkeypatch.setattr("analysis.blind.make.secrets.randbelow", lambda below: 1234567)
     make(tmp_path / "blind", 1)
     assert json.loads((tmp_path / "blind/truth.json").read_text())["seed"] == 1234567
 
@@ -311,7 +314,9 @@ def test_a_folder_with_something_else_is_refused(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("command", [run, opened])
 def test_no_blind_folder(tmp_path, command):
-    with pytest.raises(BayescalError, match=r"no blind worlds here; make some: bayescal blind make"):
+    with pytest.raises(
+        BayescalError, match=r"no blind worlds here; make some: python -m analysis.blind make"
+    ):
         command(tmp_path / "nowhere")
     assert not (tmp_path / "nowhere").exists()
 
@@ -319,7 +324,7 @@ def test_no_blind_folder(tmp_path, command):
 def test_without_pinocchio(tmp_path, monkeypatch):
     monkeypatch.undo()
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    with pytest.raises(BayescalError, match=r"needs Pinocchio; pip install 'bayescal\[world\]'"):
+    with pytest.raises(BayescalError, match=r"needs Pinocchio; pip install 'bayescal\[blind\]'"):
         make(tmp_path / "blind", WORLDS, SEED)
     assert not (tmp_path / "blind").exists()
 

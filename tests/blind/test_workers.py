@@ -13,9 +13,9 @@ import pytest
 import tiny_work
 from tiny_work import Tiny, until
 
-from bayescal.blind.workers import DEPTH, KILLS, Lost, results
+from analysis.blind.workers import DEPTH, KILLS, Lost, results
 from bayescal.errors import BayescalError
-from bayescal.stopping import Stopped
+from bayescal.storage.stopping import Stopped
 
 COUNT = 12
 SQUARES = {k: k**2 for k in range(COUNT)}
@@ -96,7 +96,7 @@ def test_blas_has_one_thread(monkeypatch):
 def test_workers_go_with_their_parent(tmp_path):
     program = (
         "import tiny_work, pathlib, sys\n"
-        "from bayescal.blind.workers import results\n"
+        "from analysis.blind.workers import results\n"
         "if __name__ == '__main__':\n"
         f"    list(results(tiny_work.work, [tiny_work.Tiny(0, pathlib.Path({str(tmp_path)!r}), 0, 600.0)]))\n"
     )
@@ -117,7 +117,7 @@ def test_a_stop_ends_the_workers_without_awaiting_their_jobs(tmp_path, monkeypat
         until(lambda: (tmp_path / "0").exists() and tiny_work.begun(tmp_path, 0))
         raise stop
 
-    monkeypatch.setattr("bayescal.blind.workers.wait", stopped)
+    monkeypatch.setattr("analysis.blind.workers.wait", stopped)
     begin = time.monotonic()
     with pytest.raises((KeyboardInterrupt, Stopped)):
         list(results(tiny_work.work, [Tiny(0, tmp_path, 0, 600.0)]))
@@ -147,7 +147,7 @@ def test_what_work_raises_on_dask_is_raised(cluster):
 
 
 def test_workers_without_the_package_are_refused(cluster, monkeypatch):
-    monkeypatch.setattr("bayescal.blind.cluster.PACKAGE", "bayescal-of-elsewhere")
+    monkeypatch.setattr("analysis.blind.cluster.PACKAGE", "bayescal-of-elsewhere")
     with pytest.raises(BayescalError, match="a worker lacks bayescal-of-elsewhere; install"):
         list(results(tiny_work.refuse, [3], dask=cluster.scheduler_address))
 
@@ -162,5 +162,5 @@ def test_no_scheduler_there(address):
 
 def test_dask_is_asked_for_where_it_is_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(BayescalError, match=r"pip install 'bayescal\[dask\]'"):
+    with pytest.raises(BayescalError, match=r"pip install 'bayescal\[blind\]'"):
         list(results(tiny_work.refuse, [3], dask="tcp://127.0.0.1:9"))

@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 import bayescal as bc
-from bayescal.checking.check import check
 from bayescal.errors import BayescalError
+from bayescal.preparing.check import check
 
 ROOT = Path(__file__).parents[2]
 JOINTS = [f"j{k}_deg" for k in range(1, 7)]

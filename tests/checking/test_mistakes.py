@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import bayescal as bc
-from bayescal.checking.mistakes import DIFFERENT, hidden, judged, mistaken
+from bayescal.assess.mistakes import DIFFERENT, hidden, judged, mistaken
 from bayescal.dataset import Certificate, Dataset, read_dataset
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"

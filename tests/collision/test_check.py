@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from bayescal.arm.transforms import rigid
-from bayescal.collision import Ball, Box, Clearance, Scene, Solid, on_table, path_free, scene_of
-from bayescal.collision.path import retracted
 from bayescal.dataset import Tool, read_dataset
+from bayescal.probing.clearance import Clearance, path_free, retracted
+from bayescal.probing.scene import Scene, Solid, on_table, scene_of
+from bayescal.probing.shapes import Ball, Box
 from bayescal.robots import load_robot
 
 SESSION = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.collision.exact import distances
-from bayescal.collision.shapes import FIXED, Ball, Box, Capsule, HalfSpace
+from bayescal.probing.shapes import FIXED, Ball, Box, Capsule, HalfSpace
+from bayescal.probing.sweep import distances
 
 
 def capsule(a, b, radius: float) -> Capsule:

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayescal.arm.nominal import NominalArm
+from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid
-from bayescal.collision import arm_capsules, link_radii
 from bayescal.dataset import Tool
 from bayescal.errors import BayescalError
+from bayescal.probing.scene import arm_capsules, link_radii
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 
 PROBE = Tool("ball", np.array([0.06, 0.0, 0.12]), 0.003)

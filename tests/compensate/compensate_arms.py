@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from bayescal.estimate import estimate
-from bayescal.exporting import of_estimate
+from bayescal.fitted.arm import of_estimate
 from bayescal.model import build
 from bayescal.model.scene import Scene
 

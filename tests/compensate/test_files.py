@@ -8,10 +8,10 @@ import programs
 import pytest
 from compensate_arms import arm_with
 
+from bayescal.compensating.compensation import compensate_file
 from bayescal.errors import BayescalError
-from bayescal.exporting import write_arm
-from bayescal.exporting.compensate.compensation import compensate_file
-from bayescal.exporting.gate import Use
+from bayescal.fitted.file import write_arm
+from bayescal.fitted.gate import Use
 
 POSES = "id,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg,note\n"
 ROWS = 'a,450,0,200,180,0,0,"one, two"\nb,450,60,200,180,10,30,\nc,1450,0,150,170,0,90,far\n'

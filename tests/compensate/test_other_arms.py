@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from compensate_arms import arm_with
 
-from bayescal.arm.nominal import NominalArm
-from bayescal.exporting.compensate.solve import compensated
-from bayescal.exporting.compensate.targets import Target
+from bayescal.arm.motion import NominalArm
+from bayescal.compensating.solve import compensated
+from bayescal.programs.targets import Target
 from bayescal.robots import load_robot
 
 FOUR = """\

@@ -7,15 +7,14 @@ import pytest
 
 import bayescal as bc
 from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.compensating.position import Frame, expanded, positions
+from bayescal.compensating.solve import compensated
 from bayescal.errors import BayescalError
-from bayescal.exporting import of_fit
-from bayescal.exporting.compensate.frames import Frame
-from bayescal.exporting.compensate.position import expanded, positions
-from bayescal.exporting.compensate.solve import compensated
-from bayescal.exporting.compensate.targets import Target
-from bayescal.exporting.compensate.tools import tool_of
-from bayescal.exporting.gate import Use
+from bayescal.fitted.arm import of_fit
+from bayescal.fitted.gate import Use
 from bayescal.model import ARM
+from bayescal.programs.targets import Target
+from bayescal.programs.tools import tool_of
 from bayescal.public.positions import Positioned
 
 DRAWS = 6000
@@ -148,7 +147,7 @@ def test_the_covariance_is_along_the_axes_of_the_frame(arm, readings, monkeypatc
     turn = rpy_matrix(np.array([0.4, -0.9, 1.3]))
     plain = positions(arm, readings)
     stand = Frame(np.eye(4), rigid(turn))
-    monkeypatch.setattr("bayescal.exporting.compensate.position.frame_of", lambda *_: stand)
+    monkeypatch.setattr("bayescal.compensating.position.frame_of", lambda *_: stand)
     found = positions(arm, readings)
     np.testing.assert_allclose(found.poses[:, :3, 3], plain.poses[:, :3, 3] @ turn, atol=1e-12)
     expected = turn.T @ plain.uncertain.covariance @ turn

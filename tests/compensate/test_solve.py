@@ -8,11 +8,10 @@ from compensate_arms import arm_with
 
 from bayescal.arm.inverse import poses_apart
 from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.compensating.position import Region, frame_of
+from bayescal.compensating.solve import compensated, nominal_arm
 from bayescal.errors import BayescalError
-from bayescal.exporting.compensate.frames import frame_of
-from bayescal.exporting.compensate.region import Region
-from bayescal.exporting.compensate.solve import compensated, nominal_arm
-from bayescal.exporting.compensate.targets import Target
+from bayescal.programs.targets import Target
 
 ALL = ("geometry", "compliance", "bending", "base-compliance", "payload", "eccentricity", "encoder-scale",
        "coupling", "gear-mesh", "hysteresis", "backlash")  # fmt: skip

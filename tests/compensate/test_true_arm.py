@@ -7,21 +7,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bayescal.arm.solutions import nearest, solutions
+from bayescal.arm.inverse import nearest, solutions
 from bayescal.arm.transforms import rpy_of
 from bayescal.calibration import fit
-from bayescal.exporting import of_fit
-from bayescal.exporting.compensate.compensation import compensate_file
-from bayescal.exporting.compensate.formats import PROGRAMS
-from bayescal.exporting.compensate.frames import frame_of
-from bayescal.exporting.compensate.position import positions
-from bayescal.exporting.compensate.solve import compensated, nominal_arm
-from bayescal.exporting.compensate.targets import Target
+from bayescal.compensating.compensation import compensate_file
+from bayescal.compensating.position import frame_of, positions
+from bayescal.compensating.solve import compensated, nominal_arm
+from bayescal.fitted.arm import of_fit
+from bayescal.programs import PROGRAMS
+from bayescal.programs.targets import Target
 
 pytest.importorskip("pinocchio")
-from bayescal.world import arm as true_arms
-from bayescal.world import scene
-from bayescal.world.touch import World
+from analysis.world import arm as true_arms
+from analysis.world import scene
+from analysis.world.touch import World
 
 NOISE = 10e-6
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayescal.dataset.append import followed, taken
-from bayescal.dataset.join_rows import PAUSE
+from bayescal.dataset.join import PAUSE
 
 
 @pytest.fixture(scope="module")

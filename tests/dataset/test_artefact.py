@@ -5,7 +5,7 @@ import pytest
 from tiny_dataset import SETTINGS, line_of, write
 
 from bayescal.dataset import read_dataset, write_dataset
-from bayescal.dataset.checks.certified import contradictions
+from bayescal.dataset.consistency import contradictions
 from bayescal.errors import BayescalError
 
 STATED = "  - {kind: distance, between: [ball.A, ball.B], distance_mm: 150.0, u_distance_mm: 0.001}\n"

@@ -9,8 +9,8 @@ from tiny_dataset import SETTINGS, TABLE, write
 
 from bayescal.dataset import read_dataset
 from bayescal.errors import BayescalError, listed, shown
-from bayescal.reading import CONTROL, read_json
 from bayescal.robots import load_robot
+from bayescal.storage.reading import CONTROL, read_json
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{new}: &{new} [{', '.join(['*' + old] * 9)}]\n" for old, new in zip("abcdefgh", "bcdefghi", strict=True)

@@ -14,9 +14,9 @@ from bayescal.dataset.schema import CERTIFICATES, entry_of
 from bayescal.dataset.table import COLUMNS, JOINT, PLAIN
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
-from bayescal.files import stem_of
+from bayescal.preparing.artefacts import MODELS, UNITS, schema_text
 from bayescal.robots import schema as of_robots
-from bayescal.starting.schemas import MODELS, UNITS, schema_text
+from bayescal.storage.files import stem_of
 
 jsonschema = pytest.importorskip("jsonschema")
 ROOT = Path(__file__).parents[2]

@@ -5,7 +5,7 @@ import pytest
 from tiny_dataset import SETTINGS, TABLE, write
 
 from bayescal.dataset import read_dataset
-from bayescal.dataset.checks.certified import contradictions
+from bayescal.dataset.consistency import contradictions
 from bayescal.errors import BayescalError
 
 RNG = np.random.default_rng(7)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayescal.dataset.checks.units import suspicion
+from bayescal.dataset.plausibility import suspicion
 
 
 def with_rows(dataset, **changed):

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayescal.arm.chain import chain_of
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot, chain_of
 from bayescal.effects import EFFECTS, Circumstances, parameters_of
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model import build

@@ -21,7 +21,7 @@ from bayescal.effects.location import (
 )
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.unknown import Pool
-from bayescal.model.parts import Part
+from bayescal.model.block import Part
 from bayescal.model.scene import Scene
 
 DRIVERS = [

@@ -10,7 +10,7 @@ from bayescal.effects.selection import Selection, shortest
 from bayescal.effects.vocabulary import same_terms
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
-from bayescal.exporting import calibrated_robot
+from bayescal.exporting.robot import calibrated_robot
 from bayescal.model import check_asked
 from bayescal.model.scene import Scene
 

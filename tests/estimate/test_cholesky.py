@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from bayescal.estimate.cholesky import factored, halved, solved
 from bayescal.estimate.outliers import quantile
+from bayescal.estimate.solver import factored, halved, solved
 
 
 @pytest.mark.parametrize("size", [1, 4, 40])

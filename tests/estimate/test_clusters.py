@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.estimate.clusters import poses
+from bayescal.estimate.families import poses
 
 
 def test_rows_of_one_stop_one_repeat_or_equal_readings_are_of_one_pose(cube):

@@ -10,7 +10,9 @@ import pytest
 from chances import least, most
 from scipy.stats import chi2
 
-from bayescal.assess.budget import Basis, budget, parameter
+from bayescal.assess.budget import budget
+from bayescal.assess.inputs import Basis
+from bayescal.assess.measurand import parameter
 from bayescal.estimate import STATED_WORTH, calibrated, estimate
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.outliers import FALSE_REJECTIONS, Judged

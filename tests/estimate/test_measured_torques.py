@@ -11,7 +11,7 @@ from bayescal.dataset.join import joined
 from bayescal.effects.masses import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
-from bayescal.gap.design.interventions import widened
+from bayescal.gap.design.candidate_contacts import widened
 from bayescal.gap.search.cells import cells
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayescal.estimate import linearise, unit_weights
-from bayescal.estimate.noise import rescaled_weights
+from bayescal.estimate.solver import rescaled_weights
 from bayescal.model import build
 from bayescal.model.scene import Scene
 

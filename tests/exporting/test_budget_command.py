@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import bayescal as bc
-from bayescal.assess.budget import budget, parameter
-from bayescal.exporting import of_fit, open_run
-from bayescal.exporting.lost_motion import lost_motion
-from bayescal.exporting.point import point
-from bayescal.exporting.restored import restored
+from bayescal.assess.budget import budget
+from bayescal.assess.measurand import parameter
+from bayescal.fitted.arm import of_fit, open_run
+from bayescal.fitted.file import restored
+from bayescal.fitted.point import lost_motion, point
 
 OPTIONS = {"contacts": 90, "later": 10, "repeats": 5, "spheres": 2, "placements": 1, "seed": 1}
 READINGS = np.array([10.0, 20.0, -30.0, 40.0, 50.0, 60.0])

@@ -7,8 +7,7 @@ from xml.etree import ElementTree
 import pytest
 
 import bayescal as bc
-from bayescal.exporting.dcc.document import in_digits
-from bayescal.exporting.dcc.xml import DCC, SI
+from bayescal.exporting.dcc import DCC, SI, in_digits
 
 OURS = Path(__file__).parent / "dcc" / "dcc.xsd"
 SHARED = Path(__file__).parents[3] / "shared" / "dcc" / "dcc.xsd"

@@ -9,11 +9,10 @@ import pytest
 import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.estimate.bounds import UNCHANGED
-from bayescal.exporting import gate, of_fit
-from bayescal.exporting.export import export
-from bayescal.exporting.fitted import of_estimate
-from bayescal.exporting.formats import FORMATS
-from bayescal.exporting.gate import Use
+from bayescal.exporting.export import FORMATS, export
+from bayescal.fitted import gate
+from bayescal.fitted.arm import of_estimate, of_fit
+from bayescal.fitted.gate import Use
 
 
 @pytest.fixture(scope="module")

@@ -12,12 +12,10 @@ from export_arms import fake, robot_of, session_of, with_robot
 from bayescal.arm.chain import chain_of
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
-from bayescal.exporting.displaced import constant_displacements
-from bayescal.exporting.export import export
-from bayescal.exporting.formats import FORMATS
-from bayescal.exporting.geometry import joint_angles
+from bayescal.exporting.export import FORMATS, export
+from bayescal.exporting.geometry import constant_displacements, joint_angles
 from bayescal.robots import load_robot
-from bayescal.robots.writing import robot_to_yaml
+from bayescal.robots.schema import robot_to_yaml
 
 pin = pytest.importorskip("pinocchio")
 mujoco = pytest.importorskip("mujoco")

@@ -14,7 +14,7 @@ from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
 from bayescal.exporting.geometry import at_zero_poses, geometry_of, joint_angles
 from bayescal.exporting.robot import calibrated_robot
-from bayescal.exporting.rows import state_row
+from bayescal.fitted.unmodelled import state_row
 
 UR = "universal-robots-ur5e"
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")

@@ -9,7 +9,8 @@ from export_arms import fake, session_of
 
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
-from bayescal.exporting import open_run, write_arm
+from bayescal.fitted.arm import open_run
+from bayescal.fitted.file import write_arm
 from bayescal.model import build, standing
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate

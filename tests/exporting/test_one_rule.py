@@ -9,13 +9,15 @@ from rich.console import Console
 
 import bayescal as bc
 from bayescal.errors import BayescalError
-from bayescal.exporting import gate, of_fit, of_gap, read_arm
+from bayescal.fitted import gate
+from bayescal.fitted.arm import of_fit, of_gap
+from bayescal.fitted.file import read_arm
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import Named
 from bayescal.public.results import FitResult
 from bayescal.reporting.fit.files import write_fit
 from bayescal.reporting.fit.summary import fit_summary
-from bayescal.reporting.gap.files import write_gap
+from bayescal.reporting.gap.record import write_gap
 from bayescal.reporting.gap.summary import gap_summary
 
 SMALL = {"contacts": 60, "later": 10, "repeats": 0, "spheres": 0, "seed": 1}

@@ -9,7 +9,7 @@ from bayescal import effects
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.effects import Effect, Parameter, Site, Term
 from bayescal.estimate import estimate
-from bayescal.exporting import calibrated_robot
+from bayescal.exporting.robot import calibrated_robot
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
 

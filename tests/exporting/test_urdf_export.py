@@ -16,8 +16,8 @@ from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
 from bayescal.exporting.geometry import at_zero_poses, geometry_of, joint_angles
-from bayescal.exporting.rows import state_row
 from bayescal.exporting.xml_text import XmlText
+from bayescal.fitted.unmodelled import state_row
 
 LRMATE = robot(
     link("base_link"), link("link_1", 7.0), link("link_2"), link("link_3"), link("link_4"), link("link_5"),

@@ -6,21 +6,24 @@ import numpy as np
 import pytest
 from chances import least, most
 
-import bayescal.assess.groups as groups_module
+import bayescal.assess.shared_causes as groups_module
 import bayescal.assess.shared_causes as shared_causes_module
 from bayescal.assess.acceptance import (
     CONTRADICTED,
     EXPLAINED,
+    FAIL,
     FALSE_REJECTIONS,
     LEVEL,
+    OPEN,
+    PASS,
     UNVERIFIED,
     acceptance,
+    conformance,
+    decide,
     widened,
 )
-from bayescal.assess.conformance import FAIL, OPEN, PASS, conformance, decide
-from bayescal.assess.groups import Group, groups_of
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
-from bayescal.assess.shared_causes import SharedCause, shared, shared_causes
+from bayescal.assess.shared_causes import Group, SharedCause, groups_of, shared, shared_causes
 from bayescal.calibration import fit
 from bayescal.errors import BayescalError
 from bayescal.estimate.unexplained import Unexplained

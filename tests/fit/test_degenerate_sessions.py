@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bayescal.arm.nominal import NominalArm
-from bayescal.assess.budget import budget, parameter
+from bayescal.arm.motion import NominalArm
+from bayescal.assess.budget import budget
 from bayescal.assess.identifiability import identifiability
+from bayescal.assess.measurand import parameter
 from bayescal.assess.undetermined import undetermined
 from bayescal.calibration import fit
 from bayescal.dataset import Target
 from bayescal.estimate import calibrated
-from bayescal.exporting.gate import _left_of_prior, of_fit
+from bayescal.fitted.gate import _left_of_prior, of_fit
 from bayescal.gap.diagnose import diagnose
 from bayescal.model.scene import Scene
-from bayescal.predict.elsewhere import elsewhere, joint_range, point_slopes
-from bayescal.predict.forecast import SMALLEST
+from bayescal.predict.forecast import SMALLEST, elsewhere, joint_range, point_slopes
 from bayescal.reporting.fit.budget import budget_table, measurand_record
 from bayescal.reporting.fit.record import fit_record
-from bayescal.reporting.gap.files import write_gap
 from bayescal.reporting.gap.phrases import headline
+from bayescal.reporting.gap.record import write_gap
 from bayescal.reporting.gap.summary import gap_summary
 
 FULL = ("geometry", "compliance")

@@ -10,9 +10,9 @@ from rich.console import Console
 from scipy.stats import norm
 
 from bayescal.assess.acceptance import EXPLAINED
-from bayescal.assess.budget.main import usual
-from bayescal.assess.directions import BARELY, directions
+from bayescal.assess.budget import usual
 from bayescal.assess.findings import Assessed, findings
+from bayescal.assess.identifiability import BARELY, directions
 from bayescal.calibration import VALIDATION_DRAWS, fit
 from bayescal.dataset import read_dataset
 from bayescal.estimate.bounds import not_physical

@@ -16,9 +16,8 @@ from bayescal.cli import app
 from bayescal.dataset import Certificate, read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import check_converged, estimate, linearise
-from bayescal.estimate.flatness import check_faces, with_form
-from bayescal.estimate.latent import with_latent_readings
-from bayescal.estimate.unexplained import unexplained
+from bayescal.estimate.bounds import with_latent_readings
+from bayescal.estimate.unexplained import check_faces, unexplained, with_form
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.posterior.inference import load

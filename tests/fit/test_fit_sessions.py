@@ -10,7 +10,7 @@ from bayescal.cli import app
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.simulation import Options, simulate
-from bayescal.simulation.folder import write
+from bayescal.simulation.record import write
 
 LITTLE = {"contacts": 100, "later": 8, "repeats": 3, "placements": 1, "spheres": 2, "sphere_contacts": 8}
 QUICK = ("--samples", "0", "--no-pictures")

@@ -16,7 +16,7 @@ from bayescal.estimate.unexplained import repeat_scatter
 from bayescal.gap.diagnose import diagnose
 from bayescal.methods import compare
 from bayescal.model.scene import Scene
-from bayescal.streams import spawned
+from bayescal.statistics import spawned
 
 
 def with_targets(session, **known):

@@ -51,7 +51,7 @@ def _rich() -> tuple[bytes, bytes]:
     from bayescal.arm.chain import chain_of, frames, link_angles
     from bayescal.arm.statics import gravity_loads
     from bayescal.dataset import Dataset, Measurements, Noise, Target, Tool, write_dataset
-    from bayescal.dataset.checks.misfit import nominal
+    from bayescal.dataset.consistency import nominal
     from bayescal.robots import load_robot
 
     rng, robot, count = np.random.default_rng(0), load_robot("fanuc-lrmate200ic")[0], 30

@@ -12,12 +12,12 @@ from fuzz_seeds import datasets
 
 from bayescal import calibration
 from bayescal.dataset import read_dataset
-from bayescal.dataset.checks.certified import contradictions
+from bayescal.dataset.consistency import contradictions
 from bayescal.errors import BayescalError
 from bayescal.estimate import check_converged
 from bayescal.model.scene import Scene
 from bayescal.predict.locate import AmbiguousPositionError
-from bayescal.predict.rows import check_located
+from bayescal.predict.targets import check_located
 
 SEED = 0
 CASES = 40

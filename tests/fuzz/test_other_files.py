@@ -9,18 +9,18 @@ import zipfile
 import pytest
 from fuzz_commands import command
 
+from bayescal.compensating.compensation import compensate_file
 from bayescal.errors import BayescalError
 from bayescal.exporting import ur_yaml
-from bayescal.exporting.arm_file import read_arm
-from bayescal.exporting.compensate.compensation import compensate_file
-from bayescal.exporting.mjcf.into.scene_file import read_scene
-from bayescal.folders import LIST, check_unchanged
-from bayescal.importing import spreadsheet
-from bayescal.importing.spreadsheet import sheet_lines
-from bayescal.reading import read_json
+from bayescal.exporting.mjcf.scene_arm import read_scene
+from bayescal.fitted.file import read_arm
+from bayescal.importing import log
+from bayescal.importing.log import sheet_lines
 from bayescal.reporting.page.build import write_report
 from bayescal.robots import load_robot
 from bayescal.robots.tree import MOST
+from bayescal.storage.folders import LIST, check_unchanged
+from bayescal.storage.reading import read_json
 
 ROBOT = '<robot name="a"><link name="root"/>{}</robot>'
 
@@ -165,7 +165,7 @@ def test_rows_outside_the_stated_extent_of_a_sheet_are_read(book):
 
 
 def test_a_sheet_that_is_small_only_while_compressed_is_refused(book, monkeypatch):
-    monkeypatch.setattr(spreadsheet, "LARGEST", 10**6)
+    monkeypatch.setattr(log, "LARGEST", 10**6)
     cells = b"".join(b'<row r="%d"><c r="XFD%d"><v>1</v></c></row>' % (k, k) for k in range(1, 200))
     rezipped(
         book, lambda part: re.sub(rb"<sheetData>.*</sheetData>", b"<sheetData>%s</sheetData>" % cells, part)

@@ -11,8 +11,7 @@ from bayescal.effects import Circumstances
 from bayescal.effects.masses import masses
 from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.gap.linear.evidence import project
-from bayescal.gap.linear.problem import Problem
-from bayescal.gap.linear.slopes import Slopes, of_certificate
+from bayescal.gap.linear.problem import Problem, Slopes, of_certificate
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, candidates

@@ -3,8 +3,7 @@
 import numpy as np
 
 from bayescal.predict.crossvalidation import VALIDATED
-from bayescal.predict.distances import CentreDistances
-from bayescal.predict.errors import ValidationErrors
+from bayescal.predict.errors import CentreDistances, ValidationErrors
 
 NOISE = 5e-6
 

@@ -7,8 +7,7 @@ import pytest
 
 from bayescal.effects import EFFECTS
 from bayescal.effects.joints import waves
-from bayescal.gap.search.alias import ALIASED, unaliased
-from bayescal.gap.search.candidates import candidates
+from bayescal.gap.search.candidates import ALIASED, candidates, unaliased
 from bayescal.model.scene import Scene
 
 

@@ -9,9 +9,9 @@ from gap_problems import BASELINE, unsolved
 
 from bayescal.effects.location import joint
 from bayescal.effects.sizes import length, magnitude, phase, propagated
-from bayescal.gap.outcome.amplitudes import amplitudes
+from bayescal.gap.outcome.notes import amplitudes
 from bayescal.gap.result import Named
-from bayescal.reporting.gap.amplitudes import lines, told
+from bayescal.reporting.gap.causes import lines, told
 from bayescal.reporting.gap.phrases import named
 
 

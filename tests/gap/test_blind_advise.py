@@ -9,10 +9,9 @@ import pytest
 from bayescal.estimate import Estimate, estimate, solve
 from bayescal.gap.design import advise as advising
 from bayescal.gap.design.blind_spots import blind_spots, distances, located, seats, unseen
-from bayescal.gap.design.candidate_contacts import SPHERES, possibilities
-from bayescal.gap.design.interventions import AGAIN, turns, widened
+from bayescal.gap.design.candidate_contacts import AGAIN, SPHERES, possibilities, turns, widened
 from bayescal.gap.linear.evidence import project
-from bayescal.gap.linear.slopes import problem
+from bayescal.gap.linear.problem import problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.candidates import candidates

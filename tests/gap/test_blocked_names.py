@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayescal.estimate import estimate
-from bayescal.gap.outcome.levels import log_predictive
+from bayescal.gap.outcome.magnitude import log_predictive
 from bayescal.gap.search.gate import gain, share
 from bayescal.gap.settings import GATE
 from bayescal.model import build

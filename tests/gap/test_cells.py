@@ -13,7 +13,7 @@ from bayescal.gap.linear.evidence import Bank, weigh_clusters, weigh_sets
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome.where import places
-from bayescal.gap.search import history
+from bayescal.gap.search import makers
 from bayescal.gap.search.cells import cells, sets_of
 from bayescal.gap.search.unknown import Pool, filled, unknown
 from bayescal.model.scene import Scene
@@ -117,7 +117,7 @@ def test_lost_motion_persists_as_a_play_operator():
     """Prandtl: y follows x within the half-width, and the state is (x - y) over it."""
     x = np.cumsum(0.02 * np.random.default_rng(3).standard_normal(300))
     widths = np.array([0.01, 0.05, 0.3])
-    found = history.slack(x, widths)
+    found = makers.slack(x, widths)
     for width, state in zip(widths, found, strict=True):
         y, half = x[0], width / 2
         for k, value in enumerate(x):
@@ -129,7 +129,7 @@ def test_fading_is_the_mean_direction_of_earlier_travel():
     """Weighted by exp(-travel since / length): an integral over the path, here by steps of a thousandth."""
     x = np.array([0.3, 0.8, 0.8, 0.1, 0.15, 0.9])
     lengths = np.array([0.1, 0.7])
-    found = history.fading(x, lengths)
+    found = makers.fading(x, lengths)
     step = 1e-4
     sign = np.concatenate([np.full(round(abs(d) / step), np.sign(d)) for d in np.diff(x)])
     ends = np.concatenate([[0], np.cumsum([round(abs(d) / step) for d in np.diff(x)])])
@@ -148,7 +148,7 @@ def test_a_memory_follows_the_order_of_time(dataset):
     mixed = np.random.default_rng(0).permutation(len(c.q))
     other = replace(c, readings=c.readings[mixed], time=c.time[mixed], fitted=np.argsort(mixed)[c.fitted])
     rows = replace(c, time=None)
-    for cell, same, plain in zip(*(history.travel(k) for k in (c, other, rows)), strict=True):
+    for cell, same, plain in zip(*(makers.travel(k) for k in (c, other, rows)), strict=True):
         for a, b, d in zip(cell.sets, same.sets, plain.sets, strict=True):
             np.testing.assert_allclose(b[0].terms[0].driver, a[0].terms[0].driver[mixed])
             np.testing.assert_allclose(d[0].terms[0].driver, a[0].terms[0].driver)

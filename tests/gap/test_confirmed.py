@@ -8,8 +8,7 @@ import pytest
 from bayescal.errors import BayescalError
 from bayescal.gap.search.gate import confirmed, gain, share
 from bayescal.predict.crossvalidation import VALIDATED
-from bayescal.predict.distances import CentreDistances
-from bayescal.predict.errors import ValidationErrors
+from bayescal.predict.errors import CentreDistances, ValidationErrors
 
 NOISE, COUNT = 5e-6, 60
 SCATTER = np.random.default_rng(4).standard_normal(COUNT)

@@ -15,14 +15,11 @@ from bayescal.effects import masses as mass_errors
 from bayescal.effects.compliance import expected
 from bayescal.effects.location import joint
 from bayescal.estimate import STATED_WORTH, linearise
-from bayescal.gap.linear.evidence import SCALES, log_bayes, project
-from bayescal.gap.linear.noise_integral import gain
-from bayescal.gap.linear.problem import Problem, without_nuisance
-from bayescal.gap.linear.slopes import Slopes, of_certificate, problem
+from bayescal.gap.linear.evidence import SCALES, gain, log_bayes, project
+from bayescal.gap.linear.problem import Problem, Slopes, of_certificate, problem, without_nuisance
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.candidates import candidates
-from bayescal.gap.search.refit import model_name
-from bayescal.gap.search.screen import screened
+from bayescal.gap.search.refit import model_name, screened
 from bayescal.model import ARM, ORIENTATION, Turned, with_parameters
 from bayescal.model.scene import Scene
 

@@ -10,8 +10,8 @@ import pytest
 from bayescal.dataset import Measurements, read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate, settled
-from bayescal.exporting import open_run
-from bayescal.exporting.gate import NOTHING
+from bayescal.fitted.arm import open_run
+from bayescal.fitted.gate import NOTHING
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import VERDICTS
 from bayescal.model import build

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from bayescal.estimate import estimate
-from bayescal.gap.outcome.levels import difference, log_predictive, model_levels
+from bayescal.gap.outcome.magnitude import difference, log_predictive, model_levels
 from bayescal.gap.outcome.margins import holm, margins
 from bayescal.model import build, with_parameters
 from bayescal.model.scene import Scene

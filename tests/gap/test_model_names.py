@@ -12,7 +12,7 @@ from bayescal.effects.location import joint
 from bayescal.gap.search.beam import Member
 from bayescal.gap.search.candidates import candidates
 from bayescal.gap.search.refit import model_name, still_without
-from bayescal.model.parts import parts_of
+from bayescal.model.block import parts_of
 from bayescal.model.scene import Scene
 
 BASE = ("geometry", "compliance")

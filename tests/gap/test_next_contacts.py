@@ -10,7 +10,7 @@ import pytest
 
 import bayescal as bc
 from bayescal.gap.design.advise import next_contacts
-from bayescal.gap.design.interventions import AGAIN
+from bayescal.gap.design.candidate_contacts import AGAIN
 from bayescal.gap.result import Advice
 from bayescal.reporting.gap.contacts import first_contacts, records, table_of_contacts
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from bayescal.gap.linear.evidence import LOG_WEIGHTS, NODES, SCALES, log_sum
-from bayescal.gap.linear.noise_integral import NEWTON, TRIED, gain, integrated
+from bayescal.gap.linear.evidence import LOG_WEIGHTS, NEWTON, NODES, SCALES, TRIED, gain, integrated, log_sum
 
 
 def gain_at(values, along, log_precision):

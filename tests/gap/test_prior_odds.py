@@ -9,7 +9,7 @@ from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, Variant
-from bayescal.gap.search.cell import Cell
+from bayescal.gap.search.makers import Cell
 from bayescal.gap.search.unknown import Pool
 from bayescal.gap.search.verdict import decide, weigh
 

@@ -7,9 +7,8 @@ import pytest
 
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.gap.examine import examine
-from bayescal.gap.linear.evidence import Bank, weigh_sets
+from bayescal.gap.linear.evidence import Bank, shared_variance, weigh_sets, worth
 from bayescal.gap.linear.problem import Problem
-from bayescal.gap.linear.shared_error import shared_variance, worth
 from bayescal.gap.linear.state import fit_state
 from bayescal.model.scene import Scene
 

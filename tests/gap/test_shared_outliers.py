@@ -9,7 +9,7 @@ from bayescal.arm.transforms import rpy_matrix
 from bayescal.effects.location import TOOL
 from bayescal.estimate import calibrated
 from bayescal.gap.examine import examine
-from bayescal.gap.linear.slopes import Slopes
+from bayescal.gap.linear.problem import Slopes
 from bayescal.gap.linear.state import fit_state
 from bayescal.model.scene import Scene
 

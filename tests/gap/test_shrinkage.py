@@ -7,9 +7,8 @@ import pytest
 from made_up_errors import NOISE, held
 
 from bayescal.gap.outcome.shrinkage import expects, of_blocks, of_distances, shrinkage
-from bayescal.predict.bootstrap import independent_distances, resampled
-from bayescal.predict.distances import CentreDistances
-from bayescal.predict.intervals import bootstrap_interval95
+from bayescal.predict.crossvalidation import bootstrap_interval95, independent_distances, resampled
+from bayescal.predict.errors import CentreDistances
 
 INFINITE = float("inf")
 

@@ -12,9 +12,8 @@ from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint
 from bayescal.effects.stand import base_terms, tilts
 from bayescal.gap.linear.evidence import weigh_sets
 from bayescal.gap.linear.state import fit_state
-from bayescal.gap.outcome import sudden
-from bayescal.gap.outcome.sudden import sizes
-from bayescal.gap.outcome.where import places
+from bayescal.gap.outcome import where
+from bayescal.gap.outcome.where import places, sizes
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.unknown import cell_fits, with_set
 
@@ -76,7 +75,7 @@ def test_rows_that_a_contact_left_out_does_not_distinguish(bench, monkeypatch):
     event, _ = measured(*arguments)
     assert event.row == first
     monkeypatch.setattr(
-        sudden, "weigh_sets", lambda *a: weigh_sets(*a) + 1e-9 * np.arange(len(a[1].sets))[:, None]
+        where, "weigh_sets", lambda *a: weigh_sets(*a) + 1e-9 * np.arange(len(a[1].sets))[:, None]
     )
     assert measured(*arguments)[0].row == first
 

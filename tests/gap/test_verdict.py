@@ -9,7 +9,7 @@ from bayescal.effects import confusable
 from bayescal.effects.location import Driver, joint
 from bayescal.gap.search.beam import Hypothesis, Member
 from bayescal.gap.search.candidates import Variant
-from bayescal.gap.search.cell import Cell
+from bayescal.gap.search.makers import Cell
 from bayescal.gap.search.unknown import CellFit
 from bayescal.gap.search.verdict import (
     Weighed,

@@ -12,7 +12,7 @@ from bayescal.errors import BayescalError
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.search.candidates import candidates
 from bayescal.model import build
-from bayescal.model.parts import Part, kept, parts_of
+from bayescal.model.block import Part, kept, parts_of
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
 from bayescal.simulation import Options, simulate

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.cli import app
 from bayescal.dataset import Tool, read_dataset, write_dataset
-from bayescal.dataset.checks.misfit import nominal
+from bayescal.dataset.consistency import nominal
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
 

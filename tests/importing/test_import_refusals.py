@@ -119,7 +119,7 @@ def test_requests(tmp_path, said, words):
 )
 def test_which_columns_are_points(tmp_path, row, columns):
     """Where names and numbers cannot be told apart, it is asked for."""
-    from bayescal.importing.formats import points_map
+    from bayescal.importing.ask import points_map
 
     (tmp_path / "p.txt").write_text(f"{row}\n{row}\n", encoding="utf-8")
     log = read_log(tmp_path / "p.txt")

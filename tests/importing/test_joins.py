@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up_logs import said, table
 
-from bayescal.dataset.checks.misfit import nominal
+from bayescal.dataset.consistency import nominal
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert
 

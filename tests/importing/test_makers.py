@@ -14,7 +14,7 @@ import pytest
 from made_up_logs import spatial_analyzer
 
 from bayescal.dataset import Target, read_dataset, write_dataset
-from bayescal.dataset.checks.misfit import nominal
+from bayescal.dataset.consistency import nominal
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
 

@@ -8,7 +8,7 @@ from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import read_dataset
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
-from bayescal.importing.frame import flanges
+from bayescal.importing.orientations import flanges
 
 ARM = "fanuc-lrmate200ic"
 

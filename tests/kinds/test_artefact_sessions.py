@@ -8,7 +8,7 @@ import pytest
 from kind_sessions import cone, of_pieces
 
 from bayescal.arm.transforms import rpy_matrix
-from bayescal.assess.budget.inputs import CERTIFICATE, propagated
+from bayescal.assess.inputs import CERTIFICATE, propagated
 from bayescal.calibration import fit
 from bayescal.dataset import Certificate, Points
 from bayescal.dataset.artefact import distances_of

@@ -14,9 +14,9 @@ from bayescal.dataset import Certificate, read_dataset, write_dataset
 from bayescal.effects.tool import LOOSE_ANGLE
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
-from bayescal.estimate.latent import with_latent_readings
+from bayescal.estimate.bounds import with_latent_readings
 from bayescal.gap.diagnose import diagnose
-from bayescal.model.orientations import USUAL
+from bayescal.model.block import USUAL
 from bayescal.model.scene import Scene
 from bayescal.posterior import Density, gaussian
 from bayescal.predict import inside95

@@ -12,7 +12,7 @@ from bayescal.calibration import fit
 from bayescal.dataset import Target, read_dataset, write_dataset
 from bayescal.dataset.target_kinds import KINDS, TargetKind, place_sd
 from bayescal.errors import BayescalError
-from bayescal.files import Number, Vector
+from bayescal.storage.files import Number, Vector
 from factors.feature import Feature, slopes
 from factors.kind import dot
 

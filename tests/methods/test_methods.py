@@ -20,8 +20,7 @@ from bayescal.methods.inverse import in_joints, joint_change
 from bayescal.methods.normals import in_normals, triplets
 from bayescal.methods.ours import OURS
 from bayescal.methods.planes import PLANES, bound, is_plane
-from bayescal.methods.solving import estimable
-from bayescal.methods.system import System, contacts, part
+from bayescal.methods.solving import System, contacts, estimable, part
 from bayescal.methods.validated import predicted, validated
 from bayescal.model import build
 from bayescal.model.scene import Scene

@@ -14,11 +14,10 @@ import pytest
 from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
-from bayescal.reporting.page.build import run_page
-from bayescal.reporting.page.pdf import BROWSERS
-from bayescal.reporting.page.run import Run
+from bayescal.reporting.page.build import BROWSERS, run_page
+from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.rows import rows_record
+from bayescal.reporting.shared.origin import rows_record
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (bayescal[test])")
 PROGRAM = next((path for name in BROWSERS if (path := shutil.which(name))), None)

@@ -21,10 +21,9 @@ from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page import compare
 from bayescal.reporting.page.arm import marked_sites
 from bayescal.reporting.page.build import run_page
-from bayescal.reporting.page.numbers import length
-from bayescal.reporting.page.run import Run, read_run
+from bayescal.reporting.page.section import Run, length, read_run
 from bayescal.reporting.shared.body import arm_drawing, posed
-from bayescal.reporting.shared.rows import rows_record
+from bayescal.reporting.shared.origin import rows_record
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
 from test_gap_report import SETS, diagnosis

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import bayescal as bc
 from bayescal.cli import app
 from bayescal.errors import BayescalError
-from bayescal.reporting.page import build, pdf
+from bayescal.reporting.page import build
 
 sys.path.insert(0, str(Path(__file__).parent))
 from test_pages import words
@@ -117,14 +117,14 @@ def test_the_command(own):
 
 
 def test_without_a_browser_nothing_is_written(own, monkeypatch):
-    monkeypatch.setattr(pdf.shutil, "which", lambda name: None)
+    monkeypatch.setattr(build.shutil, "which", lambda name: None)
     out = own.parent / "x.html"
     with pytest.raises(BayescalError, match="no Chromium or Chrome"):
         bc.report(own, out, pdf=True)
     assert not out.exists()
 
 
-@pytest.mark.skipif(not any(map(shutil.which, pdf.BROWSERS)), reason="no Chromium or Chrome")
+@pytest.mark.skipif(not any(map(shutil.which, build.BROWSERS)), reason="no Chromium or Chrome")
 def test_pdf(own):
     page, printed = bc.report(own, own.parent / "x.html", pdf=True)
     assert printed.read_bytes().startswith(b"%PDF")
@@ -133,7 +133,7 @@ def test_pdf(own):
 
 
 def test_a_link_in_a_run_folder_brings_no_file_into_the_page(tmp_path):
-    from bayescal.reporting.page.run import FIGURES, _png
+    from bayescal.reporting.page.section import FIGURES, _png
 
     secret = tmp_path / "secret.png"
     secret.write_bytes(b"\x89PNG secret")

@@ -3,9 +3,9 @@
 from functools import cache
 
 from bayescal.estimate import Estimate
-from bayescal.model.parts import parts_of
+from bayescal.model.block import parts_of
 from bayescal.planning.pool import Pool, Setup
-from bayescal.planning.vocabulary import nominal as at_nominal
+from bayescal.planning.projection import nominal as at_nominal
 from bayescal.robots import load_robot
 from bayescal.simulation.options import Options
 from bayescal.simulation.session import plan

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.dataset import Dataset
+from bayescal.dataset.types import Box
 from bayescal.effects.location import PROBE, joint, link
-from bayescal.planning.pool import Box, Pool, Setup
+from bayescal.planning.pool import Pool, Setup
 from bayescal.planning.result import (
     DISTANCES,
     GAP,

@@ -7,12 +7,11 @@ import numpy as np
 
 from bayescal.dataset import Target
 from bayescal.model import Scene
-from bayescal.planning.information import Linearised, linearised
-from bayescal.planning.pool import Pool, Setup
+from bayescal.planning.pool import Linearised, Pool, Setup, linearised
 from bayescal.robots import load_robot
 from bayescal.simulation import Options
+from bayescal.simulation.record import distance_certificates
 from bayescal.simulation.session import plan
-from bayescal.simulation.truth import distance_certificates
 
 MODEL = ("geometry", "compliance")
 

@@ -8,15 +8,15 @@ import pytest
 from gap_pools import MODEL, nominal, pool
 
 from bayescal.errors import BayescalError
-from bayescal.gap.design.undecided import undecided
-from bayescal.gap.linear.slopes import problem
+from bayescal.gap.design.advise import undecided
+from bayescal.gap.linear.problem import problem
 from bayescal.gap.result import Pair, Suspect
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.candidates import candidates
-from bayescal.planning.after import continuation, continued
 from bayescal.planning.contrasts import contrasts
+from bayescal.planning.plan import continuation, continued
 from bayescal.planning.projection import Projection
-from bayescal.reporting.gap.undecided import records
+from bayescal.reporting.gap.contacts import undecided_records
 
 RECORD = {
     "schema": "bayescal-gap/1",
@@ -75,7 +75,7 @@ def test_improbable_alternatives_are_no_pairs_and_unconfirmed_names_are() -> Non
 def test_pairs_survive_gap_json_and_become_contrasts() -> None:
     e = examined((("hardening", "joint 2"),), (("hysteresis", "joint 2"),))
     pairs = undecided(e)
-    text = json.dumps(RECORD | {"undecided": records(SimpleNamespace(undecided=pairs))})
+    text = json.dumps(RECORD | {"undecided": undecided_records(SimpleNamespace(undecided=pairs))})
     read = continued(json.loads(text), "gap.json")
     assert read.effects == MODEL
     for old, new in zip(pairs, read.pairs, strict=True):

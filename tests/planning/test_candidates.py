@@ -7,22 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayescal.arm.nominal import NominalArm
+from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.collision import Clearance
-from bayescal.collision.path import RETRACT
 from bayescal.dataset import Box, Dataset, Patch, PlanSettings, Target, read_dataset
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
-from bayescal.planning.candidates import candidates
-from bayescal.planning.obstacles import scene
+from bayescal.planning.candidates import candidates, session_of
+from bayescal.planning.place import scene
 from bayescal.planning.pool import Pool, Setup
-from bayescal.planning.regions import LOWEST
-from bayescal.planning.rows import session_of
-from bayescal.planning.setup import continued, read_setup
-from bayescal.planning.spheres import EACH, TILT
-from bayescal.simulation.probing import FASTEST
-from bayescal.simulation.reach import Arm
+from bayescal.planning.search import EACH, TILT
+from bayescal.planning.setup import LOWEST, continued, read_setup
+from bayescal.probing.approach import FASTEST
+from bayescal.probing.clearance import RETRACT, Clearance
+from bayescal.probing.reach import Arm
 
 EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 KG = 2.0
@@ -283,7 +280,7 @@ def test_rows_go_on_from_those_that_were_measured():
 
 
 def _one(pool):
-    from bayescal.planning.rows import Possible
+    from bayescal.planning.candidates import Possible
 
     m, row = pool.session.measurements, pool.candidates[:1]
     return Possible(m.role[row], m.target[row], m.tool[row], m.readings[row], m.velocity[row], np.zeros(1))

@@ -6,11 +6,10 @@ from gap_pools import MODEL, nominal, pool
 
 from bayescal.gap.result import Pair, Suspect
 from bayescal.gap.settings import DESIGN
-from bayescal.model.parts import parts_of
+from bayescal.model.block import parts_of
 from bayescal.planning.contrasts import contrasts
-from bayescal.planning.detectable import SEPARATED, confusable, detectable
-from bayescal.planning.levers import NO_LEVER, with_levers
 from bayescal.planning.projection import Projection
+from bayescal.planning.separate import NO_LEVER, SEPARATED, confusable, detectable, with_levers
 
 RNG = np.random.default_rng(0)
 CHOSEN = np.arange(0, 150, 2)

@@ -8,10 +8,9 @@ import pytest
 from simulated_pools import MODEL, linear, mixed, pool
 
 from bayescal.planning import exchange
-from bayescal.planning.criteria import mean_variance
-from bayescal.planning.exchange import Selection, grow, root_of, select, shrink
+from bayescal.planning.exchange import Selection, grow, mean_variance, root_of, select, shrink
 from bayescal.planning.goals import Goal, goals
-from bayescal.planning.information import Linearised, linearised
+from bayescal.planning.pool import Linearised, linearised
 
 
 def toy(count: int = 8, residuals: int = 1, size: int = 3, seed: int = 0) -> Linearised:

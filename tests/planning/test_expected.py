@@ -10,7 +10,7 @@ from bayescal.estimate import root
 from bayescal.planning.exchange import select
 from bayescal.planning.expected import Random, curves, equals_random, expected, parameters, u_of
 from bayescal.planning.goals import goals
-from bayescal.planning.information import linearised
+from bayescal.planning.pool import linearised
 
 
 @pytest.fixture(scope="module")

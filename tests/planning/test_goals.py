@@ -7,13 +7,12 @@ import pytest
 from simulated_pools import MODEL, linear, pool, pool_of
 
 from bayescal.dataset import Certificate, Noise
+from bayescal.dataset.types import Box
 from bayescal.errors import BayescalError
 from bayescal.model import ARM
 from bayescal.planning.goals import CERTIFIED, POSES, REGION, VOLUME, _at, certified, goals
-from bayescal.planning.information import linearised
-from bayescal.planning.pool import Box
-from bayescal.predict.rows import certified_diameters
-from bayescal.predict.targets import located_target
+from bayescal.planning.pool import linearised
+from bayescal.predict.targets import certified_diameters, located_target
 
 
 def centres(found, names, z) -> dict[str, np.ndarray]:

@@ -11,9 +11,9 @@ from bayescal.dataset.append import taken
 from bayescal.errors import BayescalError
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model import ARM, Scene, build
-from bayescal.model.parts import parts_of
-from bayescal.planning.criteria import arm_information, criteria, observability, observability_of
-from bayescal.planning.information import check_count, inverse, linearised
+from bayescal.model.block import parts_of
+from bayescal.planning.exchange import arm_information, criteria, observability, observability_of
+from bayescal.planning.pool import check_count, inverse, linearised
 
 
 def only(dataset, rows):

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayescal.dataset.types import Box
 from bayescal.errors import BayescalError
 from bayescal.planning.plan import plan
-from bayescal.planning.pool import Box, Setup
+from bayescal.planning.pool import Setup
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.setup import continued, read_setup
 

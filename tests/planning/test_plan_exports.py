@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from made_up_plans import made_up_plan
 
-from bayescal.arm.nominal import NominalArm
+from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rpy_matrix
+from bayescal.compensating.compensation import read_targets
 from bayescal.errors import BayescalError
-from bayescal.exporting.compensate.formats import PROGRAMS
-from bayescal.exporting.compensate.table import read_targets
 from bayescal.exporting.plan import FORMATS, Probe, formats_of
 from bayescal.exporting.plan.format import motions
 from bayescal.exporting.plan.probing import guarded
-from bayescal.reporting.plan.files import write_plan
+from bayescal.programs import PROGRAMS
+from bayescal.reporting.plan.record import write_plan
 
 CYCLE = ("approach", "contact", "retract")
 

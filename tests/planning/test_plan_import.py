@@ -11,7 +11,7 @@ import bayescal as bc
 from bayescal.dataset.write import table_text
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
-from bayescal.reporting.plan.files import write_plan
+from bayescal.reporting.plan.record import write_plan
 from bayescal.simulation.touch import touch
 
 

@@ -14,12 +14,10 @@ from rich.console import Console
 from bayescal.dataset import read_dataset
 from bayescal.dataset.write import write_setup
 from bayescal.planning.result import VALIDATE
-from bayescal.reporting.plan import phrases, sheets
-from bayescal.reporting.plan.contacts import table_of_plan
-from bayescal.reporting.plan.files import write_plan
+from bayescal.reporting.plan import sheets
 from bayescal.reporting.plan.page import plan_page
 from bayescal.reporting.plan.picture import draw_plan
-from bayescal.reporting.plan.record import plan_record
+from bayescal.reporting.plan.record import plan_record, table_of_plan, write_plan
 from bayescal.reporting.plan.summary import plan_summary
 
 CONTRACT = {
@@ -209,4 +207,4 @@ def test_the_folder_is_written(plan, tmp_path):
 
 
 def test_durations():
-    assert [phrases.duration(s) for s in (4.2, 2150, 12000)] == ["4 s", "36 min", "3.3 h"]
+    assert [sheets.duration(s) for s in (4.2, 2150, 12000)] == ["4 s", "36 min", "3.3 h"]

@@ -9,7 +9,7 @@ from made_up_plans import made_up_plan
 from probing_cell import on_planes
 
 import bayescal as bc
-from bayescal.dataset.checks.planned import CHANCE, planned
+from bayescal.dataset.consistency import CHANCE, planned
 from bayescal.dataset.write import write_dataset
 
 ROWS = 110

@@ -12,16 +12,17 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from analysis.planning import ways as study
 from analysis.planning.sampled import Cell, Table
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.collision import Clearance, Solid
-from bayescal.collision.exact import distances
-from bayescal.collision.shapes import Box, Cylinder, Hull
 from bayescal.dataset import read_dataset
 from bayescal.dataset.read import read_settings
 from bayescal.dataset.solids import hull_stl
 from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
-from bayescal.planning.obstacles import scene
+from bayescal.planning.place import scene
 from bayescal.planning.setup import continued, read_setup
+from bayescal.probing.clearance import Clearance
+from bayescal.probing.scene import Solid
+from bayescal.probing.shapes import Box, Cylinder, Hull
+from bayescal.probing.sweep import distances
 
 EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)

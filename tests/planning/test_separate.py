@@ -6,11 +6,10 @@ from gap_pools import nominal, pool
 
 from bayescal.errors import BayescalError
 from bayescal.gap.result import Pair, Suspect
-from bayescal.model.parts import parts_of
+from bayescal.model.block import parts_of
 from bayescal.planning.contrasts import Contrast, Contrasts, contrasts, of_effects
-from bayescal.planning.projection import CandidateColumns, Projection
+from bayescal.planning.projection import CandidateColumns, Projection, Vocabulary
 from bayescal.planning.separate import choose, repeated
-from bayescal.planning.vocabulary import Vocabulary
 
 BENDING = "bending at link 3"
 COMPLIANCE = "compliance at joint 3"
@@ -92,9 +91,9 @@ def test_a_greedy_step_equals_a_trial_of_every_candidate() -> None:
 def test_real_columns_are_those_of_a_diagnosis() -> None:
     """All candidates chosen: the detectability is that by the state of a fit of the same contacts."""
     from bayescal.effects.masses import masses
-    from bayescal.estimate.compliances import with_compliances
+    from bayescal.estimate.families import with_compliances
     from bayescal.gap.design.blind_spots import seats
-    from bayescal.gap.linear.slopes import problem
+    from bayescal.gap.linear.problem import problem
     from bayescal.gap.search.candidates import candidates
 
     fitted = nominal()

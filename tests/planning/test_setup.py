@@ -9,9 +9,8 @@ import pytest
 from bayescal.dataset import Certificate, Patch, PlanSettings, Target, read_dataset
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
-from bayescal.planning.obstacles import scene
-from bayescal.planning.regions import EDGE, regions_of
-from bayescal.planning.setup import connected, continued, read_setup
+from bayescal.planning.place import scene
+from bayescal.planning.setup import EDGE, connected, continued, read_setup, regions_of
 
 EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 HALF = 0.1143  # m, of the cube's edge

@@ -7,15 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayescal.collision import Clearance
 from bayescal.planning import order as orders
 from bayescal.planning.candidates import candidates
 from bayescal.planning.hand import LINE
-from bayescal.planning.obstacles import placements, scene
-from bayescal.planning.place import seconds_between
+from bayescal.planning.place import placements, scene, seconds_between
 from bayescal.planning.pool import CLEAR
 from bayescal.planning.setup import continued, read_setup
 from bayescal.planning.transit import Transits
+from bayescal.probing.clearance import Clearance
 
 EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 FINE = np.radians(0.2)

@@ -17,14 +17,14 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.gap.result import VERDICTS
 from bayescal.model.scene import Scene
-from bayescal.reporting.figures import distances, levels, parameters, process, residuals, where, which
+from bayescal.reporting.figures import distances, parameters, process, residuals, where
 from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, has
 from bayescal.reporting.figures.output import figures_of, png, svg
 from bayescal.reporting.figures.palette import FAINT, INK, MARKED, SERIES
 from bayescal.reporting.figures.posterior import BINS, weakest
 from bayescal.reporting.fit.posterior import parameter_draws
 from bayescal.reporting.gap.record import gap_record
-from bayescal.reporting.shared.rows import rows_record
+from bayescal.reporting.shared.origin import rows_record
 
 WIDTHS = (80, 160)
 LONG = "the upper sphere of the artefact that stands behind the column of the machine $a_1$"
@@ -252,8 +252,8 @@ def test_bars_are_those_of_the_record(sessions):
 
 def test_sets_of_many_effects_are_stated_by_their_differences():
     sets = [["a", "b", "c", "d"], ["a", "b", "c"], ["a", "b", "c", "e"], []]
-    assert which.set_labels(sets)[:3] == ["the 4 most probable", "without d", "with e, without d"]
-    assert which.set_labels([["a", "b"], []]) == ["a + b", "noise only"]
+    assert where.set_labels(sets)[:3] == ["the 4 most probable", "without d", "with e, without d"]
+    assert where.set_labels([["a", "b"], []]) == ["a + b", "noise only"]
 
 
 def test_nothing_is_red_where_nothing_is_significant(sessions):
@@ -469,7 +469,7 @@ def test_every_file_of_a_run_is_a_figure():
         assert all(schema in CONTENT[name] for name in files.values())
     assert set(FILES[GAP]) == {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}
     assert set(bc.plot.__all__) == {*CONTENT, "posterior"}
-    assert levels.label([{"model": ["nominal"]}], 0) == "nominal"
+    assert distances.label([{"model": ["nominal"]}], 0) == "nominal"
 
 
 def test_a_second_process_draws_the_same(result, monkeypatch):

@@ -8,18 +8,17 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from bayescal import growing, stopping
 from bayescal.estimate import estimate
-from bayescal.growing import first_line
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.posterior import checkpoint as module
 from bayescal.posterior import sample as sampling
 from bayescal.posterior.checkpoint import Checkpoint
 from bayescal.posterior.density import Density
-from bayescal.posterior.draws import CHAINS
-from bayescal.posterior.linearised import Linearised
+from bayescal.posterior.linearised import CHAINS, Linearised
 from bayescal.posterior.sample import sample
+from bayescal.storage import locks, stopping
+from bayescal.storage.locks import first_line
 
 OPTIONS = {"effective": 60, "seed": 3, "max_steps": 20}
 
@@ -42,7 +41,7 @@ class Stop(BaseException):
 def kept(tmp_path, monkeypatch):
     """A checkpoint that is written at once, and what it says."""
     monkeypatch.setattr(module, "EVERY", -1.0)
-    monkeypatch.setattr(growing.os, "fsync", lambda handle: None)
+    monkeypatch.setattr(locks.os, "fsync", lambda handle: None)
     said = []
     return Checkpoint(tmp_path / "kept", said.append), said
 
@@ -201,7 +200,7 @@ def test_a_block_that_is_none_of_ours_ends_what_is_used(monkeypatch, fitted, pla
     content = io.BytesIO()
     np.savez(content, x=np.zeros(1), **entries)
     line = checkpoint.path.read_bytes().partition(b"\n")[0] + b"\n"
-    checkpoint.path.write_bytes(line + growing.block(content.getvalue()))
+    checkpoint.path.write_bytes(line + locks.block(content.getvalue()))
     assert same(sample(fitted, **OPTIONS, checkpoint=checkpoint), plain)
 
 

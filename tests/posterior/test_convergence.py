@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from arviz_line import arviz_ess, arviz_rhat
 
-from bayescal.posterior.convergence import convergence, split_rhat
+from bayescal.posterior.sample import convergence, split_rhat
 
 
 def chains(count: int, seed: int = 0) -> np.ndarray:

@@ -8,9 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from bayescal.posterior import stream
-from bayescal.posterior.inference import Record, read_draws, save
-from bayescal.posterior.stream import Patient
+from bayescal.posterior import inference
+from bayescal.posterior.inference import Patient, Record, read_draws, save
 
 
 def record(draws: int) -> Record:
@@ -66,11 +65,11 @@ def test_the_content_continues_in_memory(tmp_path, monkeypatch, room):
 
 
 def test_an_error_of_the_close_is_raised(tmp_path, monkeypatch):
-    class Late(stream.Patient):
+    class Late(inference.Patient):
         def close(self):
             super().close()
             self.error = OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(stream, "Patient", Late)
+    monkeypatch.setattr(inference, "Patient", Late)
     with pytest.raises(OSError, match="No space left"):
         save(record(50), tmp_path / "posterior.nc")

@@ -16,10 +16,9 @@ from bayescal.model.scene import Scene
 from bayescal.posterior import Density, gaussian
 from bayescal.posterior import density as density_module
 from bayescal.posterior import sample as sampling
-from bayescal.posterior.convergence import convergence
 from bayescal.posterior.ensemble import Evolution, Independence
 from bayescal.posterior.linearised import Linearised
-from bayescal.posterior.sample import sample
+from bayescal.posterior.sample import convergence, sample
 
 
 @pytest.fixture(scope="module")

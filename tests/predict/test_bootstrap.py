@@ -7,8 +7,8 @@ import pytest
 from scipy.special import polygamma
 
 from bayescal.model.scene import Scene
-from bayescal.predict.bootstrap import BLOCKS, blocks, resampled, resampled_distances
-from bayescal.predict.distances import CentreDistances
+from bayescal.predict.crossvalidation import BLOCKS, blocks, resampled, resampled_distances
+from bayescal.predict.errors import CentreDistances
 
 
 def distances(error, by_noise, u):

@@ -12,10 +12,9 @@ from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.predict import validate
-from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED, validation_errors
+from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED, folds, validation_errors
 from bayescal.predict.errors import kept
-from bayescal.predict.folds import folds
-from bayescal.predict.rows import predicted_rows
+from bayescal.predict.targets import predicted_rows
 
 FULL = ("geometry", "compliance")
 BALLS = {"ball.A@1": (0.45, -0.2, 0.2), "ball.B@1": (0.35, 0.2, 0.25)}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayescal.predict.intervals import bootstrap_interval95, inside95, interval95
+from bayescal.predict.crossvalidation import bootstrap_interval95, inside95, interval95
 
 
 def test_interval_of_draws_is_of_95_percent():

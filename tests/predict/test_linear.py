@@ -13,7 +13,7 @@ from bayescal.posterior import gaussian
 from bayescal.predict import validate
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.locate import search
-from bayescal.predict.rows import prepared
+from bayescal.predict.targets import prepared
 
 DRAWS = 1500
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bayescal.reporting.shared.further import possible
+from bayescal.reporting.shared.origin import possible
 
 
 @pytest.mark.parametrize(

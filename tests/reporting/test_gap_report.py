@@ -20,9 +20,8 @@ from bayescal.gap.result import (
     VERDICTS,
     Gap,
 )
-from bayescal.reporting.gap.files import write_gap
 from bayescal.reporting.gap.phrases import headline
-from bayescal.reporting.gap.record import gap_record
+from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bayescal.effects import EFFECTS
-from bayescal.gap.conclusion import settled
+from bayescal.gap.explain import settled
 from bayescal.gap.result import VERDICTS, Named, Verdict
 from bayescal.reporting.gap.record import gap_record
 

@@ -7,7 +7,7 @@ import pytest
 
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.reporting.figures.where import drawn_curves
-from bayescal.reporting.gap.lengths import length
+from bayescal.reporting.gap.contacts import length
 from bayescal.reporting.gap.phrases import headline
 
 

@@ -5,9 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from bayescal.indented import indented
-from bayescal.reporting.shared.plain import plain
-from bayescal.reporting.shared.rows import STANDSTILL, _signs
+from bayescal.reporting.shared.origin import STANDSTILL, _signs, plain
+from bayescal.storage.files import indented
 
 RECORD = {
     "a": [1, 2.5, -1e-300, True, None, 'µ "x"\n'],

@@ -7,7 +7,7 @@ import pytest
 
 from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
-from bayescal.reporting.shared.rows import rows_record
+from bayescal.reporting.shared.origin import rows_record
 
 
 @pytest.fixture(scope="module")

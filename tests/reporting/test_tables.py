@@ -5,8 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from bayescal.reporting.shared.table import FigureTable
-from bayescal.reporting.shared.text import plain_table, with_u
+from bayescal.reporting.shared.text import FigureTable, plain_table, with_u
 
 NAMES = ("nominal", "geometry + compliance + eccentricity of joint 3 + second-harmonic of joint 5", "x" * 90)
 FIGURES = ("+1234.56", "-0.071(12)", "-1733 .. +1698", "(> 0.99)", "98.7654 %", "17.125")

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayescal.arm.chain import chain_of, frames, link_angles
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot, chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
 from bayescal.robots import builtin_robots, load_robot
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import bayescal as bc
-from bayescal.arm.chain import chain_of, frames, link_angles
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot, chain_of, frames, link_angles
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.cli import app
 from bayescal.errors import BayescalError

@@ -5,9 +5,9 @@ import pytest
 from simulated import robot_file
 
 from bayescal.arm.transforms import rigid
+from bayescal.probing.approach import layout
+from bayescal.probing.reach import Arm, cone, inverse
 from bayescal.robots import load_robot
-from bayescal.simulation.reach import Arm, cone, inverse
-from bayescal.simulation.scenery import layout
 
 TOOL = np.array([0.06, 0.0, 0.12])
 

@@ -12,15 +12,16 @@ from typer.testing import CliRunner
 from bayescal.arm.chain import link_angles, wrenches
 from bayescal.assess.findings import FAR
 from bayescal.cli import app
-from bayescal.collision import Clearance, path_free, scene_of
 from bayescal.dataset import read_dataset
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
+from bayescal.probing.clearance import Clearance, path_free
+from bayescal.probing.reach import Arm
+from bayescal.probing.scene import scene_of
 from bayescal.simulation import Options, simulate
-from bayescal.simulation.folder import summary, write
 from bayescal.simulation.options import LARGEST_SCALE
-from bayescal.simulation.reach import Arm
+from bayescal.simulation.record import summary, write
 
 
 def test_counts():

@@ -10,12 +10,11 @@ from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.errors import BayescalError
 from bayescal.model import build
 from bayescal.model.scene import Scene
+from bayescal.probing.approach import SIZE, Cube
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, Simulation, simulate
-from bayescal.simulation.artefacts import Scenery
-from bayescal.simulation.record import key_of
-from bayescal.simulation.scenery import SIZE, Cube
-from bayescal.simulation.truth import true_targets
+from bayescal.simulation.options import Scenery
+from bayescal.simulation.record import key_of, true_targets
 from factors.kind import tangents
 
 KEYS = {"theta": ("rz", 1), "d": ("tz", 1), "alpha": ("rx", 1), "a": ("tx", 1), "beta": ("ry", 1)}

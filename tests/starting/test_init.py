@@ -10,11 +10,11 @@ from bayescal.dataset import read_dataset
 from bayescal.dataset.read import SETTINGS, TABLE, read_settings
 from bayescal.dataset.write import write_setup
 from bayescal.errors import BayescalError
-from bayescal.files import FILL_IN
 from bayescal.planning.setup import read_setup
+from bayescal.preparing import folder as starting
+from bayescal.preparing.artefacts import ARTEFACTS, Room
 from bayescal.robots import builtin_robots, full_name, load_robot, robot_to_yaml
-from bayescal.starting import folder as starting
-from bayescal.starting.artefacts import ARTEFACTS, Room
+from bayescal.storage.files import FILL_IN
 
 ROBOT = "fanuc-lrmate200ic"
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.arm.robot import Robot
+from bayescal.arm.chain import Robot
 
 TINY = 1e-12
 """Mass and inertia of a body between two hinges, kg and kg m2."""

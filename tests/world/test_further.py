@@ -10,10 +10,10 @@ import pytest
 
 pytest.importorskip("pinocchio")
 
-from bayescal.world.build import make
-from bayescal.world.further import Wanted, further
-from bayescal.world.mix import recipe, stage
-from bayescal.world.scene import NAMES
+from analysis.world.build import make
+from analysis.world.further import Wanted, further
+from analysis.world.mix import recipe, stage
+from analysis.world.scene import NAMES
 
 SEED = 101
 

@@ -11,11 +11,7 @@ pytest.importorskip("pinocchio")
 
 from scipy.spatial.transform import Rotation
 
-from bayescal.dataset import read_dataset
-from bayescal.estimate import estimate, settled
-from bayescal.model import build as model_of
-from bayescal.model.scene import Scene
-from bayescal.world import (
+from analysis.world import (  # fmt: skip
     arm,
     forms_frames,
     forms_joints,
@@ -26,13 +22,17 @@ from bayescal.world import (
     tracker,
     validation,
     visible,
-)  # fmt: skip
-from bayescal.world import build as world
-from bayescal.world.mix import FORMS, NAMED, ON_SURFACE, recipe, stage, wishes
-from bayescal.world.outside import OUTSIDE
-from bayescal.world.outside_more import MORE, RESERVED
-from bayescal.world.touch import Moved
-from bayescal.world.write import dataset_text, measurements_text, robot_text
+)
+from analysis.world import build as world
+from analysis.world.mix import FORMS, NAMED, ON_SURFACE, recipe, stage, wishes
+from analysis.world.outside import OUTSIDE
+from analysis.world.outside_more import MORE, RESERVED
+from analysis.world.touch import Moved
+from analysis.world.write import dataset_text, measurements_text, robot_text
+from bayescal.dataset import read_dataset
+from bayescal.estimate import estimate, settled
+from bayescal.model import build as model_of
+from bayescal.model.scene import Scene
 
 SEED = 101
 STORED = {

@@ -13,19 +13,19 @@ import pytest
 
 pytest.importorskip("pinocchio")
 
-import bayescal.world
-from bayescal.blind.make import GENERATOR
+import analysis.world
+from analysis.blind.make import GENERATOR
+from analysis.world import arm, scene, session, visible
+from analysis.world import build as world
+from analysis.world.mix import FORMS, GENERATORS, MIX, NAMED, ON_CUBE, recipe, stage
+from analysis.world.outside import OUTSIDE
+from analysis.world.outside_more import MORE, RESERVED
+from analysis.world.touch import World
+from analysis.world.write import plain
 from bayescal.dataset import read_dataset
 from bayescal.estimate import estimate, settled
 from bayescal.model import build
 from bayescal.model.scene import Scene
-from bayescal.world import arm, scene, session, visible
-from bayescal.world import build as world
-from bayescal.world.mix import FORMS, GENERATORS, MIX, NAMED, ON_CUBE, recipe, stage
-from bayescal.world.outside import OUTSIDE
-from bayescal.world.outside_more import MORE, RESERVED
-from bayescal.world.touch import World
-from bayescal.world.write import plain
 
 SEED = 101
 OLD = {"effects": ["payload"], "noise_um": 9.73565034554, "lambda": 150.598473, "dataset": "c977cf2794a74d71"}
@@ -108,20 +108,20 @@ def test_worlds_differ():
 
 
 def test_no_command_needs_pinocchio():
-    program = "import sys; sys.modules['pinocchio'] = None; import bayescal.cli, bayescal.world, bayescal.gap"
+    program = "import sys; sys.modules['pinocchio'] = None; import bayescal.cli, analysis.world, bayescal.gap"
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
 def test_it_shares_nothing_with_the_model():
     """Its modules, imported afresh, bring none of the model's along."""
-    modules = [f"bayescal.world.{m.name}" for m in pkgutil.iter_modules(bayescal.world.__path__)]
+    modules = [f"analysis.world.{m.name}" for m in pkgutil.iter_modules(analysis.world.__path__)]
     assert all(importlib.import_module(name) for name in modules)
     program = (
         f"import importlib, sys; [importlib.import_module(n) for n in {modules}]; "
         "print(sorted(n for n in sys.modules if n.split('.')[0] in ('bayescal', 'factors')))"
     )
     said = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
-    others = set(eval(said)) - {"bayescal", "bayescal.errors", "bayescal.world", *modules}
+    others = set(eval(said)) - {"bayescal", "bayescal.errors", "analysis.world", *modules}
     assert not others
 
 

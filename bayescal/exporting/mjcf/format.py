@@ -1,22 +1,137 @@
-"""MJCF as a format of an export."""
+"""MJCF as a format of an export.
+
+A new MJCF file of a fitted arm.
+
+The table of a replay script: the law of the readings, which the light model does not have.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from bayescal.effects import Parameter
 from bayescal.effects.tool import TOOL
-from bayescal.exporting.fitted import FittedArm
 from bayescal.exporting.geometry import carries
-from bayescal.exporting.mjcf.content import STATE, UNHELD, Content
+from bayescal.exporting.mjcf import replay
+from bayescal.exporting.mjcf.content import STATE, UNHELD, Content, add, bare, document, law_of
 from bayescal.exporting.mjcf.elastic import springless, sprung
-from bayescal.exporting.mjcf.mechanism import loads, names
-from bayescal.exporting.mjcf.new_file import mjcf
-from bayescal.exporting.mjcf.readings import Joints
-from bayescal.exporting.mjcf.script import beside
+from bayescal.exporting.mjcf.links import bands, bodies, defaults, loads, mechanism, names, tips, tool
+from bayescal.exporting.mjcf.readings import Joints, Sections, parts, servos
 from bayescal.exporting.written import Format, Item, Options, Written, item
+from bayescal.fitted.arm import FittedArm
+
+TIMESTEP = 0.002
+
+
+def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:
+    """The text of an MJCF file.
+
+    Parameters
+    ----------
+    arm : FittedArm
+    row : int
+        Row of the session whose state the file has.
+    script : bool
+        Whether a script corrects the commands: then the file has no errors of the readings.
+
+    Raises
+    ------
+    BayescalError
+        If no spring holds a fitted deflection, or a fitted lost motion leads without a script.
+    """
+    content = Content(arm, row)
+    law = law_of(content)
+    if script:
+        law = bare(law)
+    arm_ = mechanism(content, law)
+    scene = arm.model.scene
+    root = ET.Element("mujoco", model=scene.dataset.robot.name)
+    add(root, "compiler", angle="radian", autolimits="true")
+    add(root, "option", integrator="discrete", timestep=TIMESTEP, gravity=arm_.gravity)
+    defaults(root)
+    world = add(root, "worldbody")
+    *_, flange = bodies(world, arm_)
+    tool(flange, arm_.loads[int(scene.dataset.measurements.tool[row])])
+    tips(flange, arm_.loads)
+    tendon, equality, actuator, sensor = (
+        add(root, tag) for tag in ("tendon", "equality", "actuator", "sensor")
+    )
+    bands(tendon, arm_)
+    torques = np.zeros(1) if scene.moments is None else np.abs(scene.moments[:, 1:, 2])
+    joints = scene.dataset.robot.joint_names
+    parts(Sections(world, tendon, equality), law, Joints.of(joints), torques)
+    servos(actuator, sensor, tendon, law, joints)
+    for part in (tendon, equality):
+        if not len(part):
+            root.remove(part)
+    return document(root)
+
+
+PROBE = {
+    "lobing sin": "lobing_sin_m",
+    "lobing cos": "lobing_cos_m",
+    "latency": "latency_s",
+}
+"""Keys of a table by the names of parameters."""
+SCRIPT, TABLE = "-replay.py", "-replay.json"
+
+
+def beside(
+    content: Content, joints: Joints, servos: bool, renamed: Mapping[str, Mapping[str, str]]
+) -> dict[str, str]:
+    """Further files of an export: the script and its table.
+
+    Parameters
+    ----------
+    content : Content
+    joints : Joints
+        Of the file.
+    servos : bool
+        Whether its actuators command the readings, by the names of the joints.
+    renamed : mapping
+        Names in the file of added parts that are called otherwise there, by kind.
+    """
+    table = json.dumps(replay_table(content, joints, servos, renamed), indent=1, allow_nan=False) + "\n"
+    return {SCRIPT: Path(replay.__file__).read_text(encoding="utf-8"), TABLE: table}
+
+
+def replay_table(
+    content: Content, joints: Joints, servos: bool, renamed: Mapping[str, Mapping[str, str]]
+) -> dict[str, Any]:
+    """The table of a script; arguments as of `beside`."""
+    law, dataset = law_of(content), content.arm.dataset
+    tool = dataset.tools[int(dataset.measurements.tool[content.row])].name
+    probe = dict.fromkeys((*PROBE.values(), "ball_radius_m"), 0.0)
+    for p, value in content.valued:
+        if p.name in PROBE:
+            probe[PROBE[p.name]] = value
+        elif p.name == f"ball-radius {tool}":
+            probe["ball_radius_m"] = value
+    return {
+        "joints": list(joints.names),
+        "signs": joints.signs.tolist(),
+        "servos": list(joints.names) if servos else [],
+        "tip": renamed.get("site", {}).get(tool, tool),
+        "payload_body": renamed.get("body", {}).get("payload", "payload"),
+        "payload_factor": next(load.factor for load in loads(content) if load.name == tool),
+        "nominal": law.nominal.tolist(),
+        "exact": law.exact.tolist(),
+        "offset_rad": law.offset.tolist(),
+        "waves": [
+            {"joint": w.joint, "order": w.order, "sine_rad": w.sine, "cosine_rad": w.cosine}
+            for w in law.waves
+        ],
+        "lost_motion_rad": law.lost.tolist(),
+        "geared": law.geared.tolist(),
+        "probe": probe,
+    }
+
 
 PLACES = {
     "torque": ("joint {name}_flex, tendons {name}_flex_...", "stiffness"),
@@ -35,7 +150,7 @@ def write(arm: FittedArm, options: Options) -> Written:
     """The MJCF file of an arm."""
     script, whole, arm = options.readings == "script", arm, sprung(arm)
     if options.into:
-        from bayescal.exporting.mjcf.into.patch import patched
+        from bayescal.exporting.mjcf.scene_patch import patched
 
         own = patched(arm, options)
         text, details, notes, placed, bodies = own.text, own.details, own.notes, own.placed, own.bodies

@@ -20,8 +20,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.exporting.mjcf.law import Law, Wave
-from bayescal.exporting.mjcf.text import DEFAULT, add
+from bayescal.exporting.mjcf.content import DEFAULT, Law, Wave, add
 
 STIFF, DAMPED = 1e10, 1e6
 """Stiffness, N m/rad, and damping, N m s/rad, of servos and tendons: under 100 N m they yield by 1e-8 rad."""

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 from bayescal.errors import BayescalError
 from bayescal.exporting.plan.format import Format, Probe
+from bayescal.exporting.plan.probing import CSV, POSES, ROBODK
 from bayescal.exporting.plan.program import PROGRAMS
-from bayescal.exporting.plan.tables import CSV, POSES, ROBODK
 
 __all__ = ["FORMATS", "Format", "Probe", "formats_of"]
 

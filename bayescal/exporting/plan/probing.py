@@ -4,21 +4,37 @@ A contact is a motion by joint angles to its approach, a line to the point where
 guarded motion along the same line until the probe triggers or its end is reached, beyond the surface where
 the nominal arm expects it. The readings at the trigger are kept, and the tool retracts to the approach.
 Nothing else than the guarded motion may touch: an earlier contact stops the program, and so does none at all.
+
+Motions as tables: readings for the controller, joints for RoboDK, nominal poses for any other program.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from bayescal.arm.inverse import descend, poses_apart, to_frames
-from bayescal.arm.nominal import NominalArm
-from bayescal.arm.transforms import length
-from bayescal.exporting.compensate.solve import nominal_arm
-from bayescal.exporting.plan.format import APPROACH, MEASURE, PASS, STOP, closed, motions
+from bayescal.arm.motion import NominalArm
+from bayescal.arm.transforms import length, rpy_of
+from bayescal.compensating.compensation import csv_text
+from bayescal.compensating.solve import nominal_arm
+from bayescal.dataset.table import RPY, XYZ, joint_columns
+from bayescal.exporting.plan.format import (
+    APPROACH,
+    MEASURE,
+    PASS,
+    STOP,
+    Format,
+    Motion,
+    closed,
+    motions,
+    payload_of,
+)
 from bayescal.planning.result import Plan
+from bayescal.programs.text import ROBODK as TABLE_OF_JOINTS
+from bayescal.programs.text import degrees_of, digits, lengths_of
 
 AHEAD = 10e-3
 """m before the expected surface where the guarded motion begins, if the approach is not nearer (assumed: more
@@ -149,3 +165,71 @@ def steps(plan: Plan, guard: Guarded) -> Iterator[Step]:
             less = guard.beyond[k] < guard.beyond.max()
             short = f", search to {1e3 * guard.beyond[k]:g} mm beyond" if less else ""
             yield Step("contact", texts | {"short": short}, readings)
+
+
+OF = ("id", "motion", "target", "tool")
+"""First columns of a table: the contact and its motion."""
+
+
+def _of(plan: Plan, motion: Motion) -> list[str]:
+    session, m = plan.session, plan.session.measurements
+    row = motion.row
+    return [m.ids[row], motion.kind, session.targets[m.target[row]].name, session.tools[m.tool[row]].name]
+
+
+def _readings(plan: Plan) -> str:
+    """Readings as the controller shows them, deg."""
+    return csv_text(
+        [*OF, *joint_columns("deg", plan.session.robot.n), "payload_kg"],
+        [
+            [
+                *_of(plan, motion),
+                *map(digits, degrees_of(motion.readings)),
+                f"{payload_of(plan, motion.row):g}",
+            ]
+            for motion in motions(plan)
+        ],
+    )
+
+
+def _robodk(plan: Plan) -> str:
+    """Joints in the first columns, as RoboDK reads them, and the name of the motion."""
+    return csv_text(
+        [*(f"J{k}" for k in range(1, plan.session.robot.n + 1)), "Name"],
+        [
+            [*map(digits, TABLE_OF_JOINTS.joints(motion.readings)), " ".join(_of(plan, motion)[:2])]
+            for motion in motions(plan)
+        ],
+    )
+
+
+def _poses(plan: Plan) -> str:
+    """Nominal poses of the tool's frame in F0, and the readings that select the configuration of the arm."""
+    n = plan.session.robot.n
+    arms = [nominal_arm(plan.session.robot, tool) for tool in plan.session.tools]
+
+    def rows() -> Iterable[Sequence[str]]:
+        for motion in motions(plan):
+            pose = _pose(arms[plan.session.measurements.tool[motion.row]], motion.readings)
+            turn = [f"{angle:.5f}" for angle in np.degrees(rpy_of(pose[:3, :3]))]
+            yield [
+                *_of(plan, motion), *map(digits, lengths_of(pose)), *turn,
+                *map(digits, degrees_of(motion.readings)), f"{payload_of(plan, motion.row):g}",
+            ]  # fmt: skip
+
+    return csv_text([*OF, *XYZ, *RPY, *joint_columns("deg", n), "payload_kg"], rows())
+
+
+def _pose(arm: NominalArm, readings: np.ndarray) -> np.ndarray:
+    return arm.tool_poses(arm.frames(readings[None]))[0]
+
+
+def _table(name: str, file: str, text: Callable[[Plan], str], summary: str) -> Format:
+    return Format(name, lambda plan, probe: {file: text(plan)}, summary)
+
+
+CSV = _table("csv", "plan-joints.csv", _readings, "CSV of readings in deg, as the controller shows them")
+ROBODK = _table("robodk", "plan-robodk.csv", _robodk, "RoboDK CSV: joints in deg in the first columns")
+POSES = _table(
+    "poses", "plan-poses.csv", _poses, "CSV of nominal poses of the tool's frame in F0, with the readings"
+)

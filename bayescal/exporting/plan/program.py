@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.exporting.compensate.formats.program import Number, degrees_of, digits
-from bayescal.exporting.compensate.formats.urscript import URSCRIPT as UR
 from bayescal.exporting.plan.format import Format, Probe
 from bayescal.exporting.plan.probing import AHEAD, Step, guarded, steps
 from bayescal.planning.result import Plan
-from bayescal.simulation.probing import SPEED
+from bayescal.probing.approach import SPEED
+from bayescal.programs.text import Number, degrees_of, digits
+from bayescal.programs.urscript import URSCRIPT as UR
 
 TEMPLATES = Path(__file__).parent / "programs"
 JOINTS = 6

@@ -4,29 +4,32 @@ Candidate contacts are contacts of the session, repeated under other conditions 
 detectability lambda of A, with the parameters of the model *and* of B free, grows by e^2 / (1 + v) with each
 contact, where e is the error of the prediction by B and v its variance: closed form, without simulation or
 refit.
+
+What the data leave open: explanations that they do not separate, and names that they do not confirm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.estimate import Estimate
 from bayescal.gap.design.blind_spots import NOWHERE, Places
-from bayescal.gap.design.candidate_contacts import Possible, Side, possibilities
-from bayescal.gap.design.interventions import AGAIN
-from bayescal.gap.result import Advice, NextContact
+from bayescal.gap.design.candidate_contacts import AGAIN, PairSide, Possible, possibilities
+from bayescal.gap.examine import Examined
+from bayescal.gap.result import Advice, NextContact, Pair, Side, Suspect
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.candidates import Candidates
-from bayescal.gap.settings import DESIGN
+from bayescal.gap.search.refit import model_name
+from bayescal.gap.settings import DESIGN, VERDICT
 
 NOTHING = "noise only"
 
 
 def choose(
-    sides: Sequence[Side], contact: np.ndarray, pose: np.ndarray, count: int
+    sides: Sequence[PairSide], contact: np.ndarray, pose: np.ndarray, count: int
 ) -> tuple[list[int], float]:
     """Contacts, the best first, each with the largest increase of the smaller lambda; and that lambda.
 
@@ -135,3 +138,50 @@ def next_contacts(dataset: Dataset, chosen: Possible, order: Sequence[int]) -> t
         )
 
     return tuple(contact(k) for k in order)
+
+
+def rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:
+    """Pairs of hypotheses that the data do not distinguish: the most probable and its alternatives."""
+    named = [w for w in e.decision.weighed if w.cell is None]
+    leader = named[0]
+    others = [
+        w
+        for w in named[1:]
+        if w.probability > VERDICT.doubt and w.hypothesis.names != leader.hypothesis.names
+    ]
+    return [(leader.hypothesis, w.hypothesis) for w in others[: VERDICT.advised]]
+
+
+def undecided(e: Examined) -> tuple[Pair, ...]:
+    """Pairs of explanations with their fitted parameters; then every name that is not confirmed."""
+    d, pairs = e.decision, []
+    for a, b in rivals(e):
+        shared = set(a.names) & set(b.names)
+        pairs.append(
+            Pair(
+                _side(a, e.candidates, set(a.names) - shared),
+                _side(b, e.candidates, set(b.names) - shared),
+                _side(a, e.candidates, shared),
+            )
+        )
+    leader = next(w.hypothesis for w in d.weighed if w.cell is None)
+    for effect in (*d.unclaimed, *d.withheld):
+        h = d.hypothesis if effect in d.hypothesis.names else leader
+        if effect in h.names:
+            rest = set(h.names) - {effect}
+            pairs.append(Pair(_side(h, e.candidates, {effect}), (), _side(h, e.candidates, rest)))
+    return tuple(pairs)
+
+
+def _side(h: Hypothesis, known: Candidates, effects: Collection[str]) -> Side:
+    """Some effects of a hypothesis, with the parameters that it fits."""
+    if not effects:
+        return ()
+    ends = np.cumsum([len(m.variant.columns) for m in h.members])
+    out = []
+    for m, amplitudes in zip(h.members, np.split(h.state.amplitudes, ends[:-1]), strict=True):
+        if m.effect in effects:
+            own = [known.pool[k] for k in m.variant.columns]
+            values = {p.name: float(x * p.sd) for p, x in zip(own, amplitudes, strict=True)}
+            out.append(Suspect(model_name(m, known), values, {p.name: p.unit for p in own}))
+    return tuple(out)

@@ -23,8 +23,7 @@ from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
 from bayescal.model.scene import Scene
 from bayescal.predict.locate import locate
-from bayescal.predict.rows import certified_diameters
-from bayescal.predict.targets import centre_of, with_diameter
+from bayescal.predict.targets import centre_of, certified_diameters, with_diameter
 
 Places = Mapping[int, np.ndarray]
 """Parts of z of targets that were not fitted, by their number, at the fitted arm."""

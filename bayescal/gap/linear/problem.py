@@ -3,16 +3,25 @@
 Everything is linear at one estimate: linear and refitted chi-squares agree to 0.15 %. Contacts are whitened
 by their stated noise. `state` then computes noise scale, outliers and evidence of any hypothesis with small
 matrices.
+
+Derivatives of every residual by every axis of every frame, of which all columns are made.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
+from bayescal.arm.transforms import AXES
+from bayescal.effects import Parameter
+from bayescal.estimate import Estimate, linearise
 from bayescal.estimate.outliers import limit
+from bayescal.model import ARM, with_parameters
+from bayescal.model.model import length_blocks, main_group
 
 
 @dataclass(frozen=True)
@@ -78,3 +87,113 @@ class Problem:
 def without_nuisance(p: Problem, size: int) -> Problem:
     """The same problem with the first `size` columns of its Jacobian: the model's own parameters."""
     return replace(p, jacobian=p.jacobian[:, :size], z=p.z[:size])
+
+
+TURNS = ("rx", "ry", "rz")
+
+
+def problem(fitted: Estimate, extra: Sequence[Parameter], nuisance: Sequence[Parameter] = ()) -> Problem:
+    """Linearise a fitted model with further parameters, all at zero, as a pool of candidates.
+
+    `nuisance` parameters are added to those of the model in the Jacobian: every hypothesis may use them.
+    """
+    slopes = Slopes.of(fitted, [p for p in (*nuisance, *extra) if of_certificate(p)])
+    return slopes.problem(fitted.z, extra, nuisance)
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Derivatives of every whitened residual by a unit displacement of every axis of every frame.
+
+    The column of any parameter is such a derivative times a driver, so that the chain is evaluated only once.
+    """
+
+    residual: np.ndarray  # (R,)
+    jacobian: np.ndarray  # (R, D) of the model's own parameters
+    axes: np.ndarray  # (C, 6 (n + 2) + 3): of every frame, then of rotations of the tool about its point
+    certified_values: Mapping[str, np.ndarray]  # columns (R,) of parameters of certificates, by name
+    contact: np.ndarray  # (C,)
+    rows: np.ndarray  # (contacts,)
+    sigma: np.ndarray  # (L,) m
+    worth: np.ndarray | None = None  # (C,) see `Problem`
+    sharing: np.ndarray | None = None  # (contacts,)
+
+    @classmethod
+    def of(cls, fitted: Estimate, certified_values: Sequence[Parameter] = ()) -> Slopes:
+        """Linearise at an estimate, with full weight of every contact."""
+        model = fitted.model
+        frames = model.scene.chain.n + 2
+        sites = [*((f, axis) for f in range(frames) for axis in AXES), *((TURN, axis) for axis in TURNS)]
+        units = [Parameter("", "1", (Term(*site),), 1.0) for site in sites]
+        wide = with_parameters(model.scene, model.effects, (*model.parameters, *units, *certified_values))
+        own, last = len(model.parameters), len(wide.parameters)
+        shift = wide.shift[own:] / wide.sd[own:]
+        z = np.concatenate([fitted.z[model.slices[ARM]], -shift, fitted.z[own:]])
+        scale = fitted.weights.scale
+        main = scale[main_group(model)]
+        weights = replace(
+            fitted.weights,
+            row={b.name: np.ones(len(b.rows)) for b in model.blocks},
+            scale={g: s / main for g, s in scale.items()},
+        )
+        linear = linearise(wide, z, weights)
+        contact, rows, first = [], [], 0
+        for b in model.blocks:
+            contact.append(np.tile(first + np.arange(len(b.rows)), b.kind.rows))
+            rows.append(b.rows)
+            first += len(b.rows)
+        count = sum(map(len, contact))
+        return cls(
+            linear.residual,
+            linear.jacobian[:, np.r_[0:own, last : wide.size]],
+            np.asfortranarray(linear.jacobian[:count, own : own + len(units)]),
+            {p.name: linear.jacobian[:, own + len(units) + k] for k, p in enumerate(certified_values)},
+            np.concatenate(contact),
+            np.concatenate(rows),
+            np.concatenate([weights.sigma[b.name] * weights.scale[b.group] for b in length_blocks(model)]),
+        )
+
+    def problem(self, z: np.ndarray, extra: Sequence[Parameter], nuisance: Sequence[Parameter]) -> Problem:
+        """The problem with a pool of candidates; see `problem`."""
+        return Problem(
+            self.residual,
+            np.column_stack([self.jacobian, self.columns(nuisance)]),
+            self.columns(extra),
+            np.concatenate([z, np.zeros(len(nuisance))]),
+            self.contact,
+            self.rows,
+            self.sigma,
+            self.worth,
+            self.sharing,
+        )
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """Derivatives (L, 3) of the lengths by a displacement along the axes of the base."""
+        return self.axes[: len(self.sigma), [AXES.index(axis) for axis in ("tx", "ty", "tz")]]
+
+    def columns(self, parameters: Sequence[Parameter]) -> np.ndarray:
+        """Columns (R, K) of parameters, each times its prior standard deviation."""
+        out = np.zeros((len(self.residual), len(parameters)), order="F")
+        count, of_lengths, at = len(self.contact), len(self.sigma), self.rows[self.contact]
+        for k, p in enumerate(parameters):
+            column = out[:count, k]
+            for term in p.terms:
+                driver = np.asarray(term.driver, float)
+                if term.frame == CERTIFICATE:
+                    out[:, k] += self.certified_values[p.name] / p.sd
+                    break
+                driver = driver if driver.ndim == 0 else driver[at]
+                if term.frame == CONTACT:
+                    column[:of_lengths] += (driver if driver.ndim == 0 else driver[:of_lengths]) / self.sigma
+                elif term.frame == TURN:
+                    column += self.axes[:, TURNS.index(term.axis) - len(TURNS)] * driver
+                else:
+                    column += self.axes[:, 6 * term.frame + AXES.index(term.axis)] * driver
+            out[:, k] *= p.sd
+        return out
+
+
+def of_certificate(p: Parameter) -> bool:
+    """Whether a parameter is one of a certificate."""
+    return any(term.frame == CERTIFICATE for term in p.terms)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.estimate import STATED_WORTH
-from bayescal.estimate.cholesky import factored, halved, solved
 from bayescal.estimate.outliers import Judged, limit, scale, student_weights
+from bayescal.estimate.solver import factored, halved, solved
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.settings import LINEAR
 

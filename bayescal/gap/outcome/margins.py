@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.distributions import f_sf, t_sf
 from bayescal.estimate import Estimate, linearise, root
 from bayescal.gap.result import Margin
 from bayescal.gap.settings import OUTCOME
-from bayescal.model.length_blocks import length_blocks
+from bayescal.model.model import length_blocks
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import VALIDATED
 from bayescal.predict.errors import ValidationErrors
+from bayescal.statistics import f_sf, t_sf
 
 AXES = "xyz"
 Bin = tuple[str, str, np.ndarray]  # a label (of gap.json), the same as text, a mask (R,) of residuals

@@ -6,13 +6,18 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bayescal.distributions import f_isf
 from bayescal.gap.result import Shrinkage
 from bayescal.gap.settings import OUTCOME
-from bayescal.predict.bootstrap import RESAMPLES, independent_distances, resampled, resampled_distances
-from bayescal.predict.distances import CentreDistances
-from bayescal.predict.errors import ValidationErrors, kept
-from bayescal.predict.intervals import bootstrap_interval95, interval95
+from bayescal.predict.crossvalidation import (
+    RESAMPLES,
+    bootstrap_interval95,
+    independent_distances,
+    interval95,
+    resampled,
+    resampled_distances,
+)
+from bayescal.predict.errors import CentreDistances, ValidationErrors, kept
+from bayescal.statistics import f_isf
 
 NAN = float("nan")
 

@@ -1,6 +1,8 @@
 """Candidates: every effect that the baseline lacks, in each setting, at all sites and at each single site.
 
 If the baseline has an effect without some of its parts, these parts are the candidate.
+
+Ripples that the poses of a session do not distinguish from low harmonics of the same angle.
 """
 
 from __future__ import annotations
@@ -25,9 +27,37 @@ from bayescal.effects import (
 from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import in_proportion, plain
 from bayescal.effects.vocabulary import Form
-from bayescal.gap.search.alias import ALIASED, unaliased
 from bayescal.gap.settings import SEARCH
-from bayescal.model.parts import Part
+from bayescal.model.block import Part
+
+ALIASED = "the poses do not distinguish it from a low harmonic of the angle"
+HARMONICS = 2  # the orders that other effects have
+
+
+def unaliased(parameters: Sequence[Parameter], c: Circumstances) -> list[bool]:
+    """Whether the poses of a session show a ripple as what it is; True for any other parameter.
+
+    A parameter with more than two periods per revolution is a ripple. At angles on a raster, or at a few
+    angles, it has the values of a low harmonic (sampling theorem); within a small range it is slow.
+    It is aliased if a straight line and the harmonics explain nearly all of it at the fitted measurements.
+    """
+    out = [True] * len(parameters)
+    ripples: dict[int, list[int]] = {}
+    for k, p in enumerate(parameters):
+        if p.driver.kind == "angle" and p.driver.order > HARMONICS:
+            ripples.setdefault(p.driver.joint, []).append(k)
+    for j, own in ripples.items():
+        angle = c.q[c.fitted, j - 1]
+        slow = [np.ones_like(angle), angle]
+        slow += [f(k * angle) for k in range(1, HARMONICS + 1) for f in (np.sin, np.cos)]
+        directions, size, _ = np.linalg.svd(np.column_stack(slow), full_matrices=False)
+        basis = directions[:, size > 1e-9 * size[0]]
+        waves = np.column_stack([np.asarray(parameters[k].terms[0].driver)[c.fitted] for k in own])
+        left = np.mean((waves - basis @ (basis.T @ waves)) ** 2, axis=0)
+        for k, square in zip(own, left, strict=True):
+            out[k] = bool(square > SEARCH.aliased / 2)
+    return out
+
 
 NOTHING = "its driver does not vary in this session"
 

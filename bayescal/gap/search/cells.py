@@ -20,14 +20,14 @@ from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, li
 from bayescal.effects.plane_form import shapes
 from bayescal.effects.stand import base_terms, tilts
 from bayescal.effects.step import reflectors
-from bayescal.gap.search import combined, history
-from bayescal.gap.search.cell import Cell, at_joint, moves, passes, sides_of, smooth
+from bayescal.gap.search import makers as history
+from bayescal.gap.search.makers import COMBINED, Cell, at_joint, moves, passes, sides_of, smooth
 from bayescal.gap.settings import CELLS
 
 
 def cells(c: Circumstances) -> Iterator[Cell]:
     """All cells of a session, one after another, always in the same order."""
-    makers = (_joints, _bending, _time, _sway, _probe, _region, _faces, *combined.MAKERS, *history.MAKERS)
+    makers = (_joints, _bending, _time, _sway, _probe, _region, _faces, *COMBINED, *history.MAKERS)
     for make in makers:
         for cell in make(c):
             if any(cell.sets):  # a joint that did not move has no function of its angle

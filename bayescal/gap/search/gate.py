@@ -9,14 +9,13 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from bayescal.distributions import chi2_sf, f_sf
 from bayescal.errors import BayescalError
-from bayescal.estimate.cholesky import factored, halved, solved
-from bayescal.gap.outcome.levels import log_predictive
+from bayescal.estimate.solver import factored, halved, solved
+from bayescal.gap.outcome.magnitude import log_predictive
 from bayescal.gap.settings import GATE
 from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED
-from bayescal.predict.distances import CentreDistances
-from bayescal.predict.errors import ValidationErrors
+from bayescal.predict.errors import CentreDistances, ValidationErrors
+from bayescal.statistics import chi2_sf, f_sf
 
 M = TypeVar("M")
 F = TypeVar("F")

@@ -1,17 +1,27 @@
-"""The non-linear refit of a model with the named effects: the same fit as that of `fit` with their names."""
+"""The non-linear refit of a model with the named effects: the same fit as that of `fit` with their names.
+
+Screening of wide scans: only the settings that explain most become candidates.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from bayescal.assess.shared_causes import judged_complete
-from bayescal.effects import Setting
-from bayescal.effects.selection import Selection, driver_words, shortest
+from bayescal.effects import EFFECTS, Circumstances, Effect, Setting
+from bayescal.effects.location import Site
+from bayescal.effects.selection import Selection, driver_words, plain, shortest
 from bayescal.estimate import Estimate, calibrated
+from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_sets
+from bayescal.gap.linear.problem import Slopes
+from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.beam import Member
-from bayescal.gap.search.candidates import Candidates
-from bayescal.model.parts import Part
+from bayescal.gap.search.candidates import Candidates, Single, extended, unaliased, wide, with_own_settings
+from bayescal.gap.settings import SEARCH
+from bayescal.model.block import Part
 
 
 def model_name(member: Member, known: Candidates) -> str:
@@ -74,3 +84,93 @@ def refit(
     left = still_without(without, members)
     found = calibrated(scene, (*before.model.effects, *extra), prior_width, robust, left)
     return judged_complete(found)[0] if robust else found
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A setting at one site, by one driver, with the nats that it gains over a state."""
+
+    single: Single
+    gain: float  # averaged over scales
+    scale: float  # the best one
+    columns: np.ndarray | None  # (R, k); only of the leading setting of each site
+
+
+def screened(
+    known: Candidates, slopes: Slopes, states: Sequence[State], c: Circumstances, baseline: tuple[str, ...]
+) -> Candidates:
+    """Candidates with the leading settings of every wide scan, by site, from gains over several states.
+
+    Where each site may have a setting of its own, these are further candidates; see `with_own_settings`.
+    """
+    modelled = {plain(name) for name in baseline}
+    for effect in EFFECTS.values():
+        if effect.name in modelled or not wide(effect, c) or effect.scan is None:
+            continue
+        found = _screen(effect, slopes, states, c)
+        best: dict[float, float] = {}
+        for one in (one for every in found for one in every):
+            best[one.single.setting] = max(one.gain, best.get(one.single.setting, -np.inf))
+        leading = sorted(best, key=lambda value: -best[value])[: SEARCH.screened]
+        own = _one_by_one(effect, slopes, states[0], c, found[0]) if effect.scan.by_site else []
+        known = extended(known, effect, sorted({*leading, *(one.setting for one in own)}), c)
+        if effect.scan.by_site:
+            known = with_own_settings(known, effect, own, len(found[0]))
+    return known
+
+
+def _screen(
+    effect: Effect, slopes: Slopes, states: Sequence[State], c: Circumstances
+) -> list[list[Screened]]:
+    """Every setting of a scan at every site, by each driver, over each of several states."""
+    assert effect.scan is not None
+    values = effect.scan.values(c)
+    out, leading = [list[Screened]() for _ in states], [dict[Site, int]() for _ in states]
+    for first in range(0, len(values), SEARCH.chunk):
+        chunk = [float(value) for value in values[first : first + SEARCH.chunk]]
+        every = [(value, p) for value in chunk for p in effect.at(c, value)]
+        columns, seen = slopes.columns([p for _, p in every]), unaliased([p for _, p in every], c)
+        own: dict[Single, list[int]] = {}
+        for k, (value, q) in enumerate(every):
+            if seen[k]:
+                own.setdefault(Single(value, q.site, q.driver), []).append(k)
+        p, sets = states[0].problem, tuple(map(np.array, own.values()))
+        bank = Bank(columns, sets, p.count, p.worth, p.jacobian)
+        for state, found, of_site in zip(states, out, leading, strict=True):
+            nats = weigh_sets(state, bank) + SCALE_PRIOR
+            gains, scales = log_sum(nats, axis=1).tolist(), SCALES[np.argmax(nats, axis=1)].tolist()
+            for (single, at), gain, scale in zip(own.items(), gains, scales, strict=True):
+                before = of_site.get(single.site)
+                leads = before is None or gain > found[before].gain
+                if leads and before is not None:
+                    found[before] = replace(found[before], columns=None)
+                if leads:
+                    of_site[single.site] = len(found)
+                found.append(Screened(single, gain, scale, columns[:, at] if leads else None))
+    return out
+
+
+def _one_by_one(
+    effect: Effect, slopes: Slopes, state: State, c: Circumstances, found: Sequence[Screened]
+) -> list[Single]:
+    """The leading setting of each site, the largest gain first, each over a state with those before it.
+
+    `found` are the gains over the first state. A site whose gain does not exceed the logarithm of the number
+    of settings that were tried has none.
+    """
+    out: list[Single] = []
+    while rest := [one for one in found if one.single.site not in {single.site for single in out}]:
+        best = max(rest, key=lambda one: one.gain)
+        if best.gain <= np.log(len(found)):
+            break
+        out.append(best.single)
+        assert best.columns is not None
+        width, size = state.problem.pool.shape[1], best.columns.shape[1]
+        state = fit_state(
+            replace(state.problem, pool=np.column_stack([state.problem.pool, best.columns])),
+            np.append(state.columns, np.arange(width, width + size)),
+            np.append(state.scales, np.full(size, best.scale)),
+            robust=state.robust,
+        )
+        (found,) = _screen(effect, slopes, [state], c)
+    return out

@@ -13,7 +13,7 @@ from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, wei
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import State, fit_state, limited
 from bayescal.gap.search.beam import Hypothesis
-from bayescal.gap.search.cell import Cell
+from bayescal.gap.search.makers import Cell
 from bayescal.gap.settings import UNKNOWN
 
 MOST_ROWS = 3000

@@ -11,7 +11,7 @@ from bayescal.effects import confusable
 from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.outcome.where import unabsorbed, visible
 from bayescal.gap.search.beam import Hypothesis, Member, Search
-from bayescal.gap.search.cell import Cell
+from bayescal.gap.search.makers import Cell
 from bayescal.gap.search.unknown import CellFit, Pool, unknown, with_set
 from bayescal.gap.settings import SEARCH, VERDICT
 

@@ -8,17 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.reporting.figures import (
-    arm,
-    budget,
-    distances,
-    levels,
-    parameters,
-    posterior,
-    residuals,
-    where,
-    which,
-)
+from bayescal.reporting.figures import arm, distances, parameters, posterior, residuals, where
 from bayescal.reporting.figures.palette import drawing
 from bayescal.reporting.figures.sheet import WIDTH, Panel, into, sheet
 from bayescal.reporting.shared.text import model_label
@@ -35,7 +25,7 @@ AGAIN = "repeat the command with this version"
 
 
 def _levels(record: Json) -> Content:
-    return ["Validation error of the model levels"], [[levels.levels_panel(dict(record))]]
+    return ["Validation error of the model levels"], [[distances.levels_panel(dict(record))]]
 
 
 def _where(record: Json) -> Content:
@@ -46,7 +36,7 @@ def _where(record: Json) -> Content:
 
 
 def _which(record: Json) -> Content:
-    return record["words"], [[which.effects_panel(dict(record)), which.sets_panel(dict(record))]]
+    return record["words"], [[where.effects_panel(dict(record)), where.sets_panel(dict(record))]]
 
 
 def _residuals_fit(record: Json) -> Content:
@@ -100,7 +90,7 @@ def _arm(record: Json) -> Content:
 
 
 def _budget(record: Json) -> Content:
-    return [f"Uncertainty budget: {record['measurand']}"], [[budget.budget_panel(dict(record))]]
+    return [f"Uncertainty budget: {record['measurand']}"], [[where.budget_panel(dict(record))]]
 
 
 def posterior_content(record: Json, draws: posterior.Draws, names: Sequence[str] = ()) -> Content:

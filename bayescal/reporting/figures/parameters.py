@@ -9,10 +9,9 @@ import numpy as np
 
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.figures import scales
-from bayescal.reporting.figures.measure import MM_PER_PT
 from bayescal.reporting.figures.palette import ACCENT, GREY, NOISE, SERIES
-from bayescal.reporting.figures.rows import LANE, Row, rows_panel, upright
-from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+from bayescal.reporting.figures.scales import LANE, Row, rows_panel, upright
+from bayescal.reporting.figures.sheet import MM_PER_PT, Entry, Panel, width_of
 from bayescal.reporting.shared.text import with_u
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.palette import INK, MARKED, NOISE, SERIES
-from bayescal.reporting.figures.rows import LANE, Row, rows_panel
+from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
 
 if TYPE_CHECKING:

@@ -1,18 +1,69 @@
-"""Locations of an error: RMS of what they explain, and the residuals over the coordinates they depend on."""
+"""Locations of an error: RMS of what they explain, and the residuals over the coordinates they depend on.
+
+Bars in rows: probabilities, locations of an error, components of a budget.
+
+Probabilities of effects and of sets of effects, of a diagnosis.
+
+Components of an uncertainty budget by their contribution.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayescal.reporting.figures import scales
-from bayescal.reporting.figures.bars import FILLED, OPEN, Bar, bars_panel
 from bayescal.reporting.figures.palette import ACCENT, FAINT, GREY, MARKED
+from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+from bayescal.reporting.shared.text import probability, rival
 
 if TYPE_CHECKING:
     pass
+
+FILLED: dict[str, Any] = {"facecolor": ACCENT, "edgecolor": ACCENT, "lw": 0.5}
+OPEN: dict[str, Any] = {"facecolor": "white", "edgecolor": GREY, "lw": 0.8}
+HATCHED: dict[str, Any] = {"facecolor": FAINT, "edgecolor": GREY, "lw": 0.5, "hatch": "//////"}
+"""Styles of bars that differ in grey."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A bar: label, length, its value as text, and its style."""
+
+    label: str
+    value: float
+    text: str
+    style: dict[str, Any]
+    strong: bool = False
+
+
+def bars_panel(
+    bars: Sequence[Bar],
+    title: str = "",
+    x: str = "",
+    note: str = "",
+    key: Sequence[Entry] = (),
+    end: float | None = None,
+    share: float = 1.0,
+) -> Panel:
+    """Bars from zero to their values; `end` is the end of the axis."""
+
+    def lanes(axes: Any, middles: Sequence[float]) -> None:
+        from matplotlib.patches import Rectangle
+
+        for middle, bar in zip(middles, bars, strict=True):
+            corner = (0.0, middle - 0.4 * LANE)
+            axes.add_patch(Rectangle(corner, bar.value, 0.8 * LANE, zorder=2, **bar.style))
+        last = end or 1.05 * max((bar.value for bar in bars), default=1.0) or 1.0
+        axes.set_xlim(0, last)
+        scales.linear(axes.xaxis, width_of(axes))
+
+    return rows_panel([Row(b.label, b.text, b.strong) for b in bars], lanes, title, x, note, key, share)
+
 
 Json = dict[str, Any]
 PLACES, CURVES = 7, 3
@@ -153,3 +204,77 @@ def is_line(curve: Json) -> bool:
     fitted = np.array(curve["fitted_um"], float)[order]
     variance = float(np.var(fitted))
     return len(fitted) > 2 and variance > 0 and float(np.mean(np.diff(fitted) ** 2)) < SMOOTH * variance
+
+
+MOST_EFFECTS, MOST_SETS = 12, 6
+LEAST = 0.001
+"""Least probability of an effect that is shown."""
+FEW = 3
+"""Effects of a set that its label lists one by one."""
+
+
+def effects_panel(record: Json) -> Panel:
+    """Probabilities of the noise-only model, of an unmodelled effect and of every effect."""
+    inside = record["credible_set90"]
+    always = {"null", "unknown", *inside}
+    ranked = sorted(record["probability"].items(), key=lambda item: -(item[1] or 0.0))
+    shown = [(n, p or 0.0) for n, p in ranked if n in always or (p or 0.0) >= LEAST][:MOST_EFFECTS]
+    bars = [Bar(rival(n), p, probability(p), FILLED if n in inside else OPEN, n in inside) for n, p in shown]
+    missing = ", ".join(record["missing"])
+    key = [Entry("in the 90 % set", FILLED, patch=True), Entry("not in it", OPEN, patch=True)]
+    note = f"not assessed: {missing}" if missing else ""
+    label = "probability (effects may be present together)"
+    return bars_panel(bars, "Effects", label, note, key, end=1.0)
+
+
+def sets_panel(record: Json) -> Panel:
+    """Sets of effects, the most probable first, with their log evidence."""
+    sets = record["hypotheses"][:MOST_SETS]
+    bars = [
+        Bar(text, h["probability"], f"{probability(h['probability'])}  ({h['log_evidence']:+.0f} nats)", OPEN)
+        for text, h in zip(set_labels([h["effects"] for h in sets]), sets, strict=True)
+    ]
+    label = "probability (log evidence relative to noise only)"
+    return bars_panel(bars, "Sets of effects, the most probable first", label, end=1.0)
+
+
+def set_labels(sets: Sequence[Sequence[str]]) -> list[str]:
+    """Sets of effects as text: where they are long, as the differences from the first."""
+    if max((len(effects) for effects in sets), default=0) <= FEW:
+        return [" + ".join(rival(n) for n in effects) or rival("null") for effects in sets]
+    first, out = sets[0], []
+    for effects in sets:
+        less = [f"without {rival(n)}" for n in first if n not in effects]
+        more = [f"with {rival(n)}" for n in effects if n not in first]
+        out.append(", ".join([*more, *less]) or f"the {len(first)} most probable")
+    return out
+
+
+MOST = 12
+"""Components that are shown, the largest first."""
+TYPES = {"A": FILLED, "B": HATCHED}
+"""Style of a bar by the type of evaluation (JCGM 100)."""
+
+
+def budget_panel(budget: Json) -> Panel:
+    """Bars of the contributions; `budget` is the content of budget.json."""
+    every = sorted(budget["components"], key=lambda c: -abs(c["contribution_um"]))
+    shown = every[:MOST]
+    total = budget["u_um"]
+    bars = [
+        Bar(
+            c["name"],
+            abs(c["contribution_um"]),
+            f"{c['contribution_um']:.2g} µm, {100 * c['contribution_um'] ** 2 / total**2:.0f} %"
+            if total
+            else "",
+            TYPES.get(c["type"], OPEN),
+        )
+        for c in shown
+    ]
+    used = dict.fromkeys(c["type"] for c in shown)
+    key = [Entry(f"type {t}", TYPES.get(t, OPEN), True) for t in used]
+    more = len(every) - len(shown)
+    notes = [f"u {total:.2g} µm, U {budget['U_um']:.2g} µm (k = {budget['k']:.3g})"]
+    notes += [f"{more} smaller components are not shown"] if more else []
+    return bars_panel(bars, "", "contribution to the standard uncertainty (µm)", "; ".join(notes), key)

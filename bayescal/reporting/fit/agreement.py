@@ -1,4 +1,7 @@
-"""Parameters of one arm by several sessions: a table, a verdict in words, and the record of both."""
+"""Parameters of one arm by several sessions: a table, a verdict in words, and the record of both.
+
+Figures of ISO 9283: as a record, and as a table of the terminal.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,10 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from bayescal.assess.agreement import Agreement, Pair
+from bayescal.assess.iso9283 import Iso9283
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.shared.text import facts, plain_table, with_u
+from bayescal.reporting.shared.text import UM, facts, plain_table, um, um2, with_u
 
 MOST = 12  # parameters shown, those that differ most
 FAR = 3.0  # standard deviations from which on a parameter is named as the one that differs
@@ -108,3 +112,35 @@ def _parameter(compared: Agreement, k: int) -> dict[str, Any]:
         "together": said(compared.together),
         "alone": {name: said(of) for name, of in compared.alone.items()},
     }
+
+
+def iso9283_record(found: Iso9283) -> dict[str, Any]:
+    """``iso9283`` of fit.json; u is of the measurement, k = 1."""
+    return {
+        "figures": [
+            {
+                "symbol": f.symbol,
+                "name": f.words,
+                "count": f.count,
+                "mean_um": UM * f.mean,
+                "max_um": UM * f.maximum,
+                "u_mean_um": None if f.u is None else UM * f.u,
+                "u_max_um": None if f.u_max is None else UM * f.u_max,
+            }
+            for f in found.figures
+        ],
+        "differs_from_norm": list(found.differs),
+    }
+
+
+def iso9283_table(found: Iso9283) -> RenderableType:
+    """The figures, and what differs from the procedure of the standard."""
+    if not found.figures:
+        return Group()
+    table = plain_table("ISO 9283 (validation measurements)", "number", "mean (µm)", "u", "max (µm)", "u")
+    for f in found.figures:
+        of_mean, of_max = ("-" if u is None else um2(u) for u in (f.u, f.u_max))
+        table.add_row(f"{f.symbol}: {f.words}", str(f.count), um(f.mean), of_mean, um(f.maximum), of_max)
+    return Group(
+        table, facts(("differs" if k == 0 else "", text, "dim") for k, text in enumerate(found.differs))
+    )

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from rich.console import Group, RenderableType
 
-from bayescal.assess.budget import COVERAGE, MOST_DOF, Basis, Budget, Component
-from bayescal.assess.budget.measurand import PARAMETER
+from bayescal.assess.budget import COVERAGE, MOST_DOF, Budget, Component
+from bayescal.assess.inputs import Basis
+from bayescal.assess.measurand import PARAMETER
 from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.shared.origin import origin
-from bayescal.reporting.shared.plain import plain
+from bayescal.reporting.shared.origin import origin, plain
 from bayescal.reporting.shared.text import facts, percent, plain_table, size, two_digits
 
 SCHEMA = "bayescal-budget/1"

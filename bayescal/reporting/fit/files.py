@@ -8,12 +8,9 @@ from typing import Any
 from bayescal.assess.agreement import Agreement
 from bayescal.assess.budget import usual
 from bayescal.calibration import Fit
-from bayescal.exporting import of_fit, write_arm
-from bayescal.exporting.arm_file import ARM_FILE, COPY
 from bayescal.exporting.robot import robot_text
-from bayescal.files import json_text
-from bayescal.folders import whole
-from bayescal.indented import indented
+from bayescal.fitted.arm import of_fit
+from bayescal.fitted.file import ARM_FILE, COPY, write_arm
 from bayescal.posterior.inference import save
 from bayescal.reporting.figures.process import begun
 from bayescal.reporting.fit.agreement import agreement_record, disagreement
@@ -21,6 +18,8 @@ from bayescal.reporting.fit.budget import budget_csv, budget_record
 from bayescal.reporting.fit.posterior import fit_draws, parameter_draws
 from bayescal.reporting.fit.record import fit_record
 from bayescal.reporting.page.build import PAGES, write_page
+from bayescal.storage.files import indented, json_text
+from bayescal.storage.folders import whole
 
 FIT, ROBOT = "fit.json", "robot.yaml"
 BUDGET, BUDGET_CSV = "budget.json", "budget.csv"

@@ -10,10 +10,10 @@ import numpy as np
 from bayescal import __version__
 from bayescal.calibration import Fit, predicted_draws
 from bayescal.model import Model
-from bayescal.model.length_blocks import noise_groups
+from bayescal.model.model import noise_groups
 from bayescal.posterior import Pointwise, pointwise, prior_draws
-from bayescal.posterior.draws import scale_names
 from bayescal.posterior.inference import Record, Variables
+from bayescal.posterior.linearised import scale_names
 from bayescal.reporting.shared.text import UM
 
 MOST_VALUES = 1_000_000

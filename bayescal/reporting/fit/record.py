@@ -12,14 +12,13 @@ from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.undetermined import Undetermined
 from bayescal.calibration import Fit, ModelLevel
 from bayescal.estimate import Estimate
-from bayescal.exporting import gate
+from bayescal.fitted import gate
 from bayescal.model import Block
 from bayescal.predict import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
-from bayescal.reporting.fit.iso9283 import iso9283_record
-from bayescal.reporting.fit.verdict import tolerance_record, verdict_record
+from bayescal.reporting.fit.agreement import iso9283_record
+from bayescal.reporting.fit.tables import tolerance_record, verdict_record
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.origin import origin
-from bayescal.reporting.shared.rows import rows_record
+from bayescal.reporting.shared.origin import origin, rows_record
 from bayescal.reporting.shared.text import MDEG, MM, UM
 
 SCHEMA = "bayescal-fit/1"

@@ -8,16 +8,15 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
-from bayescal.assess.conformance import FAIL, PASS, Tolerance
+from bayescal.assess.acceptance import FAIL, PASS, PLANNED, SHARED, Acceptance, Tolerance
 from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.calibration import Fit
 from bayescal.estimate.discrepancy import MASSES
-from bayescal.exporting import gate
-from bayescal.exporting.gate import STEPS, Use
+from bayescal.fitted import gate
+from bayescal.fitted.gate import STEPS, Use
 from bayescal.predict import DistanceErrors, Validation, inside95
-from bayescal.reporting.fit.iso9283 import iso9283_table
+from bayescal.reporting.fit.agreement import iso9283_table
 from bayescal.reporting.fit.tables import distance_table, level_table, parameter_table, tolerance_table
 from bayescal.reporting.shared.origin import filed_lines
 from bayescal.reporting.shared.text import MDEG, MM, UM, facts, percent, um, um2

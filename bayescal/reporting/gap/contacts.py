@@ -1,17 +1,32 @@
-"""The contacts that a diagnosis advises: `next.csv`, entries of gap.json, and a table of the first ones."""
+"""The contacts that a diagnosis advises: `next.csv`, entries of gap.json, and a table of the first ones.
+
+Errors of points as reports state them: the length of the error vector, from the RMS of its coordinates.
+
+Entries of gap.json about what the data leave open: `bayescal plan --after` reads them.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from bayescal.gap.result import Advice, Gap, NextContact
-from bayescal.reporting.shared.table import FigureTable
-from bayescal.reporting.shared.text import plain_table
+from bayescal.effects import UNITS
+from bayescal.gap.result import (
+    VALIDATION_CONTACTS,
+    VALIDATION_POINTS,
+    Advice,
+    Gap,
+    NextContact,
+    Pair,
+    Shrinkage,
+    Side,
+)
+from bayescal.reporting.shared.text import FigureTable, plain_table
 
 FIRST = 3
 """Contacts of the first advice in the summary."""
@@ -95,3 +110,61 @@ def _signs(velocity: tuple[float, ...] | None) -> str:
     if velocity is None:
         return "-"
     return "".join("+" if v > 0 else "-" if v < 0 else "0" for v in velocity)
+
+
+COORDINATES = 3
+POINTS = ("points", VALIDATION_POINTS)
+
+
+def length(what: str, rms: float) -> float:
+    """RMS length of the errors of a kind of measurement, m, from the RMS of their residuals.
+
+    The residuals of a point are its three coordinates, that of a contact or a distance is a length.
+    """
+    return rms * COORDINATES**0.5 if what in POINTS else rms
+
+
+def main(gap: Gap) -> str:
+    """The kind of measurement with which the gap is compared: contacts where there are any."""
+    contacts = any(x.what == VALIDATION_CONTACTS for x in gap.magnitude.measured)
+    return VALIDATION_CONTACTS if contacts or not gap.magnitude.measured else VALIDATION_POINTS
+
+
+def per_residual(gap: Gap) -> str:
+    """What a figure that is not a length of points is per, to be added to its label."""
+    return "" if main(gap) == VALIDATION_CONTACTS else " per coordinate"
+
+
+def as_lengths(s: Shrinkage) -> Shrinkage:
+    """A reduction of errors whose errors of points are lengths."""
+    return replace(
+        s,
+        before=length(s.what, s.before),
+        after=length(s.what, s.after),
+        floor=length(s.what, s.floor),
+        predicted_before=length(s.what, s.predicted_before),
+        predicted=length(s.what, s.predicted),
+    )
+
+
+def undecided_records(gap: Gap) -> list[dict[str, Any]]:
+    """Pairs of explanations, each side with its effects as for --model and their fitted parameters."""
+    return [_pair(pair) for pair in gap.undecided]
+
+
+def _pair(pair: Pair) -> dict[str, Any]:
+    return {"a": _side(pair.a), "b": _side(pair.b), "common": _side(pair.common)}
+
+
+def _side(side: Side) -> list[dict[str, Any]]:
+    return [
+        {
+            "model": s.model,
+            "values": [
+                {"parameter": name, "value": value * factor, "unit": unit}
+                for name, value in s.values.items()
+                for unit, factor in (UNITS[s.units[name]],)
+            ],
+        }
+        for s in side
+    ]

@@ -9,12 +9,11 @@ import numpy as np
 
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import Site
-from bayescal.exporting import gate
+from bayescal.fitted import gate
 from bayescal.gap.result import Gap, Named, Place, Verdict
 from bayescal.gap.settings import VERDICT
-from bayescal.model.orientations import posed
-from bayescal.reporting.gap.amplitudes import sites
-from bayescal.reporting.gap.causes import PLAIN, sentence
+from bayescal.model.block import posed
+from bayescal.reporting.gap.causes import PLAIN, sentence, sites
 from bayescal.reporting.shared.text import listed, probability, rival
 
 NO_PLACE = "at no single location"

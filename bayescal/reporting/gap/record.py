@@ -1,22 +1,30 @@
-"""`gap.json`: a diagnosis as numbers, by the output contract; units are in the keys."""
+"""`gap.json`: a diagnosis as numbers, by the output contract; units are in the keys.
+
+The run folder of a diagnosis.
+"""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayescal.exporting import gate
+from bayescal.fitted import gate
+from bayescal.fitted.arm import of_gap
+from bayescal.fitted.file import write_arm
 from bayescal.gap.result import Advice, BlindSpot, Gap, Magnitude, Margin, Place, Shrinkage, Verdict
 from bayescal.model.scene import Scene
-from bayescal.reporting.gap import amplitudes, causes, contacts, undecided
-from bayescal.reporting.gap.lengths import as_lengths, length, main
+from bayescal.reporting.figures.process import begun
+from bayescal.reporting.gap import causes, contacts
+from bayescal.reporting.gap.contacts import as_lengths, length, main, table_of_contacts
 from bayescal.reporting.gap.phrases import headline, place, warnings
+from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.origin import origin
-from bayescal.reporting.shared.plain import plain
-from bayescal.reporting.shared.rows import rows_record
+from bayescal.reporting.shared.origin import origin, plain, rows_record
 from bayescal.reporting.shared.text import UM, amplitude
+from bayescal.storage.files import indented
+from bayescal.storage.folders import whole
 
 SCHEMA = "bayescal-gap/1"
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
@@ -60,7 +68,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
             for n in verdict.named
         ],
         "use": None if gap.arm is None else gate.of_gap(gap).record(),
-        "amplitudes": amplitudes.records(gap),
+        "amplitudes": causes.amplitude_records(gap),
         "refit": {"model": ",".join(gap.refit), "without": list(gap.still_without)},
         "credible_set90": list(verdict.credible_set90),
         "probability": dict(verdict.probability),
@@ -88,7 +96,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
             for step in gap.levels
         ],
         "next": [_advice(a) | {"contacts": contacts.records(gap, a)} for a in gap.advice],
-        "undecided": undecided.records(gap),
+        "undecided": contacts.undecided_records(gap),
         "blind_spots": [_blind(b) for b in gap.blind_spots],
         "curves": [_curve(gap, w) for w in gap.where[:CURVES]],
         "residuals": _residuals(gap),
@@ -257,3 +265,43 @@ def _residuals(gap: Gap) -> dict[str, Any]:
         "before_um": np.round(UM * before, DIGITS),
         "after_um": np.round(UM * after, DIGITS),
     }
+
+
+GAP = "gap.json"
+NEXT = "next.csv"
+"""Contacts to be measured next; only where some are advised."""
+
+
+def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
+    """Write gap.json, gap.html, arm.json with the dataset, next.csv and the figures atomically.
+
+    Parameters
+    ----------
+    gap : Gap
+    folder : Path
+        Where they are written; an earlier diagnosis there is replaced.
+    pictures : bool
+        Draw the figures too.
+
+    Returns
+    -------
+    tuple of str
+        File names.
+    """
+    contents = gap_record(gap)
+    record = indented(contents) + "\n"
+    names = [GAP]
+    arm = None if gap.arm is None else of_gap(gap)
+    with whole(folder, GAP) as stage:
+        drawn = begun(contents) if pictures else dict
+        (stage / GAP).write_text(record, encoding="utf-8")
+        if arm is not None:
+            names += write_arm(arm, stage)
+        if any(a.contacts for a in gap.advice):
+            (stage / NEXT).write_text(table_of_contacts(gap), encoding="utf-8")
+            names.append(NEXT)
+        for name, content in drawn().items():
+            (stage / name).write_bytes(content)
+            names.append(name)
+        names.insert(1, write_page(stage, folder))
+    return tuple(names)

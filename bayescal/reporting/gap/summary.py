@@ -10,10 +10,9 @@ from rich.table import Table
 from rich.text import Text
 
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
-from bayescal.reporting.gap import amplitudes
+from bayescal.reporting.gap import causes
 from bayescal.reporting.gap.causes import cause
-from bayescal.reporting.gap.contacts import first_contacts
-from bayescal.reporting.gap.lengths import as_lengths, length, main, per_residual
+from bayescal.reporting.gap.contacts import as_lengths, first_contacts, length, main, per_residual
 from bayescal.reporting.gap.phrases import headline, place, unexplained, warnings
 from bayescal.reporting.shared.origin import filed_lines
 from bayescal.reporting.shared.text import (
@@ -179,7 +178,7 @@ def _which(gap: Gap) -> Facts:
 
 def _amplitudes(gap: Gap) -> Facts:
     """Amplitudes of the named effects, and the model that has them."""
-    for k, text in enumerate(amplitudes.lines(gap)):
+    for k, text in enumerate(causes.lines(gap)):
         yield "" if k else "amplitude", text, "bold"
     if gap.amplitudes:
         without = f" --without '{','.join(gap.still_without)}'" if gap.still_without else ""

@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from bayescal.effects.location import Site
 from bayescal.reporting.page import svg
-from bayescal.reporting.page.run import Run
+from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared.body import Outline, View, outlines, posed
 
 SIGNIFICANT = 0.01

@@ -10,10 +10,20 @@ import numpy as np
 from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import VALIDATION_CONTACTS
 from bayescal.predict.forecast import CENTRES
-from bayescal.reporting.page.numbers import MISSING, length, measured, uncertainty
 from bayescal.reporting.page.rows import inputs
-from bayescal.reporting.page.run import Run
-from bayescal.reporting.page.section import Bar, Facts, Section, Sheet, Text, blocks
+from bayescal.reporting.page.section import (
+    MISSING,
+    Bar,
+    Facts,
+    Run,
+    Section,
+    Sheet,
+    Text,
+    blocks,
+    length,
+    measured,
+    uncertainty,
+)
 from bayescal.reporting.shared.text import model_label, probability, rival
 
 FAR = 2.0

@@ -11,18 +11,23 @@ import numpy as np
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.page import rows, svg
 from bayescal.reporting.page.fit_first import first
-from bayescal.reporting.page.numbers import MISSING, interval, length, measured, share, uncertainty
-from bayescal.reporting.page.run import Run
 from bayescal.reporting.page.section import (
+    MISSING,
     Bar,
     Block,
     Facts,
     Figures,
+    Run,
     Section,
     Sheet,
     Text,
     blocks,
+    interval,
+    length,
+    measured,
+    share,
     texts,
+    uncertainty,
 )
 from bayescal.reporting.shared.text import model_label, parameter_notes, signed, unsigned_zero
 

@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.exporting.gate import STEPS
-from bayescal.reporting.page.numbers import interval, length, uncertainty
-from bayescal.reporting.page.run import Run
-from bayescal.reporting.page.section import Fault, Section
+from bayescal.fitted.gate import STEPS
+from bayescal.reporting.page.section import Fault, Run, Section, interval, length, uncertainty
 from bayescal.reporting.shared.text import p_value
 
 REASONS = 4

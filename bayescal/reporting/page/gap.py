@@ -20,9 +20,20 @@ from bayescal.reporting.page.gap_first import (
     unexplained,
     words_of,
 )
-from bayescal.reporting.page.numbers import MISSING, length, quantity, share
-from bayescal.reporting.page.run import Run
-from bayescal.reporting.page.section import Bar, Block, Section, Sheet, Text, blocks, texts
+from bayescal.reporting.page.section import (
+    MISSING,
+    Bar,
+    Block,
+    Run,
+    Section,
+    Sheet,
+    Text,
+    blocks,
+    length,
+    quantity,
+    share,
+    texts,
+)
 from bayescal.reporting.shared.text import NEVER, level_label, p_value, probability, reduction, rival, signed
 
 SIGNIFICANT = 0.01

@@ -9,10 +9,8 @@ from typing import Any
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import Site
 from bayescal.reporting.page.arm import draw_arm, marked_sites
-from bayescal.reporting.page.numbers import MISSING, interval, length, measured, share
-from bayescal.reporting.page.run import Run
-from bayescal.reporting.page.section import Fault, Section
-from bayescal.reporting.shared.further import possible
+from bayescal.reporting.page.section import MISSING, Fault, Run, Section, interval, length, measured, share
+from bayescal.reporting.shared.origin import possible
 from bayescal.reporting.shared.text import probability, rival
 
 VERDICTS = {

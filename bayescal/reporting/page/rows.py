@@ -12,9 +12,21 @@ from markupsafe import Markup
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.arm import draw_arm, marked_sites, numbers, typical
-from bayescal.reporting.page.numbers import MISSING, length, share
-from bayescal.reporting.page.run import FIGURES, Run
-from bayescal.reporting.page.section import Bar, Block, Facts, Figures, Section, Sheet, Text, blocks
+from bayescal.reporting.page.section import (
+    FIGURES,
+    MISSING,
+    Bar,
+    Block,
+    Facts,
+    Figures,
+    Run,
+    Section,
+    Sheet,
+    Text,
+    blocks,
+    length,
+    share,
+)
 from bayescal.reporting.shared.text import two_digits
 
 LARGEST, MOST = 12, 200

@@ -10,7 +10,7 @@ from bayescal import __version__
 from bayescal.planning.result import Plan
 from bayescal.reporting.page.render import page
 from bayescal.reporting.page.section import Facts, Section, Sheet, Text, blocks
-from bayescal.reporting.plan import phrases, sheets
+from bayescal.reporting.plan import sheets
 
 STEPS = {
     "import": "Probe the contacts of plan.csv in their order, then import the log of the controller.",
@@ -31,7 +31,7 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
     commands : sequence of (str, str)
         What to run when the contacts are measured: purpose (of `STEPS`) and command.
     """
-    title = phrases.title(plan)
+    title = sheets.title(plan)
     found = (
         _first(plan, commands),
         _contacts(plan, picture),
@@ -40,7 +40,7 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
         blocks("confusable", "Confusable effects", replace(sheets.confusable(plan), words=(3,))),
         blocks("parameters", "Parameters", replace(sheets.parameters(plan), words=(3,))),
         blocks("observability", "Observability", sheets.observability(plan)),
-        blocks("candidates", "Candidates", Text(phrases.candidates(plan))),
+        blocks("candidates", "Candidates", Text(sheets.candidates(plan))),
         blocks("all", "All contacts, in the order of probing", _every(plan)),
         _inputs(plan),
     )
@@ -51,10 +51,10 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
 
 def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
     """Expected uncertainty, contacts, time; what to run next; warnings."""
-    lines = list(phrases.headline(plan)) or [phrases.title(plan)]
-    keys = [("Contacts", str(len(plan.purpose)), phrases.contacts(plan))]
-    keys += [("Motion between contacts", phrases.duration(plan.travel), f"order: {plan.order}")]
-    if text := phrases.further(plan):
+    lines = list(sheets.headline(plan)) or [sheets.title(plan)]
+    keys = [("Contacts", str(len(plan.purpose)), sheets.contacts_phrase(plan))]
+    keys += [("Motion between contacts", sheets.duration(plan.travel), f"order: {plan.order}")]
+    if text := sheets.further(plan):
         name, _, found = text.partition(": ")
         value, _, less = found.removesuffix(")").partition(" (")
         keys.append((name, value, less))
@@ -70,7 +70,7 @@ def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
         "arm": None,
         "arm_caption": "",
         "next": [(STEPS[purpose], command) for purpose, command in commands],
-        "warnings": [*plan.warnings, *(f"not separated: {line}" for line in phrases.not_separated(plan))],
+        "warnings": [*plan.warnings, *(f"not separated: {line}" for line in sheets.not_separated(plan))],
         "notes": (),
     }
     return Section("result", "", "first.html.j2", context)
@@ -78,14 +78,14 @@ def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
 
 def _contacts(plan: Plan, picture: bytes) -> Section:
     source = f"data:image/png;base64,{base64.b64encode(picture).decode('ascii')}"
-    parts = {"blocks": [sheets.by_target(plan)], "pictures": [(phrases.title(plan), source)]}
+    parts = {"blocks": [sheets.by_target(plan)], "pictures": [(sheets.title(plan), source)]}
     return Section("contacts", "What to probe", "plan.html.j2", parts)
 
 
 def _detectable(plan: Plan) -> Section | None:
     if not plan.detectable:
         return None
-    ratio = phrases.detectability(plan)
+    ratio = sheets.detectability(plan)
     caption = f"Smallest detectable {ratio}" if ratio else ""
     sheet = replace(sheets.detectable(plan, every_site=True), title="effect", caption=caption)
     return blocks("detectable", "Smallest detectable amplitude of each effect", sheet)
@@ -106,6 +106,6 @@ def _inputs(plan: Plan) -> Section | None:
         ("set-up, SHA-256", plan.pool.setup.dataset.sha256 or "-"),
         ("model", ", ".join(plan.effects) or "nominal"),
         ("seed", str(plan.seed)),
-        ("computed in", phrases.duration(plan.seconds)),
+        ("computed in", sheets.duration(plan.seconds)),
     )
     return blocks("inputs", "Inputs", Facts(lines))

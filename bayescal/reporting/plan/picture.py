@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayescal.collision import Shape
 from bayescal.model.scene import Scene
-from bayescal.planning.obstacles import scene
+from bayescal.planning.place import scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
-from bayescal.reporting.plan.contacts import count
-from bayescal.reporting.plan.phrases import headline, title
-from bayescal.reporting.plan.sheets import COVERAGE, PURPOSES, by_target
+from bayescal.probing.shapes import Shape
+from bayescal.reporting.plan.record import count
+from bayescal.reporting.plan.sheets import COVERAGE, PURPOSES, by_target, headline, title
 from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, SERIES, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
@@ -108,7 +107,7 @@ def outlined(shape: Shape, i: int, j: int) -> np.ndarray:
 
 def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[Outline]]]:
     """TCP positions (N, 3), the arm at a contact (K, 3), points within reach (M, 3), bodies by view; mm."""
-    from bayescal.arm.nominal import NominalArm
+    from bayescal.arm.motion import NominalArm
 
     at, robot = Scene(plan.session), plan.session.robot
     readings = plan.session.measurements.readings

@@ -1,17 +1,83 @@
-"""`plan.json`: a plan as numbers, by the output contract; units are in the keys."""
+"""`plan.json`: a plan as numbers, by the output contract; units are in the keys.
+
+The contacts of a plan: `plan.csv`, and their numbers by purpose.
+
+The run folder of a plan.
+"""
 
 from __future__ import annotations
 
+import json
+import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayescal.planning.result import Confusable, Detectable, ExpectedDistances, Plan
-from bayescal.reporting.plan.contacts import count, payloads, purposes
-from bayescal.reporting.shared.origin import origin
-from bayescal.reporting.shared.plain import plain
+from bayescal.dataset import Dataset
+from bayescal.dataset.table import CLEARANCE
+from bayescal.dataset.write import table_text, write_setup
+from bayescal.exporting.plan import Probe, formats_of
+from bayescal.importing.onto import MEASURED
+from bayescal.importing.onto import PLAN as CONTACTS
+from bayescal.planning.result import (
+    DISTANCES,
+    GAP,
+    REPEAT,
+    VALIDATE,
+    Confusable,
+    Detectable,
+    ExpectedDistances,
+    Plan,
+)
+from bayescal.reporting.shared.origin import origin, plain
 from bayescal.reporting.shared.text import MM, UM, amplitude
+from bayescal.storage.folders import whole
+
+
+def payloads(session: Dataset) -> np.ndarray:
+    """Payloads (N,), kg; 0 where the session states none."""
+    m = session.measurements
+    return np.zeros(len(m.ids)) if m.payload is None else m.payload
+
+
+def purposes(plan: Plan) -> dict[str, int]:
+    """Numbers of contacts by purpose."""
+    return {p: plan.purpose.count(p) for p in (DISTANCES, GAP, REPEAT, VALIDATE)}
+
+
+def count(plan: Plan) -> int:
+    """Number of contacts that calibrate: all but those of validation."""
+    return sum(p != VALIDATE for p in plan.purpose)
+
+
+def table_of_plan(plan: Plan) -> str:
+    """The content of plan.csv: measurements.csv in the order of probing, cells of results empty.
+
+    Columns of what an instrument reads are there for sessions that have instruments. The last column is the
+    smallest clearance of the motions of a row.
+    """
+    m = plan.session.measurements
+
+    def empty(column: np.ndarray | None) -> np.ndarray | None:
+        return None if column is None else np.full_like(column, np.nan)
+
+    rows = replace(
+        m, payload=payloads(plan.session), xyz=empty(m.xyz), rpy=empty(m.rpy), length=empty(m.length),
+        u=None, stop=None, command=None, torque=None, time=None, temperature=None,
+    )  # fmt: skip
+    head, *lines = table_text(replace(plan.session, measurements=rows), name_tool=True).splitlines()
+    cells = zip(lines, clearances(plan), strict=True)
+    return "\n".join([f"{head},{CLEARANCE}", *(f"{line},{own}" for line, own in cells), ""])
+
+
+def clearances(plan: Plan) -> list[str]:
+    """Clearance of the motions of each row, mm, rounded down; empty where it is not known."""
+    known = plan.clearance if len(plan.clearance) else np.full(len(plan.purpose), np.nan)
+    return [f"{np.floor(1e4 * own) / 10:.1f}" if np.isfinite(own) else "" for own in known]
+
 
 SCHEMA = "bayescal-plan/1"
 LIBRARIES = ("numpy", "scipy", "numba")
@@ -110,3 +176,58 @@ def _confusable(c: Confusable) -> dict[str, Any]:
         "lambda_after": c.after,
         "intervention": c.intervention or None,
     }
+
+
+PLAN, PICTURE, PAGE = "plan.json", "plan.png", "plan.html"
+
+
+def commands(folder: Path) -> dict[str, str]:
+    """What to run when the contacts are measured: the import of their log, and the calibration."""
+    run = shlex.quote(str(folder))
+    return {
+        "import": f"bayescal import LOG.csv --plan {run} --out SESSION",
+        "fit": "bayescal fit SESSION",
+        "gap": "bayescal gap SESSION",
+    }
+
+
+def write_plan(
+    plan: Plan, folder: Path, formats: Sequence[str] = (), probe: Probe | None = None
+) -> tuple[str, ...]:
+    """Write plan.csv, plan.json, the page, the figure and the setup atomically.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : Path
+        Where they are written; an earlier plan there is replaced.
+    formats : sequence of str
+        Names of formats for a controller that are written too; see `bayescal.exporting.plan`.
+    probe : Probe, optional
+        How the controller notices a contact.
+
+    Returns
+    -------
+    tuple of str
+        File names.
+    """
+    from bayescal.reporting.plan.page import plan_page
+    from bayescal.reporting.plan.picture import draw_plan
+    from bayescal.reporting.shared.style import save_figure
+
+    later = commands(folder)
+    texts = {
+        CONTACTS: table_of_plan(plan),
+        PLAN: json.dumps(plan_record(plan, later), allow_nan=False, indent=1) + "\n",
+    }
+    if plan.pool.measured:
+        texts[MEASURED] = table_text(plan.pool.setup.dataset)
+    for form in formats_of(formats, probe):
+        texts |= form.files(plan, probe or Probe())
+    with whole(folder, PLAN) as stage:
+        save_figure(draw_plan(plan), stage / PICTURE)
+        texts[PAGE] = plan_page(plan, (stage / PICTURE).read_bytes(), tuple(later.items()))
+        for name, text in texts.items():
+            (stage / name).write_text(text, encoding="utf-8", newline="")
+        setup = write_setup(plan.pool.setup.dataset, stage)
+    return (*texts, PICTURE, *setup)

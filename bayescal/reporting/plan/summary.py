@@ -9,9 +9,8 @@ from rich.text import Text
 
 from bayescal.planning.result import Plan
 from bayescal.reporting.page.section import Sheet
-from bayescal.reporting.plan import phrases, sheets
-from bayescal.reporting.shared.table import FigureTable
-from bayescal.reporting.shared.text import facts, plain_table
+from bayescal.reporting.plan import sheets
+from bayescal.reporting.shared.text import FigureTable, facts, plain_table
 
 PAIRS = 4
 """Pairs that are not separated; the others are in plan.html."""
@@ -21,10 +20,10 @@ Facts = Iterable[tuple[str, str, str]]
 
 def plan_summary(plan: Plan) -> RenderableType:
     """Expected uncertainty, contacts, detectable amplitudes, pairs, warnings: one screen."""
-    name = Text.assemble((plan.session.name, "bold"), f"  {plan.session.robot.name}  {phrases.title(plan)}")
+    name = Text.assemble((plan.session.name, "bold"), f"  {plan.session.robot.name}  {sheets.title(plan)}")
     parts: list[RenderableType] = [
         name,
-        *(Text(line, "" if k else "bold") for k, line in enumerate(phrases.headline(plan))),
+        *(Text(line, "" if k else "bold") for k, line in enumerate(sheets.headline(plan))),
         "",
     ]
     if plan.expected:
@@ -44,26 +43,26 @@ def _table(sheet: Sheet) -> FigureTable:
 
 
 def _buys(plan: Plan) -> Facts:
-    if text := phrases.further(plan):
+    if text := sheets.further(plan):
         yield "next 20", text, ""
 
 
 def _costs(plan: Plan) -> Facts:
-    yield "contacts", phrases.contacts(plan), ""
-    yield "travel", phrases.travel(plan), ""
-    yield "candidates", phrases.candidates(plan), "dim"
+    yield "contacts", sheets.contacts_phrase(plan), ""
+    yield "travel", sheets.travel(plan), ""
+    yield "candidates", sheets.candidates(plan), "dim"
 
 
 def _detects(plan: Plan) -> Facts:
-    if text := phrases.detectability(plan):
+    if text := sheets.detectability(plan):
         yield "detectable", text, ""
 
 
 def _limits(plan: Plan) -> Facts:
     """Pairs of effects, and warnings."""
-    if text := phrases.separated(plan):
+    if text := sheets.separated(plan):
         yield "separates", text, ""
-    lines = phrases.not_separated(plan)
+    lines = sheets.not_separated(plan)
     more = [f"and {len(lines) - PAIRS} further pairs: see plan.html"] if len(lines) > PAIRS + 1 else []
     for k, line in enumerate([*lines[:PAIRS], *more] if more else lines):
         yield "" if k else "not separated", line, "yellow"

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 
 from bayescal.arm import chain as reference
-from bayescal.collision.links import arm_capsules
-from bayescal.collision.scene import scene_of
-from bayescal.collision.shapes import Ball, Box
 from bayescal.model.scene import Scene
-from bayescal.reporting.shared.plain import plain
+from bayescal.probing.scene import arm_capsules, scene_of
+from bayescal.probing.shapes import Ball, Box
+from bayescal.reporting.shared.origin import plain
 from bayescal.reporting.shared.text import MM
 
 Json = Mapping[str, Any]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayescal.estimate.discrepancy.poses import by_chance, complement, scatter_factor
+from bayescal.estimate.moments import by_chance, complement, scatter_factor
 
 D, POSES, EACH = 5, 400, 3
 POSE = np.repeat(np.arange(POSES), EACH)

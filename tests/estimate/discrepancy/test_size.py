@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from chances import least, most
 
-import bayescal.estimate.discrepancy.size as size_module
-from bayescal.estimate.discrepancy.size import degrees_of_freedom, variances, within_poses
+import bayescal.estimate.moments as size_module
+from bayescal.estimate.moments import degrees_of_freedom, variances, within_poses
 
 ROWS, FIRST, SECOND = 600, 12, 8
 FAMILY = np.repeat([0, 1], [FIRST, SECOND])

@@ -8,11 +8,10 @@ import pytest
 
 from bayescal.dataset.join import joined
 from bayescal.estimate import calibrated
-from bayescal.estimate.discrepancy import EFFECT, families, stated
-from bayescal.estimate.discrepancy.families import COURSES
-from bayescal.estimate.discrepancy.size import UNSEEN
-from bayescal.estimate.discrepancy.stated import LEAST_WHITE
-from bayescal.estimate.linear import linearise
+from bayescal.estimate.discrepancy import LEAST_WHITE, families, stated
+from bayescal.estimate.families import COURSES, EFFECT
+from bayescal.estimate.moments import UNSEEN
+from bayescal.estimate.solver import linearise
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 
@@ -142,7 +141,7 @@ def test_functions_of_time_end_with_their_session(cube):
 
 def test_functions_of_a_large_session_are_linearised_in_parts(clean, monkeypatch):
     """The model of all functions at once took most of the memory of a session of 100,000 rows."""
-    module, size = import_module("bayescal.estimate.discrepancy.stated"), []
+    module, size = import_module("bayescal.estimate.discrepancy"), []
 
     def watched(model, z, weights):
         size.append(model.size)

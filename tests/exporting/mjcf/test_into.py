@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
-from bayescal.exporting.verify.limits import limit
+from bayescal.verifying.levels import limit
 
 SCENE = Path(__file__).with_name("ur5e_scene.xml")
 EVERY = (*BASE, "base-compliance", "hysteresis", "coupling", "eccentricity", "backlash")

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.arm.transforms import rigid
 from bayescal.exporting.geometry import zero_frames
-from bayescal.exporting.verify.limits import limit
+from bayescal.verifying.levels import limit
 
 EFFECTS = (*BASE, "base-compliance", "coupling", "backlash")
 

@@ -16,7 +16,7 @@ from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
 from bayescal.exporting.mjcf.replay import Replay, Simulated
-from bayescal.exporting.verify.limits import limit
+from bayescal.verifying.levels import limit
 
 SCENE = Path(__file__).with_name("ur5e_scene.xml").read_text()
 ELASTIC = (*BASE, "base-compliance")

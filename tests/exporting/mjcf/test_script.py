@@ -14,10 +14,9 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 
 from analysis.simulators import BASE, differences, drawn
 from bayescal.exporting.export import export
+from bayescal.exporting.mjcf.format import replay_table
 from bayescal.exporting.mjcf.replay import Replay
-from bayescal.exporting.mjcf.script import replay_table
-from bayescal.exporting.verify.levels import File
-from bayescal.exporting.verify.replay import Place
+from bayescal.verifying.levels import File, Place
 
 SCENE = Path(__file__).with_name("ur5e_scene.xml")
 EFFECTS = (*BASE, "encoder-scale", "coupling", "eccentricity", "gear-mesh@100", "backlash")

@@ -16,12 +16,10 @@ from analysis.simulators import BASE, CASES, differences, drawn
 from bayescal.arm.motion import Term
 from bayescal.effects.location import joint
 from bayescal.errors import BayescalError
-from bayescal.exporting.mjcf.new_file import mjcf
-from bayescal.exporting.verify.levels import File
-from bayescal.exporting.verify.limits import limit
-from bayescal.exporting.verify.replay import Machine, Place, modelled, replayed
+from bayescal.exporting.mjcf.format import mjcf
 from bayescal.model import with_parameters
 from bayescal.simulation import Options, simulate
+from bayescal.verifying.levels import File, Machine, Place, limit, modelled, replayed
 
 POSES = 8
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayescal.exporting.mjcf.spring import CLOSE, linear, spring_of
+from bayescal.exporting.mjcf.elastic import CLOSE, linear, spring_of
 
 TORQUE = 40.0 * np.linspace(0.0, 1.0, 1501)[1:] ** 2
 FINE = np.linspace(-40.0, 40.0, 4001)

@@ -165,7 +165,7 @@ def test_a_file_that_pinocchio_alone_refuses_is_refused(run, urdf, monkeypatch):
 
 def test_before_and_after_of_a_urdf_are_of_its_geometry(run, urdf, monkeypatch):
     """Of a baseline with compliance, a URDF would lack the compliance too."""
-    from bayescal.exporting.verify import result
+    from bayescal.verifying import result
 
     monkeypatch.setattr(
         result, "read_reported", lambda folder: result.Reported(baseline=("geometry", "compliance"))

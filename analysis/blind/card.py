@@ -1,0 +1,225 @@
+"""The score card: a terminal summary, and the tables of a documentation page."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from analysis.blind.rows import bands, by_form, by_lambda, number, rows
+from bayescal.errors import BayescalError
+from bayescal.reporting.shared.text import facts, plain_table
+from bayescal.storage.files import write_together
+
+BEGIN, END = "<!-- blind: begin -->", "<!-- blind: end -->"
+KINDS = {
+    "null": "noise only",
+    "single": "one effect",
+    "pair": "two effects",
+    "outside": "not in the list of known effects",
+}
+MET = {True: Text("yes", style="green"), False: Text("no", style="yellow"), None: Text("")}
+ALTERNATIVE = {
+    "blind-lambda.png": "Share of correct answers by detectability lambda",
+    "blind-reliability.png": "Reliability: stated probability and observed frequency; log score",
+    "blind-shrinkage.png": "Reduction of validation errors, predicted and achieved",
+    "blind-confusion.png": "Confusion matrix",
+}
+"""Figures of a page in their order, and their alternative texts."""
+SUMS = {"code": "code_sha256", "sealed truth": "truth_sha256", "answers": "answers_sha256"}
+
+
+def terminal(found: Mapping[str, Any]) -> RenderableType:
+    """The figures on one screen, at most 100 columns wide."""
+    title = Text.assemble((f"{found['worlds']} simulated sessions", "bold"), f"  {kinds(found)}")
+    bins = found["reliability"]
+    strength = plain_table("by detectability", *bands())
+    for label, cells in by_lambda(found):
+        strength.add_row(label, *cells)
+    stated = plain_table("probability stated", *(span(b["bin"]) for b in bins))
+    for label, cells in reliability(found):
+        stated.add_row(label, *cells)
+    parts: list[RenderableType] = [
+        title,
+        "",
+        _figures(found),
+        "",
+        strength,
+        "",
+        stated,
+        "",
+        facts((*_forms(found), *_misses(found))),
+    ]
+    return Group(*parts)
+
+
+def _figures(found: Mapping[str, Any]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
+    for heading in ("criterion", "result (95 %)", "required", ""):
+        table.add_column(heading)
+    for row in rows(found):
+        table.add_row(row.label, row.found, row.wanted, MET[row.met if row.wanted else None])
+    return table
+
+
+def kinds(found: Mapping[str, Any]) -> str:
+    """'48 noise only, 120 one effect, ...'."""
+    return ", ".join(f"{found['kinds'][kind]} {words}" for kind, words in KINDS.items())
+
+
+def span(ends: tuple[float, float]) -> str:
+    """A bin of probabilities."""
+    return f"{ends[0]:g}-{ends[1]:g}"
+
+
+def reliability(found: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
+    """Rows of the reliability table, a cell per bin."""
+    bins = found["reliability"]
+    return [
+        ("count", [str(b["count"]) for b in bins]),
+        ("mean", [f"{b['said']:.2f}" for b in bins]),
+        ("observed frequency", [f"{b['held']:.2f}" for b in bins]),
+        ("95 % band", ["{:.2f}-{:.2f}".format(*b["band95"]) for b in bins]),
+    ]
+
+
+def _forms(found: Mapping[str, Any]) -> Iterable[tuple[str, str, str]]:
+    every = found["forms"]["effects"].items()
+    missed = [
+        f"{name} ({form}) {s['count'] - s['hits']} of {s['count']}"
+        for name, forms in every for form, s in forms.items() if s["hits"] < s["count"]
+    ]  # fmt: skip
+    yield "forms not named, lambda from 30", "; ".join(missed) or "none", ""
+
+
+def _misses(found: Mapping[str, Any]) -> Iterable[tuple[str, str, str]]:
+    reasons = "; ".join(f"{title} {count}" for title, count in found["reasons"].items())
+    yield f"misses ({len(found['misses'])})", reasons or "none", ""
+
+
+def page(path: Path, found: Mapping[str, Any], about: Mapping[str, Any], folder: Path) -> None:
+    """Replace the tables between the marks of a Markdown page, and its figures.
+
+    Parameters
+    ----------
+    path : Path
+        The page; the figures are written to ``pictures/`` in its folder.
+    found : Mapping
+        As `score.figures` returns it.
+    about : Mapping
+        ``truth_sha256``, ``answers_sha256``, ``software``, ``code_sha256``, ``worlds``, ``seed`` and, where
+        given, ``note``: when and at which commit thresholds were frozen.
+    folder : Path
+        The score folder that holds the pictures.
+
+    Raises
+    ------
+    BayescalError
+        Where the page cannot be read or has no marks.
+    """
+    shown = [name for name in ALTERNATIVE if (folder / name).is_file()]
+    between(path, (BEGIN, END), tables(found, about, shown))
+    for name in shown:
+        (path.parent / "pictures").mkdir(exist_ok=True)
+        shutil.copyfile(folder / name, path.parent / "pictures" / name)
+
+
+def between(path: Path, marks: tuple[str, str], text: str) -> None:
+    """Replace the text between two marks of a page; the rest does not change.
+
+    Raises
+    ------
+    BayescalError
+        Where the page cannot be read or has no marks.
+    """
+    begin, end = marks
+    try:
+        before, rest = path.read_text(encoding="utf-8").split(begin, 1)
+        _, after = rest.split(end, 1)
+    except OSError as error:
+        raise BayescalError(error.strerror or "cannot be read", str(path)) from None
+    except ValueError:
+        raise BayescalError(
+            "the page has no marks for the tables", str(path), f"add {begin} and {end}"
+        ) from None
+    write_together({path: f"{before}{begin}\n{text}\n{end}{after}"})
+
+
+def tables(found: Mapping[str, Any], about: Mapping[str, Any], pictures: Iterable[str] = ()) -> str:
+    """The figures as Markdown."""
+    bins = found["reliability"]
+    strength = [(label, *cells) for label, cells in by_lambda(found)]
+    stated = [(label, *cells) for label, cells in reliability(found)]
+    judged = [(r.label, r.found, r.wanted, str(MET[r.met if r.wanted else None])) for r in rows(found)]
+    score = [(KINDS[kind], s["count"], number(s["mean"], 2), number(s["base"], 2))
+             for kind, s in (found["log_score"] or {"kinds": {}})["kinds"].items()]  # fmt: skip
+    blocks = [
+        origin(found, about),
+        table(["criterion", "result (Wilson 95 %)", "required", "met"], judged),
+        table(["by detectability lambda", *bands()], strength),
+        table(["probability stated", *(span(b["bin"]) for b in bins)], stated),
+        table(["effect, lambda from 30", "form", "named (Wilson 95 %)"], by_form(found)),
+        table(["log score (nats)", "sessions", "answers", "base rates"], score),
+        "\n\n".join(f"![{ALTERNATIVE[name]}](pictures/{name})" for name in pictures),
+        _worse(found),
+        f"**{len(found['misses'])} misses by reason**",
+        *(_of_reason(found, title) for title in found["reasons"]),
+    ]
+    return "\n\n".join(block for block in blocks if block)
+
+
+def origin(found: Mapping[str, Any], about: Mapping[str, Any]) -> str:
+    """Origin of the results, in lines that can be checked."""
+    frozen = about.get("note") or "date of freezing the thresholds not recorded"
+    software = ", ".join(f"{name} {version}" for name, version in about.get("software", {}).items())
+    sums = ", ".join(f"{what} {_short(about, key)}" for what, key in SUMS.items())
+    lines = [
+        f"{found['worlds']} simulated sessions of {_drawn(about)}: {kinds(found)}.",
+        f"Frozen: {frozen}. SHA-256: {sums}. Software: {software or 'not recorded'}.",
+    ]
+    return "\n".join(lines)
+
+
+def _drawn(about: Mapping[str, Any]) -> str:
+    """Seed of the sessions, generator if it is not the first, and whether reserved causes were drawn."""
+    version = about.get("generator", 1)
+    words = [f"seed {about.get('seed', 'not recorded')}"]
+    words += [f"generator {version}"] if version > 1 else []
+    return ", ".join(words + (["reserved causes included"] if about.get("reserved") else []))
+
+
+def _short(about: Mapping[str, Any], key: str) -> str:
+    return f"`{str(about.get(key) or 'not recorded')[:16]}`"
+
+
+def _worse(found: Mapping[str, Any]) -> str:
+    each = (f"{world} ({old:.1f} to {new:.1f} µm)" for world, (old, new) in found["worse"].items())
+    return f"Sphere distance errors increased by more than 5 %: {', '.join(each) or 'none'}."
+
+
+def _of_reason(found: Mapping[str, Any], title: str) -> str:
+    own = [m for m in found["misses"] if m["reason"] == title]
+    lines = [f"{title} ({len(own)}):", ""]
+    for m in own:
+        at = f" at {m['acts_at']}" if m["acts_at"] else ""
+        said = m["named"] or "no effect named"
+        line = f"- {m['world']}: {m['truth']}{at} (lambda {m['lambda'] or 0}): {m['verdict']}, {said}"
+        detail = f"; {m['detail']}" if m["detail"] not in line else ""
+        lines.append(f"{line} ({m['leaders']}){detail}")
+    return "\n".join(lines)
+
+
+def table(headings: Iterable[str], lines: Iterable[Iterable[object]]) -> str:
+    """A Markdown table; "" without lines."""
+    body = [f"| {' | '.join(map(str, line))} |" for line in lines]
+    head = list(headings)
+    return (
+        "\n".join([f"| {' | '.join(head)} |", f"| {' | '.join('---' for _ in head)} |", *body])
+        if body
+        else ""
+    )

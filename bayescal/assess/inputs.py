@@ -1,0 +1,341 @@
+"""Sources of error of a calibration, and how each changes its unknowns.
+
+The error of the unknowns z of a fit is linear in independent errors: of the poses, of the certificates, of
+the prior values, of the stated masses, and of the functions of the model discrepancy
+(`estimate.discrepancy.Stated`). With a factor
+B_i for each source, the covariance that the fit states is the sum of B_i B_i', without a remainder.
+
+Centres of targets as quantities: of fitted targets, and of those located from rows of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf
+
+import numpy as np
+
+from bayescal.dataset import Certificate
+from bayescal.errors import BayescalError
+from bayescal.estimate import STATED_WORTH, Estimate
+from bayescal.estimate.discrepancy import Stated
+from bayescal.estimate.families import poses
+from bayescal.model import ARM, ORIENTATION, Block, Constraint, Scene
+from bayescal.model.scene import u_of
+from bayescal.predict.targets import LocatedTarget, Prepared, centre_of, certified_diameters, prepared
+
+NOISE, READINGS, CERTIFICATE, PRIOR = "noise", "joint readings", "certificate", "prior value"
+DISCREPANCY, UNEXPLAINED, PROBING = "model discrepancy", "unexplained error", "location of the measurand"
+MASSES = "masses and centres of mass"
+GROUPS = (NOISE, READINGS, CERTIFICATE, PRIOR, MASSES, DISCREPANCY, UNEXPLAINED, PROBING)
+"""Groups of components."""
+NORMAL = "normal"
+"""Distribution of every input: certificates and priors are stated by a standard uncertainty."""
+
+
+@dataclass(frozen=True)
+class Input:
+    """A source of error; SI.
+
+    `evaluation` is "A" (from the statistics of this session) or "B" (stated). `value` and `u` are None where
+    inputs of several values form one component.
+    """
+
+    group: str
+    name: str
+    evaluation: str
+    unit: str
+    value: float | None
+    u: float | None
+    dof: float = inf
+    common: str = ""  # name of the component of several such inputs
+    scale: str = ""  # the estimate of variance that u is from, where other inputs have the same
+    distribution: str = NORMAL
+
+
+Own = tuple[Input, np.ndarray]
+"""An input and the changes (K, M) of K quantities by its M independent unit errors."""
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What a fit states: its unknowns with their covariance, and what it leaves unexplained.
+
+    Parameters
+    ----------
+    stated : Stated
+    excess : float
+        m, unexplained error of each coordinate of a point, beyond the model discrepancy.
+    excess_dof : float
+        Its effective degrees of freedom.
+    known : Prepared, optional
+        Validation measurements and located targets of `stated.wide`, where they are known.
+    """
+
+    stated: Stated
+    excess: float = 0.0
+    excess_dof: float = inf
+    known: Prepared | None = None
+
+    @cached_property
+    def propagated(self) -> tuple[Propagated, ...]:
+        """All inputs of the fit."""
+        return propagated(self.stated)
+
+    @cached_property
+    def prepared(self) -> Prepared:
+        """Validation measurements, and the targets that are located from them."""
+        return self.known or prepared(self.stated.wide, strict=False)
+
+    def unexplained(self) -> Input:
+        """The unexplained error of a coordinate."""
+        return Input(UNEXPLAINED, UNEXPLAINED, "A", "m", 0.0, self.excess, self.excess_dof)
+
+
+@dataclass(frozen=True)
+class Propagated:
+    """An input and the changes (D', M) of the unknowns of `Stated.wide` by its M independent unit errors.
+
+    `targets` (M,) names the target that each error was measured on, where there are such.
+    """
+
+    input: Input
+    by: np.ndarray
+    targets: np.ndarray | None = None
+
+
+def propagated(stated: Stated) -> tuple[Propagated, ...]:
+    """All inputs of a fit; the sum of their ``by @ by.T`` is the covariance of `stated.wide`."""
+    size = len(stated.wide.z)
+
+    def wide(by: np.ndarray) -> np.ndarray:
+        out = np.zeros((size, by.shape[1]))
+        out[stated.own] = by
+        return out
+
+    plain = (*_noise(stated), *_certificates(stated.plain), *_priors(stated.plain))
+    return (*(replace(p, by=wide(p.by)) for p in plain), *_functions(stated))
+
+
+def reading_shares(found: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
+    """Share (C,) of the variance of a block's rows that noise of the joint readings has; z (size,)."""
+    scene = found.model.scene
+    joint = scene.dataset.noise.joint
+    if joint <= 0:
+        return np.zeros(len(block.rows))
+    values = found.model.deviations(found.z[found.model.slices[ARM]])
+    by = block.by_readings(values, z, scene.dataset.robot.link_from_reading)
+    of_readings = joint**2 * np.sum(by**2, axis=1).reshape(block.kind.rows, -1)
+    return np.asarray(np.mean(of_readings / (of_readings + block.sigma**2), axis=0))
+
+
+def _noise(stated: Stated) -> Iterator[Propagated]:
+    """Noise of the poses, by the groups of noise of their rows; with the share of the joint readings."""
+    found = stated.plain
+    model, scene = found.model, found.model.scene
+    kept = {b.name: found.weights.row[b.name] > 0 for b in model.blocks}
+    rows = np.unique(np.concatenate([b.rows[kept[b.name]] for b in model.blocks]))
+    pose = poses(scene.dataset.measurements, rows)
+    share, groups = np.zeros(len(rows)), [list[str]() for _ in range(pose.max() + 1)]
+    for block in model.blocks:
+        at = np.searchsorted(rows, block.rows[kept[block.name]])
+        if block.group != ORIENTATION:  # read together with a point of the same row
+            share[at] = reading_shares(found, block, found.z[model.slices[block.target]])[kept[block.name]]
+        for p in np.unique(pose[at]):
+            if block.group not in groups[p]:
+                groups[p].append(block.group)
+    label = np.array([" and ".join(sorted(own)) for own in groups])[pose]
+    names = np.array([t.name for t in scene.dataset.targets])[scene.dataset.measurements.target]
+    at = np.searchsorted(rows, stated.noise_rows)
+    for name in dict.fromkeys(label.tolist()):
+        own = np.flatnonzero(label[at] == name)
+        dof = sum(found.dof[g] for g in name.split(" and ")) + STATED_WORTH
+        u, u_reading = _sizes(stated, name.split(" and ")[0])
+        part, targets, by = share[at[own]], names[stated.noise_rows[own]], stated.noise[:, own]
+        unit = "rad" if name == ORIENTATION else "m"
+        noise = Input(NOISE, f"noise of {_plural(name)}", "A", unit, 0.0, u, dof, scale=name)
+        yield Propagated(noise, by * np.sqrt(1.0 - part), targets)
+        if np.any(part):
+            readings = Input(
+                READINGS, f"noise of joint readings ({_plural(name)})", "A", "rad", 0.0, u_reading, dof,
+                scale=name,
+            )  # fmt: skip
+            yield Propagated(readings, by * np.sqrt(part), targets)
+
+
+def _plural(group: str) -> str:
+    """``contacts``, ``points and orientations``, ``contacts of session 2``."""
+    each = (part.partition(" of ") for part in group.split(" and "))
+    return " and ".join(f"{noun}s{of}{session}" for noun, of, session in each)
+
+
+def _sizes(stated: Stated, group: str) -> tuple[float, float]:
+    """Standard uncertainty of one residual of a group without the readings' part, and of one reading; SI."""
+    found = stated.plain
+    scale = found.weights.scale[group] * float(np.sqrt(stated.white))
+    own = np.concatenate([np.tile(b.sigma, b.kind.rows) for b in found.model.blocks if b.group == group])
+    return scale * float(np.sqrt(np.mean(own**2))), scale * found.model.scene.dataset.noise.joint
+
+
+def _certificates(found: Estimate) -> Iterator[Propagated]:
+    """Every certificate that was fitted: its length and its angles."""
+    model = found.model
+    first = sum(b.residuals for b in model.blocks)
+    for constraint, entry in zip(model.constraints, _entries(model.scene, model.constraints), strict=True):
+        by = found.covariance @ found.linear.jacobian[first : first + constraint.rows].T
+        first += constraint.rows
+        if entry.points is not None:
+            name = f"certificate: coordinates of {entry.points.artefact}"
+            common = "certificates of the distances"
+            yield Propagated(Input(CERTIFICATE, name, "B", "m", None, None, common=common), by)
+            continue
+        units = np.array([unit for _, unit in model.scene.stated(entry)])
+        for unit in dict.fromkeys(units.tolist()):
+            own = np.flatnonzero(units == unit)
+            yield Propagated(certificate_input(entry, unit, float(constraint.u[own[0]])), by[:, own])
+
+
+def certificate_input(entry: Certificate, unit: str, u: float) -> Input:
+    """The component of the length, or of the angles, of a certificate."""
+    what = {"m": "diameter" if entry.kind == "diameter" else "distance", "rad": entry.kind}[unit]
+    name = f"certificate: {what} {' - '.join(entry.targets)}"
+    value = entry.distance if unit == "m" else None
+    return Input(CERTIFICATE, name, "B", unit, value, u, common="certificates of the distances")
+
+
+def _entries(scene: Scene, constraints: Sequence[Constraint]) -> Iterator[Certificate]:
+    """The certificate of each constraint; constraints have the order of the certificates."""
+    entries = iter(scene.dataset.certificates)
+    for constraint in constraints:
+        for entry in entries:
+            if entry.points is not None and constraint.kind == entry.kind:
+                yield entry
+                break
+            if (entry.kind, entry.targets) == (constraint.kind, constraint.targets) and scene.stated(entry):
+                assert np.array_equal(u_of(entry, scene.stated(entry)), constraint.u)
+                yield entry
+                break
+
+
+def _priors(found: Estimate) -> Iterator[Propagated]:
+    """The prior value of every unknown."""
+    model = found.model
+    sd = np.concatenate([model.sd, *(b.sd for b in model.states)])
+    centre = np.concatenate([[p.centre for p in model.parameters], *(0.0 * b.sd for b in model.states)])
+    for k, name in enumerate(model.names):
+        stated = Input(
+            PRIOR, f"prior value of {name}", "B", model.units[k], float(centre[k]), float(sd[k]),
+            common="other prior values",
+        )  # fmt: skip
+        yield Propagated(stated, found.covariance[:, [k]])
+
+
+def _functions(stated: Stated) -> Iterator[Propagated]:
+    """The functions of every family, then masses, with the biases of the parameters that they cause."""
+    extra = np.setdiff1d(np.arange(len(stated.wide.z)), stated.own)
+    for name in stated.families:
+        count = stated.slopes[name].shape[1]
+        own, extra = extra[:count], extra[count:]
+        # of normals f: the parameters are off by -A f, the function itself by f
+        by = stated.wide.covariance[:, own]
+        p = stated.wide.model.parameters[own[0]]
+        yield Propagated(
+            Input(DISCREPANCY, f"model discrepancy: {name}", "A", p.unit, 0.0, p.sd, stated.dof[name]), by
+        )
+    if len(extra):
+        yield Propagated(Input(MASSES, MASSES, "B", "1", None, None), stated.wide.covariance[:, extra])
+
+
+@dataclass(frozen=True)
+class Centre:
+    """A centre (3,), m, in F0: its slopes (3, D') by the unknowns of a fit, and errors of its own."""
+
+    at: np.ndarray
+    by_z: np.ndarray
+    own: tuple[Own, ...]
+
+
+def centre(basis: Basis, name: str) -> Centre:
+    """The centre of a target that was fitted or is located from validation measurements.
+
+    Raises
+    ------
+    BayescalError
+        If the session has no such target, or it has no centre, or no rows.
+    """
+    wide = basis.stated.wide
+    model, scene = wide.model, wide.model.scene
+    centred = [t.name for t in scene.dataset.targets if scene.declared_of(t.name).centred]
+    if name not in centred:
+        there = f"those with a centre: {', '.join(centred)}" if centred else "this session has none"
+        raise BayescalError(f"there is no target `{name}` with a centre", "--distance", there)
+    if name in model.block_of:
+        block, z = model.block_of[name], wide.z[model.slices[name]]
+        by_z = np.zeros((3, model.size))
+        by_z[:, model.slices[name]] = block.by_z(_slopes_of_centre(block.kind.sd))
+        return Centre(centre_of(block, block.state(z)), by_z, ())
+    known = basis.prepared.located
+    if name not in known:
+        what = f"{name} has no measurements that are fitted or validate"
+        raise BayescalError(what, "--distance", "name targets that were measured")
+    t = known[name]
+    by_z = np.zeros((3, model.size))
+    by_z[:, model.slices[ARM]] = t.to_state[:3] @ t.by_arm
+    return Centre(t.centre, by_z, tuple(own_errors(basis, t, t.to_state[:3])))
+
+
+def _slopes_of_centre(sd: np.ndarray) -> np.ndarray:
+    """Slopes (3, kind size) of a centre by the state of its target: the first three components."""
+    return np.eye(3, len(sd))
+
+
+def own_errors(basis: Basis, t: LocatedTarget, by: np.ndarray) -> Iterator[Own]:
+    """Errors of locating a target, for quantities with slopes `by` (K, m) by its unknowns."""
+    wide, name = basis.stated.wide, t.block.target
+    scene = wide.model.scene
+    fitted = t.block.group in wide.weights.scale
+    factor = float(np.sqrt(basis.stated.white)) if fitted else 1.0
+    dof = wide.dof[t.block.group] + STATED_WORTH if fitted else np.inf
+    share = np.tile(reading_shares(wide, t.block, t.z), t.block.kind.rows)
+    by_noise, evaluation = factor * by @ t.by_noise, "A" if fitted else "B"
+    u = factor * float(np.sqrt(np.mean(t.noise**2 * (1.0 - share))))
+    count = len(t.block.rows)
+    what = f"location of {name} ({count} measurements)"
+    probed = Input(
+        PROBING, what, evaluation, "m", 0.0, u, dof, "location of the measured targets", t.block.group
+    )
+    yield probed, by_noise * np.sqrt(1.0 - share)
+    if np.any(share):
+        u = factor * scene.dataset.noise.joint * (wide.weights.scale[t.block.group] if fitted else 1.0)
+        what, common = f"joint readings at {name}", "joint readings at the measured targets"
+        yield (
+            Input(PROBING, what, evaluation, "rad", 0.0, u, dof, common, t.block.group),
+            by_noise * np.sqrt(share),
+        )
+    yield from _located_priors(t, by, name in certified_diameters(scene))
+    if basis.excess:
+        of_rows = scene.declared_of(name).of_instrument
+        yield basis.unexplained(), basis.excess * by @ (t.gain if of_rows else t.by_shift)
+
+
+def _located_priors(t: LocatedTarget, by: np.ndarray, certified: bool) -> Iterator[Own]:
+    """What was stated of a target: its certified diameter, its position, the centre of its tool."""
+    name, parts = t.block.target, t.block.kind.parts
+    for k, at in enumerate(t.block.free):
+        part, unit = parts[at]
+        prior = Input(
+            PROBING, f"stated {part} of {name}", "B", unit, 0.0, float(t.block.sd[k]),
+            common="stated positions of the measured targets",
+        )  # fmt: skip
+        if part == "diameter":
+            nominal = float(t.block.kind.describe(np.zeros(len(parts)))["diameter"])
+            what = f"{'certificate' if certified else 'stated'}: diameter {name}"
+            prior = replace(
+                prior, group=CERTIFICATE, name=what, value=nominal, common="diameters of the measured targets"
+            )
+        yield prior, by @ t.by_prior[:, [k]]
+    for k in range(len(t.block.free), len(t.by_prior)):
+        what = f"stated tool of {name}, {'xyz'[k - len(t.block.free)]}"
+        yield Input(PROBING, what, "B", "m", 0.0, t.tool_sd, common="stated tools"), by @ t.by_prior[:, [k]]

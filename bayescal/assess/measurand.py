@@ -1,0 +1,277 @@
+"""Quantities whose uncertainty is stated: linear in the unknowns of a fit and in errors of their own.
+
+Distances have errors of their own: the contacts that locate their ends, the certificate that they are
+compared with, and what neither noise nor parameters explain.
+
+Distances between points that an instrument read in validation measurements, as a measurand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.assess.inputs import (
+    PROBING,
+    UNEXPLAINED,
+    Basis,
+    Input,
+    Own,
+    centre,
+    certificate_input,
+    own_errors,
+    reading_shares,
+)
+from bayescal.errors import BayescalError
+from bayescal.estimate import STATED_WORTH
+from bayescal.model import ARM
+from bayescal.predict.errors import evenly, far_pairs, lengths, slopes
+from bayescal.predict.forecast import POINTS, READINGS, SMALLEST, workspace
+from bayescal.predict.targets import RowPrediction
+
+DISTANCE, DISTANCES, POINT, PARAMETER = "distance", "distances", "point", "parameter"
+"""Kinds of measurands."""
+
+
+@dataclass(frozen=True)
+class Measurand:
+    """K quantities whose errors are linear in the unknowns of a fit, and in errors of their own.
+
+    Attributes
+    ----------
+    kind, name, unit : str
+        Unit in SI.
+    value : float or None
+        None where the measurand is any of several distances.
+    by_z : np.ndarray, shape (K, D')
+        Slopes by the unknowns of `Stated.wide`.
+    own : tuple of Own
+    any_of : bool
+        The measurand is any one of the K quantities (a distance in the volume); else all K together (the
+        coordinates of a point): its error is then the length of their vector.
+    position : np.ndarray, shape (3,), optional
+        m in F0, of a point.
+    values : tuple of float
+        Of each of several distances, where they were measured.
+    """
+
+    kind: str
+    name: str
+    unit: str
+    value: float | None
+    by_z: np.ndarray
+    own: tuple[Own, ...] = ()
+    any_of: bool = False
+    position: np.ndarray | None = None
+    values: tuple[float, ...] = ()
+
+    @property
+    def weight(self) -> float:
+        """Factor of the sum of the K variances: their mean, or their sum."""
+        return 1.0 / max(len(self.by_z), 1) if self.any_of else 1.0
+
+
+def certified_distances(basis: Basis) -> tuple[tuple[str, str], ...]:
+    """Certified distances of the session between centres that were not fitted."""
+    known = basis.prepared.located
+    return tuple(
+        (c.targets[0], c.targets[1])
+        for c in basis.stated.wide.model.scene.dataset.certificates
+        if c.kind == "distance" and all(name in known for name in c.targets)
+    )
+
+
+def distance(basis: Basis, between: tuple[str, str]) -> Measurand:
+    """Error of the distance between two centres, as the arm measures it; its value is none if not certified.
+
+    Raises
+    ------
+    BayescalError
+        If a target has no centre or no rows.
+    """
+    (first, second) = between
+    if first == second:
+        raise BayescalError(f"both ends are {first}", "--distance", "name two targets")
+    a, b = centre(basis, first), centre(basis, second)
+    apart = a.at - b.at
+    length = float(np.linalg.norm(apart))
+    along = (apart / length)[None]
+    own: list[Own] = [(one, along @ by) for end in (a, b) for one, by in end.own]
+    name, value = f"distance {first} - {second}", length
+    model = basis.stated.wide.model
+    for c in model.scene.dataset.certificates:
+        fitted = set(c.targets) <= model.block_of.keys()  # then the certificate is an input of the fit
+        if c.kind == "distance" and set(c.targets) == {first, second} and not fitted:
+            u = c.u_distance or 0.0
+            own.append((certificate_input(c, "m", u), np.array([[u]])))
+            name, value = f"error of the distance {first} - {second}", length - (c.distance or 0.0)
+    return Measurand(DISTANCE, name, "m", value, along @ (a.by_z - b.by_z), _merged(own))
+
+
+def distances(basis: Basis, pairs: Sequence[tuple[str, str]], name: str) -> Measurand:
+    """Error of any one of several distances."""
+    each = [distance(basis, pair) for pair in pairs]
+    own: list[Own] = []
+    for k, one in enumerate(each):
+        for source, by in one.own:
+            rows = np.zeros((len(each), by.shape[1]))
+            rows[k] = by
+            own.append((source, rows))
+    by_z, values = np.concatenate([m.by_z for m in each]), tuple(m.value or 0.0 for m in each)
+    return Measurand(DISTANCES, name, "m", None, by_z, in_common(_merged(own)), any_of=True, values=values)
+
+
+def volume(basis: Basis) -> Measurand:
+    """Error of a distance between two points of the probed volume, for the pairs that a fit predicts."""
+    wide = basis.stated.wide
+    space = workspace(wide)
+    count = len(space.pairs)
+    by_z = np.zeros((count, wide.model.size))
+    if count:
+        by_z[:, wide.model.slices[ARM]] = slopes(wide.model, space.motion, space.values, space.pairs)
+    own: tuple[Own, ...] = ()
+    if basis.excess:
+        # each of the two ends has its own error along the distance
+        own = ((basis.unexplained(), np.full((count, 1), np.sqrt(2.0) * basis.excess)),)
+    name = f"error of a distance in the probed volume ({count} distances)"
+    return Measurand(DISTANCES, name, "m", None, by_z, own, any_of=True)
+
+
+def parameter(basis: Basis, name: str) -> Measurand:
+    """A parameter of the arm or a component of a target's position.
+
+    Raises
+    ------
+    BayescalError
+        If the model has no parameter of this name.
+    """
+    plain, wide = basis.stated.plain, basis.stated.wide
+    names = plain.model.names
+    if name not in names:
+        what = f"the model has no parameter `{name}`"
+        raise BayescalError(what, "--parameter", f"parameters: {', '.join(names)}")
+    k = names.index(name)
+    sd = np.concatenate([plain.model.sd, *(b.sd for b in plain.model.states)])
+    by_z = np.zeros((1, wide.model.size))
+    by_z[:, basis.stated.own] = sd[k] * basis.stated.limit[[k]]
+    value = float(plain.model.physical(plain.z)[k])
+    return Measurand(PARAMETER, f"parameter {name}", plain.model.units[k], value, by_z)
+
+
+def _merged(own: Sequence[Own]) -> tuple[Own, ...]:
+    """Errors of the same input added; the unexplained ones, which are of different points, side by side."""
+    out: dict[str, Own] = {}
+    for source, by in own:
+        if source.name in out and source.group == UNEXPLAINED:
+            by = np.concatenate([out[source.name][1], by], axis=1)
+        elif source.name in out:
+            by = out[source.name][1] + by
+        out[source.name] = (source, by)
+    return tuple(out.values())
+
+
+def in_common(own: Sequence[Own]) -> tuple[Own, ...]:
+    """Independent inputs of many targets as a few components: by their common names."""
+    groups: dict[str, list[Own]] = {}
+    for source, by in own:
+        groups.setdefault(source.common or source.name, []).append((source, by))
+    out: list[Own] = []
+    for name, each in groups.items():
+        first = each[0][0]
+        u = {source.u for source, _ in each}
+        values = {source.value for source, _ in each}
+        both = replace(
+            first, name=name, u=first.u if len(u) == 1 else _rms(u),
+            value=first.value if len(values) == 1 else None,
+        )  # fmt: skip
+        out.append((both, np.concatenate([by for _, by in each], axis=1)))
+    return tuple(out)
+
+
+def _rms(each: Iterable[float | None]) -> float | None:
+    known = [u for u in each if u is not None]
+    return float(np.sqrt(np.mean(np.square(known)))) if known else None
+
+
+NAME = f"error of a distance between {READINGS}"
+
+
+def readings(basis: Basis) -> Measurand | None:
+    """Error of any distance between readings of one target, for the pairs that a fit predicts."""
+    wide = basis.stated.wide
+    scene = wide.model.scene
+    by_z, own = [np.zeros((0, wide.model.size))], list[Own]()
+    for r in basis.prepared.rows:
+        xyz = scene.dataset.measurements.xyz
+        if xyz is None or r.block.kind.rows != 3 or scene.declared_of(r.block.target).reads != "xyz":
+            continue
+        pick = evenly(len(r.block.rows), POINTS)
+        at = xyz[r.block.rows[pick]].T
+        pairs = far_pairs(at)
+        if np.max(lengths(at, pairs), initial=0.0) < SMALLEST:
+            continue
+        by = _by_residuals(at, pairs, pick, len(r.block.rows))
+        before = sum(len(part) for part in by_z)
+        by_z.append(by @ _slopes(r))
+        for source, errors in _own(basis, r, by):
+            own.append((source, np.pad(errors, ((before, 0), (0, 0)))))
+    count = sum(len(part) for part in by_z)
+    if not count:
+        return None
+    padded = [(source, np.pad(by, ((0, count - len(by)), (0, 0)))) for source, by in own]
+    name = f"{NAME} ({count} distances)"
+    return Measurand(DISTANCES, name, "m", None, np.concatenate(by_z), in_common(padded), any_of=True)
+
+
+def _by_residuals(at: np.ndarray, pairs: np.ndarray, pick: np.ndarray, count: int) -> np.ndarray:
+    """Slopes (K, 3 C) of the distances of pairs of points `at` (3, N) by the residuals of all C rows."""
+    first, second = pairs.T
+    apart = at[:, first] - at[:, second]
+    along = apart / np.linalg.norm(apart, axis=0)
+    out = np.zeros((len(pairs), 3, count))
+    k = np.arange(len(pairs))
+    for axis in range(3):
+        out[k, axis, pick[first]] += along[axis]
+        out[k, axis, pick[second]] -= along[axis]
+    return out.reshape(len(pairs), 3 * count)
+
+
+def _slopes(r: RowPrediction) -> np.ndarray:
+    """Slopes (R, D') of the residuals by the unknowns of a fit, with the target located anew."""
+    out = -r.by_z
+    if r.target is not None:
+        out[:, : r.target.by_arm.shape[1]] -= r.by_target @ r.target.by_arm
+    return out
+
+
+def _own(basis: Basis, r: RowPrediction, by: np.ndarray) -> list[Own]:
+    """Errors of the readings themselves, and of locating their target; `by` (K, R)."""
+    wide = basis.stated.wide
+    fitted = r.block.group in wide.weights.scale
+    factor = float(np.sqrt(basis.stated.white)) if fitted else 1.0
+    dof = wide.dof[r.block.group] + STATED_WORTH if fitted else np.inf
+    z = wide.z[wide.model.slices[r.block.target]] if r.target is None else r.target.z
+    share = np.tile(reading_shares(wide, r.block, z), r.block.kind.rows)
+    noise = factor * r.noise
+    kind = "A" if fitted else "B"
+    u = float(np.sqrt(np.mean(noise**2 * (1.0 - share))))
+    scale = r.block.group
+    read = Input(PROBING, "noise of the compared readings", kind, "m", 0.0, u, dof, scale=scale)
+    joint = factor * wide.model.scene.dataset.noise.joint * wide.weights.scale.get(r.block.group, 1.0)
+    turned = Input(
+        PROBING, "joint readings at the compared rows", kind, "rad", 0.0, joint, dof, scale=r.block.group
+    )
+    # rows that locate their target: their errors change the target too
+    each = by if not r.own or r.target is None else by + by @ r.by_target @ r.target.gain
+    out: list[Own] = [(read, each * (noise * np.sqrt(1.0 - share)))]
+    if np.any(share):
+        out.append((turned, each * (noise * np.sqrt(share))))
+    if basis.excess and r.target is not None:  # the noise scale of fitted targets includes it
+        instrument = wide.model.scene.declared_of(r.block.target).of_instrument
+        out.append((basis.unexplained(), basis.excess * (each if instrument else by @ r.by_point)))
+    if r.target is not None:
+        found = own_errors(basis, r.target, -by @ r.by_target)
+        out += [one for one in found if not r.own or one[0].evaluation == "B"]
+    return out

@@ -1,1 +1,0 @@
-"""A dataset before anything is fitted: what is understood, what is missing, what looks wrong."""

@@ -1,0 +1,302 @@
+"""A table of targets: CSV with poses or nominal readings, and the same table with corrected readings.
+
+Columns have their unit in their name: `x_mm` ... `rz_deg` (rx, ry, rz: fixed-axis roll, pitch and yaw of the
+tool's frame, R = Rz(rz) Ry(ry) Rx(rx)), or `j1_deg` ..., or both: then the solution nearest to these readings
+is taken. Also `j1_degps` ... (their signs are the direction of approach), `payload_kg`, `tool`. Others are
+kept.
+
+The compensation of a file: a table of targets or a robot program, with corrected positions.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.compensating.position import BASE
+from bayescal.compensating.solve import compensated
+from bayescal.dataset.table import RPY, XYZ, check_groups, check_names, joint_columns, read_cells
+from bayescal.errors import BayescalError
+from bayescal.fitted.arm import FittedArm
+from bayescal.programs import PROGRAMS
+from bayescal.programs.targets import Corrected, Target
+from bayescal.programs.text import Format, Program, line_of, rewritten
+from bayescal.programs.tools import check_stated, tool_of
+from bayescal.storage.files import stem_of, unknown, write_together
+from bayescal.storage.reading import content_of
+
+DEGREES = 7  # decimals of a reading in degrees
+OUTPUT = ("u_mm", "inside_probed_region", "reason", "error_mm", "solutions", "U_mm", "verdict")
+
+
+@dataclass(frozen=True)
+class TargetTable:
+    """A table of M targets, its cells as text, and the character that ends its lines."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    targets: tuple[Target, ...]
+    newline: str
+
+
+def is_target_table(text: str) -> bool:
+    """Whether a CSV file has a header of this format, or one that is meant to be it."""
+    columns = [c.strip() for c in text.split("\n", 1)[0].split(",")]
+    return any(stem_of(c)[1] for c in columns)
+
+
+def read_targets(path: Path, n: int, payload_kg: float = 0.0) -> TargetTable:
+    """Read a table of targets for an arm with `n` joints; without its column, `payload_kg` is that of all.
+
+    Raises
+    ------
+    BayescalError
+        With the line, for columns that are missing, ambiguous or written by a compensation, and for cells
+        that are empty or not numbers.
+    """
+    table = read_cells(path, lambda header, where: _check_header(header, where, n))
+    count = len(table.line)
+    nothing = [None] * count
+    xyz, rpy = table.block(XYZ, True), table.block(RPY, True)
+    poses: Sequence[np.ndarray | None] = nothing
+    if xyz is not None and rpy is not None:
+        poses = [rigid(r, p) for r, p in zip(rpy_matrix(rpy), xyz, strict=True)]
+    readings = table.block(joint_columns("deg", n), True)
+    velocity = table.block(joint_columns("degps", n), True)
+    payload = table.optional("payload_kg", True)
+    if payload is not None:
+        table.first(payload < 0, "`payload_kg` is {payload_kg}", "give a mass of 0 or more")
+    tools = table.texts("tool")
+    targets = tuple(
+        Target(
+            f"{table.name}:{table.line[k]}",
+            poses[k],
+            None if readings is None else readings[k],
+            velocity=None if velocity is None else velocity[k],
+            payload=payload_kg if payload is None else float(payload[k]),
+            tool=None if tools is None else str(tools[k]) or None,
+        )
+        for k in range(count)
+    )
+    rows = tuple(zip(*table.cells.values(), strict=True))
+    newline = "\r\n" if b"\r\n" in table.content else "\n"
+    return TargetTable(tuple(table.cells), rows, targets, newline)
+
+
+def _check_header(header: list[str], where: str, n: int) -> None:
+    check_names(header, where)
+    known = [*XYZ, *RPY, *joint_columns("deg", n), *joint_columns("degps", n), "payload_kg", "tool"]
+    stems = {stem_of(c)[0] for c in known}
+    written = {*OUTPUT, *(nominal(c) for c in joint_columns("deg", n))}
+    for column in header:
+        if column in written:
+            what = f"column `{column}` is written by a compensation"
+            raise BayescalError(what, where, "rename or delete it, and give targets that are not corrected")
+        if column not in known and stem_of(column)[0] in stems:
+            what, remedy = unknown("column", column, known)
+            raise BayescalError(what, where, remedy)
+    check_groups(header, where, ((*XYZ, *RPY), joint_columns("deg", n), joint_columns("degps", n)))
+    if "x_mm" not in header and "j1_deg" not in header:
+        what = "the table has neither poses nor joints"
+        raise BayescalError(what, where, f"give {', '.join((*XYZ, *RPY))}, or j1_deg to j{n}_deg")
+
+
+def nominal(column: str) -> str:
+    """The column that keeps the readings of the input: ``j1_nominal_deg``."""
+    return f"{stem_of(column)[0]}_nominal_deg"
+
+
+def written(table: TargetTable, found: Sequence[Corrected], n: int, verdict: str) -> str:
+    """The table with corrected readings, its own readings as ``j1_nominal_deg`` ... and the verdict."""
+    joints = joint_columns("deg", n)
+    header = [nominal(c) if c in joints else c for c in table.header]
+    return csv_text([*header, *joints, *OUTPUT], (
+        [*row, *cells(own, n, verdict)] for row, own in zip(table.rows, found, strict=True)
+    ), table.newline)  # fmt: skip
+
+
+def cells(own: Corrected, n: int, verdict: str) -> list[str]:
+    """Cells of a corrected target: readings, then the columns of `OUTPUT`."""
+    if own.readings is None:
+        return [*[""] * n, "", "", own.reason, "", "", "", verdict]
+    readings = [f"{x:.{DEGREES}f}" for x in np.degrees(own.readings)]
+    inside = "true" if own.inside else "false"
+    rest = [f"{1e3 * own.error:.5f}", str(own.solutions), f"{1e3 * own.expanded:.5f}", verdict]
+    return [*readings, f"{1e3 * own.u:.5f}", inside, "", *rest]
+
+
+def csv_text(header: Sequence[str], rows: object, newline: str = "\n") -> str:
+    """A CSV table as text."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator=newline)
+    writer.writerow(header)
+    writer.writerows(rows)  # type: ignore[arg-type]
+    return out.getvalue()
+
+
+TABLE = "csv"
+FORMATS = (TABLE, *PROGRAMS)
+"""Formats of targets: the table, and robot programs."""
+LIST = ".positions.csv"
+"""Appended to the name of a program: the table of its positions."""
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """Corrected targets of a file.
+
+    `text` is the corrected file; `positions` the table of a program's positions, None for a table of targets.
+    """
+
+    source: str
+    format: str
+    frame: str
+    targets: tuple[Target, ...]
+    found: tuple[Corrected, ...]
+    text: bytes
+    positions: bytes | None = None
+    notes: tuple[str, ...] = ()
+    warning: str = ""
+
+    def save(self, out: Path) -> tuple[str, ...]:
+        """Write the corrected file, and the table of a program's positions beside it; return their names.
+
+        Raises
+        ------
+        BayescalError
+            If one of them exists with another content.
+        """
+        contents: dict[Path, bytes] = {out: self.text}
+        if self.positions is not None:  # first: no corrected program is without it, also after a kill
+            contents = {out.with_name(out.name + LIST): self.positions, **contents}
+        for path, content in contents.items():
+            if path.exists() and not (path.is_file() and path.read_bytes() == content):
+                raise BayescalError("exists with another content", str(path), "give another --out")
+        write_together(contents)
+        return tuple(path.name for path in reversed(contents))
+
+
+def compensate_file(
+    arm: FittedArm,
+    source: Path,
+    *,
+    format_: str = "",
+    frame: str | None = None,
+    tool: str | None = None,
+    tcp: np.ndarray | None = None,
+    payload: float = 0.0,
+    time: float | None = None,
+    row: str | None = None,
+    warning: str = "",
+) -> Compensation:
+    """Correct the positions of a file.
+
+    Parameters
+    ----------
+    arm : FittedArm
+    source : Path
+        A table of targets, or a robot program.
+    format_ : str
+        One of `FORMATS`; by default, that of the file's name.
+    frame : str, optional
+        Of the poses: `base` (default), or a target of the session; needed where a program states another.
+    tool, tcp : optional
+        As of `compensated`; needed where a program states a tool whose pose it does not have.
+    time, row : optional
+        As of `compensated`.
+    payload : float
+        additional payload, kg, of targets that state none.
+    warning : str
+        What speaks against the fit; it stands in the corrected file.
+
+    Raises
+    ------
+    BayescalError
+        With the line, for a file that cannot be read as its format; for a program also if a position that it
+        uses has no solution, or if it has another frame or tool.
+    """
+    content = _content(source)
+    name = format_ or _format_of(source, content)
+    if name not in FORMATS:
+        raise BayescalError(f"there is no format `{name}`", "--format", f"known: {', '.join(FORMATS)}")
+    n = arm.dataset.robot.n
+    state: dict[str, Any] = {"frame": frame or BASE, "tool": tool, "tcp": tcp, "time": time, "row": row}
+    if name == TABLE:
+        table = read_targets(source, n, payload)
+        found = compensated(arm, table.targets, **state)
+        content = written(table, found, n, warning).encode()
+        return Compensation(
+            source.name, name, frame or BASE, table.targets, tuple(found), content, warning=warning
+        )
+    form, code = PROGRAMS[name], content.decode("latin-1")
+    try:
+        program = form.read(code, n)
+        _check(program, form, source, frame)
+        if program.tools:
+            check_stated(program.tools, tool_of(arm, tool, tcp))
+    except BayescalError as error:
+        where = error.where if error.where.startswith(source.name) else f"{source.name}, {error.where}"
+        raise BayescalError(error.what, where, error.remedy) from None
+    slots = [replace(s, target=replace(s.target, where=f"{source.name}, {s.target.where}", payload=payload))
+             for s in program.slots]  # fmt: skip
+    targets = [s.target for s in slots]
+    found = compensated(arm, targets, **state, in_sequence=True)
+    text = rewritten(code, form, slots, found)
+    if warning and form.remarked is not None:
+        text = form.remarked(text, warning.encode("latin-1", "replace").decode("latin-1"))
+    lines = [(s.name, line_of(code, s.place)) for s in slots]
+    unused = [f"{s.target.where}: not used by the program, and without solution; kept"
+              for s, own in zip(slots, found, strict=True) if own.reason]  # fmt: skip
+    return Compensation(
+        source.name, name, frame or BASE, tuple(targets), tuple(found), text.encode("latin-1"),
+        _positions(lines, found, n, warning).encode(), (*unused, *program.notes), warning,
+    )  # fmt: skip
+
+
+def _content(source: Path) -> bytes:
+    try:
+        return content_of(source)
+    except BayescalError as error:
+        raise BayescalError(error.what, str(source), "give a file of targets") from None
+
+
+def _format_of(source: Path, content: bytes) -> str:
+    suffix = source.suffix.lower()
+    if suffix == ".csv" and is_target_table(content.decode("utf-8-sig", "replace")):
+        return TABLE
+    for form in PROGRAMS.values():
+        if suffix in form.suffixes:
+            return form.name
+    what = f"no format has files named *{source.suffix}"
+    raise BayescalError(what, source.name, f"give --format: {', '.join(FORMATS)}")
+
+
+def _check(program: Program, form: Format, source: Path, frame: str | None) -> None:
+    """Refuse a program without positions, and one whose frame is another and is not stated."""
+    if not program.slots:
+        raise BayescalError(f"there are no positions of {form.summary}", source.name, "check --format")
+    if program.elsewhere and frame is None:
+        what = f"its poses are not in the frame of the base ({program.elsewhere})"
+        remedy = "give --frame: the target of the session that is this frame, or base if both are equal"
+        raise BayescalError(what, source.name, remedy)
+
+
+def _positions(lines: Sequence[tuple[str, int]], found: Sequence[Corrected], n: int, warning: str) -> str:
+    """The table of a program's positions, in the order in which they are visited."""
+    joints = joint_columns("deg", n)
+
+    def rows() -> Iterator[list[str]]:
+        for (name, line), own in zip(lines, found, strict=True):
+            before = [""] * n
+            if own.nominal is not None:
+                before = [f"{x:.{DEGREES}f}" for x in np.degrees(own.nominal)]
+            yield [name, str(line), *before, *cells(own, n, warning)]
+
+    return csv_text(["position", "line", *map(nominal, joints), *joints, *OUTPUT], rows())

@@ -1,0 +1,247 @@
+"""Readings that put the tool of a fitted arm on its targets.
+
+First the nominal model: all solutions of its inverse kinematics, and the nearest of them to the readings that
+a target states, to the target before in a program, or to the poses of the session. From there the fitted arm
+is brought to the target by the same search, with all fitted effects acting at the readings of each step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from bayescal.arm.chain import Robot
+from bayescal.arm.inverse import (
+    beyond_limits,
+    descend,
+    nearest,
+    poses_apart,
+    solutions,
+    to_poses,
+    without_solution,
+)
+from bayescal.arm.motion import NominalArm
+from bayescal.compensating.position import BASE, Frame, Region, frame_of, uncertainty
+from bayescal.dataset import Tool
+from bayescal.fitted.arm import FittedArm, Poses
+from bayescal.programs.targets import Corrected, Target
+from bayescal.programs.tools import Working, axes_of, tool_of
+
+MOVED = np.radians(0.01)
+"""rad: a joint that moves less keeps its direction, as its lost motion is not crossed (assumed)."""
+SECOND = 1e-3
+"""s: time of a motion for its velocity; every motion that counts is far above a standstill."""
+
+
+def compensated(
+    arm: FittedArm,
+    targets: Sequence[Target],
+    *,
+    frame: str = BASE,
+    tool: str | None = None,
+    tcp: np.ndarray | None = None,
+    time: float | None = None,
+    row: str | None = None,
+    in_sequence: bool = False,
+) -> list[Corrected]:
+    """Correct targets for all fitted effects of an arm.
+
+    Parameters
+    ----------
+    arm : FittedArm
+    targets : sequence of Target
+        In the order in which they are visited: the direction of motion follows from the one before.
+    frame : str
+        Of the poses: `base` (F0), or a target that was fitted.
+    tool : str, optional
+        Name of the tool where a target states none; needed if the session has several.
+    tcp : np.ndarray, shape (6,), optional
+        Pose of a working tool that the session does not have; see `tools.tool_of`.
+    time, row : optional
+        State of the arm; see `FittedArm.at`.
+    in_sequence : bool
+        A target that states no readings takes the solution nearest to the target before.
+
+    Raises
+    ------
+    BayescalError
+        For a frame or tool that does not exist.
+    """
+    each = {name: tool_of(arm, name, tcp) for name in dict.fromkeys(t.tool or tool for t in targets)}
+    tools = [each[t.tool or tool] for t in targets]
+    arm = next(iter(each.values())).arm if each else arm
+    stand = frame_of(arm, frame)
+    arms = {w.tool.name: nominal_arm(arm.dataset.robot, w.tool) for w in each.values()}
+    own = [arms[w.tool.name] for w in tools]
+    goals = np.array([_goal(t, n, stand) for t, n in zip(targets, own, strict=True)]).reshape(-1, 4, 4)
+    start = _nominal(arm, targets, own, goals, in_sequence)
+    velocity = _velocities(targets, own, goals, [s.nominal for s in start])
+    out = list(start)
+    region = Region.of(arm)
+    for name, nominal in arms.items():
+        mine = [k for k, s in enumerate(start) if not s.reason and tools[k].tool.name == name]
+        if mine:
+            state = {"time": time, "row": row}
+            payload = np.array([targets[k].payload for k in mine])
+            done = _fitted(tools[mine[0]], nominal, stand, region, [start[k] for k in mine],
+                           goals[mine], velocity[mine], payload, state)  # fmt: skip
+            for k, one in zip(mine, done, strict=True):
+                out[k] = one
+    return out
+
+
+def nominal_arm(robot: Robot, tool: Tool) -> NominalArm:
+    """The nominal arm with a tool: its stated point, and its stated orientation or that of the flange."""
+    return NominalArm(robot, tool.centre, axes_of(tool))
+
+
+def _goal(target: Target, nominal: NominalArm, frame: Frame) -> np.ndarray:
+    """The pose (4, 4) of the tool's frame in F0 that a target asks for."""
+    if target.pose is not None:
+        return frame.found @ target.pose
+    assert target.readings is not None, "a target has a pose or readings"
+    return nominal.tool_poses(nominal.frames(target.readings[None]))[0]
+
+
+def _nominal(
+    arm: FittedArm,
+    targets: Sequence[Target],
+    arms: Sequence[NominalArm],
+    goals: np.ndarray,
+    in_sequence: bool,
+) -> list[Corrected]:
+    """The nominal solution of every target, or the reason why it has none."""
+    session = np.unique(arm.dataset.measurements.readings, axis=0)
+    found: dict[int, np.ndarray] = {}
+    for one in dict.fromkeys(map(id, arms)):
+        mine = [k for k, t in enumerate(targets) if t.pose is not None and id(arms[k]) == one]
+        starts = [targets[k].readings if targets[k].readings is not None else session[0] for k in mine]
+        if mine:
+            every = solutions(arms[mine[0]], goals[mine], np.array(starts)[:, None])
+            found |= dict(zip(mine, every, strict=True))
+    out: list[Corrected] = []
+    readings: np.ndarray | None
+    before: np.ndarray | None = None
+    for k, (target, nominal, goal) in enumerate(zip(targets, arms, goals, strict=True)):
+        if target.pose is None:
+            assert target.readings is not None
+            if reason := beyond_limits(nominal, nominal.angles_of(target.readings[None])[0]):
+                out.append(Corrected(reason))
+                continue
+            own, readings = np.empty((0, nominal.robot.n)), target.readings
+        else:
+            own, last = found[k], before[None] if in_sequence and before is not None else session
+            references = last if target.readings is None else target.readings[None]
+            readings = nearest(nominal, own, references, target.admits)
+            if readings is None and not target.strict:
+                readings = nearest(nominal, own, references)
+        if readings is None and target.admits is not None and nearest(nominal, own, session) is not None:
+            out.append(Corrected("no solution has the configuration that is stated there"))
+        elif readings is None:
+            out.append(Corrected(without_solution(nominal, goal, own)))
+        else:
+            out.append(Corrected(nominal=readings, solutions=len(own)))
+            before = readings
+    return out
+
+
+def _velocities(
+    targets: Sequence[Target],
+    arms: Sequence[NominalArm],
+    goals: np.ndarray,
+    nominal: Sequence[np.ndarray | None],
+) -> np.ndarray:
+    """Velocities of the readings on arrival (M, n), rad/s; 0 where the direction is not known.
+
+    Of a motion by joint angles it is the difference from the target before; along a straight line, that of
+    its end. A joint that does not move keeps its direction, as the lost motion in its gear stays where it is.
+    """
+    out = np.zeros((len(targets), arms[0].robot.n if arms else 0))
+    last: int | None = None
+    for k, (target, own) in enumerate(zip(targets, nominal, strict=True)):
+        if own is None:
+            continue
+        way = np.zeros(len(own))
+        if last is not None:
+            before = nominal[last]
+            assert before is not None
+            way = own - before
+            if target.straight:
+                way = _end_of_line(arms[k], goals[last], goals[k], own)
+            way = np.where(np.abs(way) > MOVED, way, MOVED * np.sign(out[last]))
+        out[k] = way / SECOND if target.velocity is None else target.velocity
+        last = k
+    return out
+
+
+def _end_of_line(arm: NominalArm, start: np.ndarray, goal: np.ndarray, readings: np.ndarray) -> np.ndarray:
+    """Motion of the readings (n,), rad, at the end of a straight line between two poses (4, 4).
+
+    Its size is that of the whole line at this rate.
+    """
+    away, turn = poses_apart(start[None], goal[None])
+    jacobian = arm.jacobian(arm.frames(readings[None]))[0]
+    angles = np.linalg.pinv(jacobian, rcond=1e-6) @ np.concatenate([away[0], turn[0]])
+    return arm.readings_of(angles[None])[0]
+
+
+def _fitted(
+    working: Working,
+    nominal: NominalArm,
+    frame: Frame,
+    region: Region,
+    start: Sequence[Corrected],
+    goals: np.ndarray,
+    velocity: np.ndarray,
+    payload: np.ndarray,
+    state: Mapping[str, object],
+) -> list[Corrected]:
+    """Corrected targets of one tool, all with a nominal solution."""
+    arm = working.arm
+
+    def at(
+        readings: np.ndarray, which: np.ndarray, more: np.ndarray | float = 0.0, tool: str = working.tool.name
+    ) -> Poses:
+        way = velocity[which] + more
+        return arm.at(readings, tool=tool, payload_kg=payload[which], direction=way, **state)  # type: ignore[arg-type]
+
+    def reached(readings: np.ndarray, which: np.ndarray) -> np.ndarray:
+        poses = at(readings, which)
+        here = poses.flange.copy()
+        here[:, :3, :3] = here[:, :3, :3] @ nominal.tool_axes
+        here[:, :3, 3] = poses.points
+        return here
+
+    every = np.arange(len(start))
+    before = np.array([s.nominal for s in start])
+    low, high = nominal.robot.limits.T
+    begin = nominal.angles_of(before)
+    angles, found = descend(to_poses(nominal, goals, reached), begin, np.minimum(low, begin.min(axis=0)),
+                            np.maximum(high, begin.max(axis=0)))  # fmt: skip
+    readings = nominal.readings_of(angles)
+    poses = at(readings, every)
+    spread = uncertainty(working, frame, at, velocity, poses)
+    probed = working.probed(poses, lambda name: at(readings, every, tool=name))
+    inside = region.contains(probed, readings)
+    error = np.linalg.norm(at(before, every).points - goals[:, :3, 3], axis=1)
+    stated = np.linalg.inv(frame.nominal) @ nominal.tool_poses(nominal.frames(readings))
+    out = []
+    for k in range(len(start)):
+        if not found[k]:
+            out.append(Corrected(_stuck(nominal, angles[k])))
+            continue
+        out.append(Corrected("", readings[k], stated[k], before[k], start[k].solutions, float(spread.u[k]),
+                             float(error[k]), bool(inside[k]), float(spread.expanded[k])))  # fmt: skip
+    return out
+
+
+def _stuck(arm: NominalArm, angles: np.ndarray) -> str:
+    """Why the fitted arm does not come from the nominal solution to the target."""
+    low, high = arm.robot.limits.T
+    names = [
+        n for n, a, b, c in zip(arm.robot.joint_names, angles, low, high, strict=True) if a <= b or a >= c
+    ]
+    if names:
+        return f"the correction takes {', '.join(names)} beyond its limit"
+    return "the correction does not converge: the pose is near a singularity"

@@ -1,1 +1,0 @@
-"""Checks of a dataset before anything is fitted: units, plausibility, the robot, orientations."""

@@ -1,0 +1,272 @@
+"""Errors of rows at nominal geometry, the basis of the checks of a dataset.
+
+Certified lengths that contradict the nominal places of their targets.
+
+Plausibility of orientations: between two rows they rotate as far as the arm does, in any frame.
+
+Contacts that were never made: readings at which the nominal arm touches the nominal target exactly.
+
+A plan has such readings; no measured contact has, because arm, targets and noise are off by micrometres at
+least. Some contacts come near by chance. If an error at nominal geometry has the scale s, about the median of
+its target, then abs(r) < t has the probability sqrt(2 / pi) t / s, and the k smallest of N errors are all
+below t with the binomial probability of k or more. Contacts are taken for planned ones where this is below
+`CHANCE` 2^-k. Only errors far below the noise are counted, so that repeats of a contact count as independent.
+
+Measured joint torques: present where they are asked for, and with the sign of the load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.special import bdtrc
+
+from bayescal.arm.chain import chain_of, frames, link_angles, points
+from bayescal.arm.statics import gravity_loads, torques_on_links
+from bayescal.arm.transforms import rpy_matrix
+from bayescal.dataset import target_kinds
+from bayescal.dataset.contacts import Contacts, load_centre, load_mass, nominal_length, residual, scatter
+from bayescal.dataset.table import Table
+from bayescal.dataset.target_kinds import KINDS, LOOSE
+from bayescal.dataset.types import Dataset
+from bayescal.errors import BayescalError
+from bayescal.storage.files import Document
+
+OFF = 0.05
+"""m: a contact this far from where the others of its target put the surface is impossible."""
+
+FEWEST = 4
+"""Instrument rows from which a rigid fit can judge any of them."""
+
+
+def nominal(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
+    """Nominal ball centres in F0, (N, 3) m, at readings (N, n), rad."""
+    tool = np.array([t.centre for t in dataset.tools])[dataset.measurements.tool]
+    return points(chain_of(dataset.robot), link_angles(dataset.robot, readings), tool)
+
+
+def contacts(dataset: Dataset, target: int, p: np.ndarray, at: np.ndarray) -> Contacts:
+    """The rows `at` of one target, with ball centres p (N, 3), m, of all rows."""
+    seen = target_kinds.seen(dataset, target, at, p[at].mean(axis=0))
+    return Contacts(dataset.targets[target], p[at], seen)
+
+
+def seen(dataset: Dataset, p: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Errors of an instrument's rows `at` after the best rigid fit, m; 0 where there are too few rows."""
+    xyz = dataset.measurements.xyz
+    return np.zeros(len(at)) if len(at) < FEWEST or xyz is None else scatter(p[at], xyz[at], OFF)
+
+
+def away(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
+    """Distance of every row from its target at nominal geometry, (N,) m."""
+    p, out = nominal(dataset, readings), np.zeros(len(readings))
+    for index, target in enumerate(dataset.targets):
+        at = np.flatnonzero(dataset.measurements.target == index)
+        if not KINDS[target.kind].placed:
+            out[at] = seen(dataset, p, at)
+        elif len(at):
+            out[at] = np.linalg.norm(residual(contacts(dataset, index, p, at))[0], axis=1)
+    return out
+
+
+RATIOS = {25.4: "inches", 1e3: "m", 10.0: "cm", 1e-3: "µm", 39.37: "m taken for inches"}
+"""Factor by which a length in mm must be multiplied, and the probable unit."""
+NEAR = 0.05
+"""Relative tolerance of such a factor: nominal places are rounded."""
+
+FINE = 5e-3
+"""m: a nominal arm places surfaces no better than this."""
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """A certificate by its place in dataset.yaml, what is wrong with its length, and a remedy.
+
+    `impossible`: the rows on its targets contradict it too, by more than any error of an arm.
+    """
+
+    place: tuple[str | int, ...]
+    what: str
+    remedy: str
+    impossible: bool
+
+
+def contradictions(dataset: Dataset) -> Iterator[Contradiction]:
+    """Certified distances that no error of the nominal places explains.
+
+    Places are believed within their standard uncertainty, or, where rows were taken on both targets, within
+    three times the typical distance of these rows from them.
+    """
+    by_name, off = {t.name: t for t in dataset.targets}, cache(lambda name: _off(dataset, name))
+    for number, c in enumerate(dataset.certificates):
+        if c.distance is None or len(c.targets) < 2:
+            continue
+        there = nominal_length([by_name[name] for name in c.targets], c.kind)
+        if there is None or abs(c.distance - there) <= NEAR * c.distance:
+            continue
+        known = [by_name[name].u for name in c.targets]
+        loose = max(LOOSE if u is None else 5 * u for u in known)
+        seen = [off(name) for name in c.targets]
+        rows = max(FINE, 3 * sum(seen))
+        if abs(c.distance - there) <= min(loose, rows):
+            continue
+        like = next((unit for f, unit in RATIOS.items() if abs(c.distance * f - there) < NEAR * there), "")
+        back = next(
+            (unit for f, unit in RATIOS.items() if abs(c.distance - there * f) < NEAR * there * f), ""
+        )
+        names = " and ".join(f"`{name}`" for name in c.targets)
+        what = f"{names}: certified {1e3 * c.distance:.6g} mm, nominally {1e3 * there:.6g} mm apart"
+        remedy = (
+            f"the certified value looks like {like}: write it in mm"
+            if like
+            else f"the value was converted once too often, or the nominal places are in {back}"
+            if back
+            else "check the certificate, the names and the nominal places"
+        )
+        place = ("artefact",) if c.derived else ("certificates", number)
+        yield Contradiction(place, what, remedy, abs(c.distance - there) > OFF + rows)
+
+
+def _off(dataset: Dataset, name: str) -> float:
+    """Median distance, m, of the rows of a target from its nominal place; infinite if few rows say it."""
+    index = next(k for k, t in enumerate(dataset.targets) if t.name == name)
+    at = np.flatnonzero(dataset.measurements.target == index)
+    if len(at) < FEWEST or not KINDS[dataset.targets[index].kind].placed:
+        return float("inf")
+    p = nominal(dataset, dataset.measurements.readings)
+    return float(np.median(np.linalg.norm(residual(contacts(dataset, index, p, at))[0], axis=1)))
+
+
+"""Rows of one tool on one instrument from which their turns can be judged."""
+APART = np.radians(5.0)
+"""What arm and reading may typically differ by: no arm is nominally so wrong, and no instrument."""
+
+
+def check(dataset: Dataset, table: Table) -> None:
+    """Refuse orientations in another unit or convention than the contract's.
+
+    How far a frame turns between two rows depends neither on the instrument's frame nor on how the tool
+    stands on the flange.
+    """
+    rows = dataset.measurements
+    if rows.rpy is None:
+        return
+    flange = frames(chain_of(dataset.robot), link_angles(dataset.robot, rows.readings))[:, -1, :3, :3]
+    read = np.flatnonzero(np.isfinite(rows.rpy).all(axis=1))
+    for target, tool in np.unique(np.stack([rows.target[read], rows.tool[read]], axis=1), axis=0):
+        at = read[(rows.target[read] == target) & (rows.tool[read] == tool)]
+        if len(at) < FEWEST:
+            continue
+        seen, turned = _from_row_to_row(rpy_matrix(rows.rpy[at])), _from_row_to_row(flange[at])
+        off = float(np.median(np.abs(seen - turned)))
+        if off > APART:
+            what = (
+                f"orientations that `{dataset.targets[target].name}` read turn from row to row by "
+                f"{np.degrees(off):.0f} deg more or less than the arm"
+            )
+            raise table.error(at[0], what, "check rx_deg, ry_deg, rz_deg: degrees, R = Rz(rz) Ry(ry) Rx(rx)")
+
+
+def _from_row_to_row(turns: np.ndarray) -> np.ndarray:
+    """Angles (C - 1,), rad, between successive rotations (C, 3, 3)."""
+    from scipy.spatial.transform import Rotation  # slow to import, and many sessions need none
+
+    rotations = Rotation.from_matrix(turns)
+    return np.asarray((rotations[1:] * rotations[:-1].inv()).magnitude())
+
+
+CHANCE = 1e-3
+"""Chance that a session of measured contacts has any that is taken for a planned one."""
+SHARE = 0.02
+"""Of the stated noise, below which errors are counted."""
+NOISE = 1e-6
+"""m: of a session that states none (assumed)."""
+SLOPE = float(np.sqrt(2 / np.pi))
+
+
+@dataclass(frozen=True)
+class Planned:
+    """Contacts that have the readings of a plan: rows, the chance of so many, and their largest error, m."""
+
+    rows: np.ndarray
+    chance: float
+    error: float
+
+    def words(self, dataset: Dataset, most: int = 4) -> str:
+        """In words, with the first ids."""
+        ids = [dataset.measurements.ids[k] for k in self.rows[:most]]
+        more = ", ..." if len(self.rows) > most else ""
+        error = f"{1e9 * self.error:.1g} nm" if self.error > 1e-10 else "less than 0.1 nm"
+        contacts = "1 contact has" if len(self.rows) == 1 else f"{len(self.rows)} contacts have"
+        return (
+            f"{contacts} the readings of a plan ({', '.join(ids)}{more}): the nominal arm touches the "
+            f"nominal target within {error}; such a contact was not made"
+        )
+
+
+def planned(dataset: Dataset) -> Planned | None:
+    """The contacts of a session that were never made, or None.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    """
+    m = dataset.measurements
+    r = np.full(len(m.ids), np.nan)
+    scale, noise = np.ones(len(r)), np.ones(len(r))
+    errors = away(dataset, m.readings) if len(r) else r
+    for k, target in enumerate(dataset.targets):
+        rows, kind = np.flatnonzero(m.target == k), KINDS[target.kind]
+        if not len(rows) or not kind.placed or kind.reads:
+            continue
+        noise[rows] = getattr(dataset.noise, kind.noise) or NOISE
+        r[rows] = errors[rows]
+        scale[rows] = np.maximum(np.median(r[rows]), noise[rows])
+    rows = np.flatnonzero(np.isfinite(r))
+    near = np.where(rows.size and r[rows] < SHARE * noise[rows], r[rows] / scale[rows], np.inf)
+    order = np.argsort(near, kind="stable")
+    order = order[: int(np.sum(np.isfinite(near)))]
+    if not len(order):
+        return None
+    count = np.arange(1, len(order) + 1)
+    chance = bdtrc(count - 1, len(rows), np.minimum(SLOPE * near[order], 1.0))
+    weighed = chance * 2.0 ** np.minimum(count, 1000)
+    if np.min(weighed) >= CHANCE:
+        return None
+    k = int(np.flatnonzero(weighed == np.min(weighed))[-1])
+    own = np.sort(rows[order[: k + 1]])
+    return Planned(own, float(chance[k]), float(np.max(r[own])))
+
+
+FELT = 1.0
+"""RMS, N m, from which on the computed torque of a joint states a sign (assumed)."""
+OPPOSED = -0.8
+"""Correlation about zero of measured and computed torques below which their signs differ (assumed)."""
+
+
+def check_present(dataset: Dataset, document: Document) -> None:
+    """Refuse a session that states measured torques and has none."""
+    if dataset.torques == "measured" and dataset.measurements.torque is None:
+        what = "`torques: measured`, but measurements.csv has no columns `j1_nm` ..."
+        raise BayescalError(what, document.where(("torques",)), "add them, or leave `torques` out")
+
+
+def check_sign(dataset: Dataset, document: Document) -> None:
+    """Refuse torques with which the motors hold the arm, in place of those with which the load turns it."""
+    robot, m = dataset.robot, dataset.measurements
+    if dataset.torques != "measured" or m.torque is None or robot.masses is None:
+        return
+    q, chain = link_angles(robot, m.readings), chain_of(robot)
+    loads = gravity_loads(robot, chain, q, dataset.gravity, load_mass(dataset), load_centre(dataset))
+    computed, measured = loads.moments[:, 1:, 2], torques_on_links(robot, m.torque)
+    size = np.sqrt(np.mean(computed**2, axis=0) * np.mean(measured**2, axis=0))
+    alike = np.mean(computed * measured, axis=0) / np.maximum(size, 1e-12)
+    wrong = (np.sqrt(np.mean(computed**2, axis=0)) > FELT) & (alike < OPPOSED)
+    if np.any(wrong):
+        columns = ", ".join(f"`j{j + 1}_nm`" for j in np.flatnonzero(wrong))
+        what = f"{columns}: opposite in sign to the gravity torque of the load"
+        remedy = "give the torque with which the load turns the joint, positive in the sense of its reading"
+        raise BayescalError(what, document.where(("torques",)), remedy)

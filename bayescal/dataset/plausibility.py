@@ -1,0 +1,345 @@
+"""Readings that explain the session only when they are taken for another unit's.
+
+Degrees taken for radians are 57 times too large, metres taken for millimetres 1000 times too small:
+either way all rows are hundreds of millimetres off at nominal geometry, and none once the numbers are
+read as what they are. No arm is nominally wrong by that much, and no other error falls by that factor.
+
+Mistakes of joint columns and tools that explain a session: sign, zero, coupling, exchange, unit.
+
+As for units, all rows are far from their targets at nominal geometry, and near them after one change. No
+nominal arm has such an error, and no other change of one joint removes it.
+
+Plausibility: readings within the joint limits, contacts consistent with the nominal geometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain, combinations, product
+
+import numpy as np
+
+from bayescal.arm.chain import Robot
+from bayescal.dataset.consistency import FEWEST, OFF, away, contacts, contradictions, nominal, seen
+from bayescal.dataset.contacts import Contacts, residual, settled
+from bayescal.dataset.table import Table
+from bayescal.dataset.target_kinds import KINDS, angle_sd, place_sd
+from bayescal.dataset.types import Dataset, Target
+from bayescal.errors import BayescalError
+from bayescal.storage.files import Document
+
+SUSPECT = 0.02
+"""m: a session whose typical misfit is less is not suspected."""
+
+FALLS = 3.0
+"""A misfit that falls by this factor, to less than `FITS`, is another unit's."""
+
+FITS = 0.1
+"""m: what loosely known tools and targets may leave, in the right unit."""
+
+TURNS = 4 * np.pi
+"""rad: no joint shows more; readings that do are not in the unit that was said."""
+
+ANGLES = tuple(sorted({k for f in (180 / np.pi, 1e3, np.pi / 0.18) for k in (f, 1 / f)}))
+"""Ratios of units of angle: deg, rad and mrad."""
+
+LENGTHS = tuple(sorted({k for f in (1e3, 10.0, 25.4, 1e6, 39.37007874015748, 100.0) for k in (f, 1 / f)}))
+"""Ratios of units of length: m, cm, mm, µm and in."""
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """Quantities (``j1`` ..., ``x``, ``length``) that fit once multiplied by `factor`: typical misfits, m."""
+
+    quantities: tuple[str, ...]
+    factor: float
+    stated: float
+    other: float
+
+
+def suspicion(
+    dataset: Dataset, settled: Callable[[Dataset], Dataset] = lambda dataset: dataset
+) -> Suspicion | None:
+    """The quantities that are most plainly in another unit than was said, or None.
+
+    Judged by the median over the rows concerned of how far they are off their nominal targets (after
+    a rigid fit, of an instrument's), and among several by that over how far the arm then moved: an arm
+    that hardly moves fits any points that are shrunk. Costs one forward kinematics where nothing is wrong.
+    What is nominal only for these very readings (a tool found from them) is found again by `settled`.
+    """
+    rows = dataset.measurements
+    if len(rows.ids) < FEWEST:
+        return None
+    stated = away(dataset, rows.readings)
+    others = chain(_angles(dataset), _lengths(dataset))
+    found: list[tuple[float, Suspicion]] = []
+    for quantities, factor, concerned, other in others:
+        before = float(np.median(stated[concerned]))
+        if before <= SUSPECT:
+            continue
+        other = settled(other)
+        after = float(np.median(away(other, other.measurements.readings)[concerned]))
+        if after < min(before / FALLS, FITS):
+            p = nominal(other, other.measurements.readings)[concerned]
+            moved = float(np.median(np.linalg.norm(p - np.median(p, axis=0), axis=1)))
+            found.append((after / max(moved, 1e-9), Suspicion(quantities, factor, before, after)))
+    return min(found, key=lambda f: f[0])[1] if found else None
+
+
+Other = tuple[tuple[str, ...], float, np.ndarray, Dataset]
+"""Quantities taken times a factor: they, it, the rows concerned (N,), and the dataset that then holds."""
+
+
+def _angles(dataset: Dataset) -> Iterator[Other]:
+    """All joints, and each alone, in every other unit; smaller only where they are too large to be angles."""
+    rows, n = dataset.measurements, dataset.robot.n
+    every = np.ones(len(rows.ids), bool)
+    largest = np.abs(rows.readings).max(axis=0)
+    for joints in (list(range(n)), *([j] for j in range(n))):
+        size = largest[joints].max()
+        for factor in ANGLES:
+            if size > TURNS if factor < 1 else 0 < size <= TURNS / factor:
+                readings = rows.readings.copy()
+                readings[:, joints] *= factor
+                other = replace(dataset, measurements=replace(rows, readings=readings))
+                yield tuple(f"j{j + 1}" for j in joints), factor, every, other
+
+
+def _lengths(dataset: Dataset) -> Iterator[Other]:
+    """An instrument's points, and lengths of bars and wires, in every other unit."""
+    rows = dataset.measurements
+    for field, quantities in (("xyz", ("x", "y", "z")), ("length", ("length",))):
+        values = getattr(rows, field)
+        if values is None:
+            continue
+        concerned = np.isfinite(values.reshape(len(values), -1)).any(axis=1)
+        for factor in LENGTHS if concerned.sum() >= FEWEST else ():
+            changed = replace(rows, **{field: values * factor})
+            yield quantities, factor, concerned, replace(dataset, measurements=changed)
+
+
+ZEROS = (90.0, -90.0, 180.0)
+"""deg: differences of the zero of a joint between conventions."""
+TOOL_UNITS = ((1e3, "m"), (25.4, "inches"), (10.0, "cm"), (1e-3, "µm"))
+TABLE = "measurements.csv"
+ROBOT = "correct `link_from_reading` or `offset_deg` in the robot file, or the column"
+LEFT = 0.05
+"""m: what an arm in the right convention may leave, with loosely known targets."""
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A session as it is after one change: in words, the column or tool that is changed, and the remedy."""
+
+    what: str
+    column: str
+    tool: str
+    remedy: str
+    dataset: Dataset
+
+
+def explanation(dataset: Dataset, document: Document) -> BayescalError | None:
+    """The one change that explains all rows, with both misfits, its place and a remedy; or None."""
+    rows = dataset.measurements
+    if len(rows.ids) < FEWEST:
+        return None
+    stated = away(dataset, rows.readings)
+    found = []
+    for change, own in _changes(dataset):
+        before = float(np.median(stated[own]))
+        if before > SUSPECT:
+            after = float(np.median(away(change.dataset, change.dataset.measurements.readings)[own]))
+            if after < min(before / FALLS, LEFT):
+                found.append((after, before, change))
+    if not found:
+        return None
+    after, before, change = min(found, key=lambda each: each[0])
+    what = f"{change.what}: rows are {1e3 * before:.0f} mm off their targets, and then {1e3 * after:.2g} mm"
+    where = (
+        document.where(("tools", change.tool, "centre_mm")) if change.tool else f"{TABLE}: `{change.column}`"
+    )
+    return BayescalError(what, where, change.remedy)
+
+
+def _changes(dataset: Dataset) -> Iterator[tuple[_Change, np.ndarray]]:
+    """Each change of a joint, of the coupling of joints 2 and 3, of two columns, of a tool; its rows (N,)."""
+    rows, n = dataset.measurements, dataset.robot.n
+    every, names = np.ones(len(rows.ids), bool), dataset.robot.joint_names
+
+    def read(what: str, joint: int, readings: np.ndarray, remedy: str = ROBOT) -> tuple[_Change, np.ndarray]:
+        other = replace(dataset, measurements=replace(rows, readings=readings))
+        return _Change(what, f"j{joint + 1}_deg", "", remedy, other), every
+
+    for k, name in enumerate(names):
+        readings = rows.readings.copy()
+        readings[:, k] *= -1
+        yield read(f"{name} has the opposite sign", k, readings)
+        for zero in ZEROS:
+            readings = rows.readings.copy()
+            readings[:, k] += np.radians(zero)
+            yield read(f"the zero of {name} differs by {zero:g} deg", k, readings)
+    for sign in (1.0, -1.0) if n > 2 else ():
+        readings = rows.readings.copy()
+        readings[:, 2] += sign * readings[:, 1]
+        yield read("J3 is coupled to J2", 2, readings)
+    for a, b in combinations(range(n), 2):
+        readings = rows.readings.copy()
+        readings[:, [a, b]] = readings[:, [b, a]]
+        what = f"the columns `j{a + 1}_deg` and `j{b + 1}_deg` are interchanged"
+        yield read(what, a, readings, "exchange their headings")
+    for tool, (factor, unit) in product(dataset.tools, TOOL_UNITS):
+        tools = tuple(replace(t, centre=t.centre * factor) if t is tool else t for t in dataset.tools)
+        own = rows.tool == [t.name for t in dataset.tools].index(tool.name)
+        if own.sum() >= FEWEST:
+            what = f"`centre_mm` of `{tool.name}` is in {unit}"
+            yield _Change(what, "", tool.name, "write it in mm", replace(dataset, tools=tools)), own
+
+
+BEYOND = np.deg2rad(10)
+"""How far beyond its limit a joint is believed."""
+
+MANY = 0.3
+"""Share of rows beyond a limit from which on the readings as a whole are wrong."""
+
+LEVER = 0.3
+"""m: arm of an angle's uncertainty when a target's place is judged."""
+
+LIKE = "look like"
+LOOKS_LIKE = (
+    (180 / np.pi, "radians"),
+    (np.pi / 180, "degrees converted twice"),
+    (1e-3 * 180 / np.pi, "milliradians"),
+    (1e3, "m"),
+    (1e-3, "µm"),
+    (10.0, "cm"),
+    (25.4, "inches"),
+)
+"""Factor by which values must be multiplied to be in deg or mm, and the probable unit."""
+
+
+def check(dataset: Dataset, table: Table, document: Document) -> None:
+    """Refuse the first implausible row or target, with its line; or the one change that explains all rows.
+
+    The uncertainty of a target's pose is that of its prior; the frame of an instrument is unknown.
+    """
+    for problem in problems(dataset, table, document):
+        known = LIKE in problem.what
+        raise problem if known else explanation(dataset, document) or problem
+
+
+def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[BayescalError]:
+    """What `check` refuses, with places and remedies; what follows from a problem before is left out."""
+    rows = dataset.measurements
+    found, many = _beyond_limits(dataset.robot, rows.readings, table)
+    if found is not None:
+        yield found
+    if many:
+        return
+    if (found := _in_other_units(dataset, table)) is not None:
+        yield found
+        return
+    p = nominal(dataset, rows.readings)
+    limit = np.array([max(OFF, 5 * (t.u or 0.0)) for t in dataset.tools])[rows.tool]
+    for index, target in enumerate(dataset.targets):
+        at = np.flatnonzero(rows.target == index)
+        if not len(at):
+            continue
+        if not KINDS[target.kind].placed:
+            away = seen(dataset, p, at)
+        else:
+            mine = contacts(dataset, index, p, at)
+            away = np.linalg.norm(residual(mine)[0], axis=1)
+            if (away <= limit[at]).all():
+                continue
+            if (found := _misplaced(mine, away, document)) is not None:
+                yield found
+                continue
+            away = settled(mine)
+        if (found := _impossible(target, away, limit[at], at, table, document)) is not None:
+            yield found
+    for wrong in contradictions(dataset):
+        if wrong.impossible:
+            where = document.where(wrong.place)
+            yield BayescalError(f"{wrong.what}, as the rows on them are", where, wrong.remedy)
+
+
+def _beyond_limits(robot: Robot, readings: np.ndarray, table: Table) -> tuple[BayescalError | None, bool]:
+    """A reading beyond its limits, and whether many are.
+
+    Limits apply to the row of `link_from_reading`, without the sign of its diagonal.
+    """
+    sign = np.where(np.diag(robot.link_from_reading) < 0, -1.0, 1.0)
+    angle = readings @ robot.link_from_reading.T * sign
+    beyond = np.maximum(robot.limits[:, 0] - angle, angle - robot.limits[:, 1])
+    bad = (beyond > BEYOND).any(axis=1)
+    if not bad.any():
+        return None, False
+    row = int(np.argmax(bad))
+    joint = int(np.argmax(beyond[row]))
+    low, high = np.rad2deg(robot.limits[joint])
+    what = (
+        f"{robot.joint_names[joint]} is at {np.rad2deg(angle[row, joint]):.6g} deg, "
+        f"its limits are {low:g} to {high:g} deg"
+    )
+    many = bool(bad.mean() > MANY)
+    often = "many rows are: were degrees converted twice, or signs or coupling changed?"
+    return table.error(row, what, often if many else "check the reading, or the robot's limits"), many
+
+
+def _in_other_units(dataset: Dataset, table: Table) -> BayescalError | None:
+    """Readings that are consistent with the session only in another unit than the stated one."""
+    found = suspicion(dataset)
+    if found is None:
+        return None
+    unit = "deg" if found.quantities[0].startswith("j") else "mm"
+    columns = [f"`{quantity}_{unit}`" for quantity in found.quantities]
+    every = len(columns) == dataset.robot.n
+    noun = "the joint readings" if every else f"the values of {', '.join(columns)}"
+    like = next((word for factor, word in LOOKS_LIKE if np.isclose(factor, found.factor)), "another unit's")
+    what = f"{noun} {LIKE} {like}: a row is {1e3 * found.stated:.0f} mm off, and then {1e3 * found.other:.2g}"
+    return table.error(0, what, f"these columns hold {unit}: convert them")
+
+
+def _misplaced(contacts: Contacts, away: np.ndarray, document: Document) -> BayescalError | None:
+    """A misplaced target.
+
+    The error of all its contacts is larger than its prior explains, or is small if its values are read in
+    another unit.
+    """
+    target = contacts.target
+    u, angle = place_sd(target), angle_sd(target)
+    if away.min() <= OFF:
+        return None
+    remedy = ""
+    for factor, unit in ((1e3, "m"), (1e-3, "µm")):
+        keep = (KINDS[target.kind].direction, "diameter")
+        values = {k: v if k in keep else v * factor for k, v in target.values.items()}
+        other = replace(contacts, target=replace(target, values=values))
+        if np.median(np.linalg.norm(residual(other)[0], axis=1)) < OFF:
+            remedy = f"its values look like {unit}: write them in mm"
+    if remedy or away.min() > 5 * (u + angle * LEVER):
+        what = f"all contacts of `{target.name}` are nominally {1e3 * away.min():.0f} mm or more off it"
+        remedy = remedy or "check its place, its frame (F0) and the units, or state a wider `u_mm`"
+        return BayescalError(what, document.where(("targets", target.name)), remedy)
+    return None
+
+
+def _impossible(
+    target: Target, away: np.ndarray, limit: np.ndarray, at: np.ndarray, table: Table, document: Document
+) -> BayescalError | None:
+    """A row that disagrees with most of its target's rows, or a target on which none agree."""
+    bad = away > limit
+    if not bad.any():
+        return None
+    noun = "readings" if KINDS[target.kind].noise == "point" else "contacts"
+    if bad.mean() > 0.5:
+        what = f"most {noun} of `{target.name}` disagree with the arm by {1e3 * np.median(away):.0f} mm"
+        remedy = "check the target, the tool and the units"
+        return BayescalError(what, document.where(("targets", target.name)), remedy)
+    row = int(np.argmax(away))
+    which = "reading" if KINDS[target.kind].noise == "point" else "contact"
+    others = "point of the other readings" if which == "reading" else "surface fitted to the other contacts"
+    what = f"impossible {which}: {1e3 * away[row]:.0f} mm from the {others} on `{target.name}`"
+    more = f" ({bad.sum() - 1} more rows are as far off)" if bad.sum() > 1 else ""
+    return table.error(at[row], what + more, "check target, tool and joint readings, or leave the row out")

@@ -1,0 +1,381 @@
+"""Uncertainty of an estimate where the model is not the machine (Kennedy and O'Hagan 2001).
+
+Errors of quantities that a model holds at their stated values: masses and centres of mass.
+
+The error of such an input has a known prior (`effects.masses`), but no unknown in the fit. With A and H the
+biases of the parameters and the residuals that a standard error of each would leave, whitened, and e the
+residuals, the errors f have the posterior covariance (1 + H'H)^-1 and the mean mu = (1 + H'H)^-1 H'e. The
+estimate stays, so that its error by the masses has the second moment A V A', V = (1 + H'H)^-1 + mu mu'. Over
+the prior, mu'mu has the mean k = tr(1 - (1 + H'H)^-1). An effect that a model lacks may look like a large
+error of masses: mu'mu is limited to k + 2 (2 k)^1/2, as of a chi-square.
+
+The stated uncertainty: the solver's covariance, widened by what a discrepancy could cause.
+
+The estimate stays. With C the solver's covariance, P0 the information of priors and certificates, J and G the
+whitened columns of the parameters and of the functions of `families`, and Lambda their variances (`size`):
+
+    A = C J' G                            error of the parameters by a unit of each function
+    C P0 C + w S + A Lambda A'            stated covariance of the parameters
+    (G - J A) Lambda (G - J A)'           of a prediction: the function and the parameters that it biased
+
+Errors of stated masses act in the same way, by columns of known variance: `inputs`. A family has a variance
+only where the residuals show more than masses within their uncertainty could do.
+
+S is the scatter over the poses in place of C J' J C, so that rows of one pose do not count as independent,
+and w the share of the residual variance that the discrepancy leaves. Where w S + A Lambda A' is less than
+C J' J C, it is raised to it: no uncertainty is stated smaller than the solver's. An estimate with the
+functions as further unknowns predicts worse elsewhere; this one is unchanged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayescal.arm.motion import Term
+from bayescal.effects import Circumstances, Parameter
+from bayescal.effects.compliance import COMPLIANCE
+from bayescal.effects.masses import masses
+from bayescal.estimate.estimate import Estimate
+from bayescal.estimate.families import Family, families, poses, with_compliances
+from bayescal.estimate.moments import (
+    AT_ONCE,
+    CHANCE,
+    LIKELY,
+    UNSEEN,
+    complement,
+    degrees_of_freedom,
+    scatter_factor,
+    variances,
+)
+from bayescal.estimate.solver import Linear, linearise, root
+from bayescal.estimate.unexplained import Unexplained, unexplained
+from bayescal.model import ARM, Model, with_parameters
+
+MASSES = "masses"
+"""Name of the errors of masses among the families of a stated uncertainty."""
+DEVIATIONS = 2.0
+"""Standard deviations by which the sum of squares of errors may exceed its mean (convention)."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Errors of L inputs, each in its standard uncertainty, as a fit of D unknowns sees them."""
+
+    names: tuple[str, ...]  # (L,)
+    slopes: np.ndarray  # (D, L) A
+    information: np.ndarray  # (L, L) H'H
+    score: np.ndarray  # (L,) H'e
+
+    @classmethod
+    def of(cls, names: Sequence[str], slopes: np.ndarray, h: np.ndarray, e: np.ndarray) -> Inputs:
+        """From the columns `h` (R, L) that a fit leaves of the errors, and its residuals `e` (R,)."""
+        return cls(tuple(names), slopes, h.T @ h, h.T @ e)
+
+    def together(self, other: Inputs) -> Inputs:
+        """The same errors by the residuals of two fits; slopes of this one."""
+        return replace(self, information=self.information + other.information, score=self.score + other.score)
+
+    @cached_property
+    def posterior(self) -> np.ndarray:
+        """Covariance of the errors by their prior and the residuals, (L, L)."""
+        return np.linalg.inv(np.eye(len(self.names)) + self.information)
+
+    @cached_property
+    def mixing(self) -> np.ndarray:
+        """Root M (L, L) of their second moment: V = M M'."""
+        mean, dof = self.posterior @ self.score, self.dof
+        limit = dof + DEVIATIONS * np.sqrt(2.0 * dof)
+        share = min(1.0, limit / max(float(mean @ mean), np.finfo(float).tiny))
+        return root(self.posterior + share * np.outer(mean, mean))
+
+    @property
+    def variances(self) -> np.ndarray:
+        """Variance (D,) of each unknown by the errors."""
+        return np.sum((self.slopes @ self.mixing) ** 2, axis=1)
+
+    @property
+    def dof(self) -> float:
+        """Degrees of freedom that the errors take from the residuals."""
+        return float(np.trace(self.posterior @ self.information))
+
+    def without(self, columns: np.ndarray, h: np.ndarray, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Columns (R, K), changed in place, and residuals (R,) beyond what the errors may explain of them."""
+        if not self.names:
+            return columns, e
+        explained = self.posterior @ (h.T @ columns)
+        for start in range(0, len(h), AT_ONCE):
+            part = slice(start, start + AT_ONCE)
+            columns[part] -= h[part] @ explained
+        return columns, e - h @ (self.posterior @ self.score)
+
+
+def inputs(fitted: Estimate, circumstances: Circumstances | None = None) -> list[Parameter]:
+    """The errors of masses of a fitted model; none without a compliance, or without masses.
+
+    Parameters
+    ----------
+    fitted : Estimate
+    circumstances : Circumstances, optional
+        Of other rows than those of the model's scene.
+    """
+    model = fitted.model
+    if all(p.effect != COMPLIANCE.name for p in model.parameters):
+        return []
+    if circumstances is None:
+        circumstances = model.scene.circumstances(model.scene.rows("calibrate"))
+    return masses(with_compliances(circumstances, fitted))
+
+
+def mixed(parameters: Sequence[Parameter], mixing: np.ndarray) -> list[Parameter]:
+    """Independent errors of unit variance, each a mixture of L parameters by a column of `mixing` (L, K)."""
+    if not parameters:
+        return []
+    sites = list(dict.fromkeys((t.frame, t.axis) for p in parameters for t in p.terms))
+    rows = max(np.size(t.driver) for p in parameters for t in p.terms)
+    drivers = np.zeros((len(sites), len(parameters), rows))
+    for k, p in enumerate(parameters):
+        for t in p.terms:
+            drivers[sites.index((t.frame, t.axis)), k] += p.sd * np.asarray(t.driver)
+    every = mixing.T @ drivers  # (sites, K, N)
+    return [
+        Parameter("", "1", tuple(Term(*site, own[k]) for site, own in zip(sites, every, strict=True)), 1.0,
+                  effect=MASSES)
+        for k in range(mixing.shape[1])
+    ]  # fmt: skip
+
+
+LEAST_WHITE = 0.1
+"""Smallest share of the residual variance that stays noise (assumed)."""
+
+ROWS = 8192
+"""Residuals whose columns are held in memory twice."""
+MOST_VALUES = 500_000
+"""Values of the columns of functions computed at a time: the model of all takes several times more memory."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """An estimate with its stated uncertainty."""
+
+    plain: Estimate
+    wide: Estimate  # of a model with the functions as further parameters, at zero; covariance of all
+    own: np.ndarray  # (D,) places of the plain estimate's unknowns in z of the wide one
+    slopes: Mapping[str, np.ndarray]  # A (D, K) by family
+    variances: Mapping[str, float]  # Lambda by family; 0 where the residuals show nothing
+    white: float  # w
+    noise: np.ndarray  # (D, M) changes of the unknowns by independent errors of poses: w S is noise noise'
+    noise_rows: np.ndarray  # (M,) a row of the session of each of these errors
+    dof: Mapping[str, float]  # effective degrees of freedom of the variances
+    inputs: Inputs  # errors of masses: the last parameters of the wide model's arm, mixed to unit variance
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """Families that have a variance."""
+        return tuple(name for name, size in self.variances.items() if size > 0)
+
+    def share(self, family: str) -> np.ndarray:
+        """Variance (D,) of each unknown by a family."""
+        return self.variances[family] * np.sum(self.slopes[family] ** 2, axis=1)
+
+    @property
+    def parameter_shares(self) -> Mapping[str, float]:
+        """Mean share of the stated variances of the arm's parameters by family, masses too, largest first."""
+        arm = self.plain.model.slices[ARM]
+        total = np.diag(self.covariance)[arm]
+        if not len(total):
+            return {}
+        mean = {name: float(np.mean(self.share(name)[arm] / total)) for name in self.families}
+        if self.inputs.names:
+            mean[MASSES] = float(np.mean(self.inputs.variances[arm] / total))
+        return dict(sorted(mean.items(), key=lambda item: -item[1]))
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Stated covariance of the unknowns, (D, D), before the prior limits it."""
+        return self.wide.covariance[np.ix_(self.own, self.own)]
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Stated standard deviations of z, (D,)."""
+        return np.linalg.norm(self.limit @ root(self.covariance), axis=1)
+
+    @property
+    def limited(self) -> np.ndarray:
+        """Stated covariance (D, D), no wider than the prior: that of `sd` and of `reported` draws."""
+        by = self.limit @ root(self.covariance)
+        return by @ by.T
+
+    def draws(self, z: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Draws (S, D') of all unknowns of `wide`, from draws z (S, D) of the plain posterior.
+
+        Deviations from the estimate are stretched to the covariance C P0 C + w S by the linear map that moves
+        them least (optimal transport of normal distributions), and the functions' biases are added.
+        """
+        plain, size = root(self.plain.covariance), len(self.wide.z) - len(self.own)
+        functions = rng.standard_normal((len(z), size))
+        extra = np.setdiff1d(np.arange(len(self.wide.z)), self.own)
+        across = self.wide.covariance[np.ix_(self.own, extra)]
+        target = self.covariance - across @ across.T
+        # in coordinates in which the plain covariance is one, the map is the root of the target's
+        inverse = np.linalg.pinv(plain)
+        stretch = plain @ _symmetric_root(inverse @ target @ inverse.T) @ inverse
+        out = np.zeros((len(z), len(self.wide.z)))
+        out[:, extra] = functions
+        out[:, self.own] = self.plain.z + (z - self.plain.z) @ stretch.T + functions @ across.T
+        return out
+
+    def reported(self, draws: np.ndarray) -> np.ndarray:
+        """Draws (S, D) of the plain estimate's unknowns, from `draws`, no wider than the prior."""
+        return self.plain.z + (draws[:, self.own] - self.plain.z) @ self.limit.T
+
+    def remaining(self, left: Unexplained) -> Unexplained:
+        """Unexplained residual without the part that the discrepancy explains."""
+        square = left.excess**2 - (1.0 - self.white) * left.fitted**2
+        return replace(left, excess=float(np.sqrt(max(square, 0.0))))
+
+    @property
+    def limit(self) -> np.ndarray:
+        """Map (D, D) of deviations that limits their covariance to the prior's."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        return (vectors / np.sqrt(np.maximum(values, 1.0))) @ vectors.T
+
+
+def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> Stated:
+    """State the uncertainty of an estimate.
+
+    Parameters
+    ----------
+    fitted : Estimate
+    functions : sequence of Family, optional
+        Default: those of the fitted data. Estimates from parts of one session are comparable if all have the
+        functions of the whole.
+    """
+    model = fitted.model
+
+    def every() -> Sequence[Family]:
+        """Made anew each time: of a large session their drivers take as much memory as their columns."""
+        rows = model.scene.rows("calibrate")
+        return families(model.scene.circumstances(rows)) if functions is None else functions
+
+    smooth = every()
+    held = inputs(fitted)
+    names = [f.name for f in smooth]
+    family = np.repeat(np.arange(len(smooth)), np.array([len(f.parameters) for f in smooth], int))
+    further = [*(p for f in smooth for p in f.parameters), *held]
+    del smooth
+    j, g, e, rows = _linearised(fitted, further)
+    pose = poses(model.scene.dataset.measurements, rows)
+    c = fitted.covariance
+    by = j @ c
+    a = by.T @ g
+    for start in range(0, len(g), ROWS):
+        part = slice(start, start + ROWS)
+        g[part] -= j[part] @ a
+    errors = Inputs.of([p.name for p in held], a[:, len(family) :], g[:, len(family) :], e)
+    a = a[:, : len(family)]
+    # in place: of a large session the columns are the largest array
+    h, left = errors.without(g[:, : len(family)], g[:, len(family) :], e)
+    level = LIKELY if unexplained(fitted).excess else CHANCE / max(len(names), 1)
+    shown = variances(h, left, pose, family, len(e) - float(np.sum(by * j)) - errors.dof, level)
+    explained = float(np.einsum("rk,rk->k", h, h) @ shown[family]) / len(h) if len(family) else 0.0
+    white = 1.0 - min(explained, 1.0 - LEAST_WHITE)
+    size = UNSEEN * shown
+    kept = np.flatnonzero(size[family] > 0)
+    sd = np.sqrt(size[family[kept]])
+    sizes = dict(zip(names, size.tolist(), strict=True))
+    dof = {
+        name: degrees_of_freedom(h[:, family == k])
+        for k, (name, own_size) in enumerate(zip(names, size, strict=True))
+        if own_size > 0
+    }
+    del g, h  # of a large session more than all that follows
+    further = [*(sized(every(), sizes) if len(kept) else ()), *mixed(held, errors.mixing)]
+    wide, own, extra = _with(model, further)
+    z, covariance = np.zeros(wide.size), np.zeros((wide.size, wide.size))
+    z[own] = fitted.z
+    bias = a[:, kept] * sd
+    noise, of = scatter_factor(c, j, e, pose)
+    noise = np.sqrt(white) * noise
+    least = complement(by, noise @ noise.T + bias @ bias.T)
+    noise, of = np.concatenate([noise, least], axis=1), np.concatenate([of, np.arange(len(j))])
+    bias = np.concatenate([bias, errors.slopes @ errors.mixing], axis=1)
+    covariance[np.ix_(own, own)] = c - by.T @ by + noise @ noise.T + bias @ bias.T
+    covariance[np.ix_(own, extra)] = -bias
+    covariance[np.ix_(extra, own)] = -bias.T
+    covariance[extra, extra] = 1.0
+    return Stated(
+        fitted,
+        replace(fitted, model=wide, z=z, covariance=covariance),
+        own,
+        {name: a[:, family == k] for k, name in enumerate(names)},
+        sizes,
+        white,
+        noise,
+        rows[of],
+        dof,
+        errors,
+    )
+
+
+def sized(functions: Sequence[Family], variances: Mapping[str, float]) -> list[Parameter]:
+    """The functions of families that have a variance, with their standard deviations."""
+    return [
+        replace(p, sd=p.sd * float(np.sqrt(variances[f.name])))
+        for f in functions
+        if variances[f.name] > 0
+        for p in f.parameters
+    ]
+
+
+def _linearised(
+    fitted: Estimate, every: list[Parameter]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Whitened columns of the unknowns and of further parameters, residuals, rows; without outliers.
+
+    `every` is empty afterwards: parameters are freed as soon as their columns are known.
+    """
+    model = fitted.model
+    rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in model.blocks])
+    used = np.concatenate([np.tile(fitted.weights.row[b.name], b.kind.rows) for b in model.blocks]) > 0
+    columns = np.empty((int(np.sum(used)), len(every)))
+    at_once = max(MOST_VALUES // len(used), 1)
+    last = max(len(every) - 1, 0) // at_once * at_once
+    for start in range(0, last, at_once):
+        some, every[:at_once] = every[:at_once], []
+        columns[:, start : start + at_once] = _columns(fitted, some, used)
+    linear, own, extra = _widened(fitted, every)
+    columns[:, last:] = linear.jacobian[: len(used)][used][:, extra]
+    every.clear()
+    mine = linear.jacobian[: len(used)][used][:, own]
+    return mine, columns, linear.residual[: len(used)][used], rows[used]
+
+
+def _columns(fitted: Estimate, some: Sequence[Parameter], used: np.ndarray) -> np.ndarray:
+    """Whitened columns (R', K) of K further parameters, of the R' of all residuals that are `used`."""
+    linear, _, extra = _widened(fitted, some)
+    return linear.jacobian[: len(used), extra[0] : extra[-1] + 1][used]
+
+
+def _widened(fitted: Estimate, some: Sequence[Parameter]) -> tuple[Linear, np.ndarray, np.ndarray]:
+    """A fit with further parameters at zero, linearised; places of its own and of the further unknowns."""
+    wide, own, extra = _with(fitted.model, some)
+    z = np.zeros(wide.size)
+    z[own] = fitted.z
+    return linearise(wide, z, fitted.weights), own, extra
+
+
+def _with(model: Model, further: Sequence[Parameter]) -> tuple[Model, np.ndarray, np.ndarray]:
+    """A model with further parameters of the arm; places of its own unknowns, and of the further ones."""
+    wide = with_parameters(model.scene, model.effects, (*model.parameters, *further))
+    first = model.slices[ARM].stop
+    extra = np.arange(first, first + len(further))
+    return wide, np.setdiff1d(np.arange(wide.size), extra), extra
+
+
+def _symmetric_root(matrix: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T

@@ -1,0 +1,278 @@
+"""A patched file, compiled: the arm is the calibrated one, and the rest is as it was.
+
+Parts that an earlier export added to a file: they are taken out, and new ones take their places.
+
+Keyframes of a patched file: more joints have longer positions.
+
+Names of added parts that no part of the user's file has.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from bayescal.arm.transforms import rigid, rotation
+from bayescal.errors import BayescalError
+from bayescal.exporting.geometry import numbers
+from bayescal.exporting.mjcf.content import DEFAULT, Law
+from bayescal.exporting.mjcf.links import NEUTRAL, TIP, Mechanism
+from bayescal.exporting.mjcf.readings import Joints, posture
+from bayescal.exporting.mjcf.scene_arm import FoundArm, SceneFile, compiled
+from bayescal.exporting.same_arm import Match
+from bayescal.exporting.sidecar import mujoco
+from bayescal.exporting.xml_text import XmlText
+
+CLOSE = 1e-9
+"""m: difference of the written file's kinematics from the arm's at which it is not handed out."""
+
+
+def check(
+    found: FoundArm,
+    where: Match,
+    machine: Mechanism,
+    before: Any,
+    after: Any,
+    names: Mapping[str, str],
+    file: str,
+) -> None:
+    """Compare the compiled file with the arm's kinematics, and its other bodies with the file as it was.
+
+    Raises
+    ------
+    BayescalError
+        If they differ: nothing is written.
+    """
+    mj = mujoco()
+    data, rng = mj.MjData(after), np.random.default_rng(0)
+    off = 0.0
+    for turns in (np.zeros(len(found.ids)), *rng.uniform(-np.pi, np.pi, (3, len(found.ids)))):
+        data.qpos[:] = after.qpos0
+        angles = iter(turns.tolist())
+        pose = np.eye(4)
+        for body in machine.bodies:
+            turn = next(angles) if body.name.startswith("link") else 0.0
+            pose = pose @ body.pose @ rigid(rotation(2, turn))
+        for name, sign, turn in zip(found.file.names, where.signs, turns, strict=True):
+            data.joint(name).qpos[0] = sign * turn
+        mj.mj_kinematics(after, data)
+        own = data.body(names.get("flange", "flange"))
+        theirs = where.root @ rigid(own.xmat.reshape(3, 3), own.xpos)
+        off = max(off, float(np.max(np.abs(theirs - pose @ machine.flange))))
+    arm = {before.body(b).name for b in found.ids}
+    others = [before.body(b).name for b in range(1, before.nbody) if before.body(b).name not in arm | {""}]
+    same = after.ngeom == before.ngeom and all(
+        np.allclose(getattr(before.body(name), key), getattr(after.body(name), key), rtol=1e-9, atol=1e-12)
+        for name in others
+        for key in ("mass", "inertia", "pos", "ipos")
+    )
+    if not (off < CLOSE and same):
+        what = (
+            f"moves by {off:.1e} m (or rad) from the calibrated geometry" if same else "changes other bodies"
+        )
+        raise BayescalError(
+            f"the written file {what}", file, "this is a defect of bayescal; nothing is written"
+        )
+
+
+POSE = ("pos", "quat")
+
+
+def without_earlier(root: ET.Element) -> frozenset[str]:
+    """Take the parts of an earlier export out of a file, which is changed; names of its joints.
+
+    They are recognised by their default class. A body that only carried added hinges gives its child back its
+    place; masses and poses of the user's bodies are as the earlier export wrote them.
+    """
+    own = {e.get("class", "") for e in root.iter("default") if _default(e)}
+    added = {
+        e for e in root.iter()
+        if e.get("class") in own or e.get("childclass") in own or (e.tag == "body" and _only_tips(e))
+    }  # fmt: skip
+    parents = {child: e for e in root.iter() for child in e}
+    names = {j.get("name", "") for e in added for j in e.iter("joint") if parents[e].tag != "tendon"}
+    carriers = [e for e in root.iter("body") if any(j in added for j in e) and _carrier(e, added)]
+    for e in added:
+        parents[e].remove(e)
+    for carrier in carriers:
+        _unwrap(carrier, parents[carrier])
+    return frozenset(names - {""})
+
+
+def _default(e: ET.Element) -> bool:
+    """Whether a default class is that of an export, and not one of the user with its name."""
+    joint, name = e.find("joint"), e.get("class", "")
+    named = re.fullmatch(rf"{DEFAULT}(_\d+)?", name) is not None
+    return named and joint is not None and NEUTRAL["joint"].items() <= joint.attrib.items()
+
+
+def _only_tips(body: ET.Element) -> bool:
+    """Whether a body is a flange with tips of tools alone."""
+    return len(body) > 0 and all(e.tag == "site" and e.get("rgba") == TIP["rgba"] for e in body)
+
+
+def _carrier(body: ET.Element, added: set[ET.Element]) -> bool:
+    """Whether a body only has added hinges, a joint at most, and one other body."""
+    rest = [e.tag for e in body if e not in added and e.tag != "inertial"]
+    named = re.fullmatch(r"(stand|.*_carrier)(_\d+)?", body.get("name", ""))
+    return named is not None and sorted(rest) in (["body"], ["body", "joint"])
+
+
+def _unwrap(carrier: ET.Element, parent: ET.Element) -> None:
+    """Put the body in a carrier in its place, with the joint that the carrier took from it."""
+    inner = next(e for e in carrier if e.tag == "body")
+    joint = next((e for e in carrier if e.tag == "joint"), None)
+    if joint is not None:
+        carrier.remove(joint)
+        inner.insert(0, joint)
+        for name in POSE:
+            inner.set(name, carrier.get(name, ""))
+    at = list(parent).index(carrier)
+    carrier.remove(inner)
+    parent.remove(carrier)
+    parent.insert(at, inner)
+
+
+def with_keyframes(
+    scene: SceneFile, before: Any, gone: Collection[str], law: Law, joints: Joints, renamed: Mapping[str, str]
+) -> None:
+    """Rewrite positions and speeds of the keyframes for the joints of the patched file.
+
+    Parameters
+    ----------
+    scene : SceneFile
+        The patched file; its tree is changed.
+    before : MjModel
+        Of the file as it was.
+    gone : collection of str
+        Joints of that file that are taken out of it.
+    law, joints
+        Of the arm: added joints stand as its readings demand.
+    renamed : mapping
+        Names of added joints in the file, where they differ.
+    """
+    keys = [key for keyframe in scene.root.findall("keyframe") for key in keyframe.iter("key")]
+    if not keys:
+        return
+    kept = [(key.attrib.pop("qpos", None), key.attrib.pop("qvel", None)) for key in keys]
+    after = compiled(scene.xml.text, scene.path.parent, scene.path.name)
+    old = [j for j in range(before.njnt) if before.joint(j).name not in gone]
+    own = {before.joint(j).name for j in old}
+    same = not gone and [before.joint(j).name for j in range(before.njnt)] == [
+        after.joint(j).name for j in range(after.njnt)
+    ]
+    for k, (key, (qpos, qvel)) in enumerate(zip(keys, kept, strict=True)):
+        if qpos is not None:
+            values = before.key_qpos[k]
+            angles = np.array([values[before.joint(name).qposadr[0]] for name in joints.names])
+            stood = posture(law, joints, np.linalg.solve(law.nominal, joints.signs * angles))
+            stood = {renamed.get(name, name): value for name, value in stood.items()}
+            key.set("qpos", qpos if same else numbers(_moved(before, after, old, own, values, "qpos", stood)))
+        if qvel is not None:
+            key.set(
+                "qvel",
+                qvel if same else numbers(_moved(before, after, old, own, before.key_qvel[k], "dof", {})),
+            )
+
+
+def _moved(
+    before: Any, after: Any, old: list[int], names: Collection[str], values: np.ndarray, what: str,
+    stood: Mapping[str, float],
+) -> np.ndarray:  # fmt: skip
+    """Values of the joints of the patched file: those of the file's own joints, and of the added ones."""
+    sizes = {"qpos": (7, 4, 1, 1), "dof": (6, 3, 1, 1)}[what]
+    start = {"qpos": "jnt_qposadr", "dof": "jnt_dofadr"}[what]
+    out = after.qpos0.copy() if what == "qpos" else np.zeros(after.nv)
+    own = iter(old)
+    for j in range(after.njnt):
+        name, size = after.joint(j).name, sizes[int(after.jnt_type[j])]
+        at = int(getattr(after, start)[j])
+        if name and name not in names:
+            if name in stood:
+                out[at] = stood[name]
+            continue
+        was = int(getattr(before, start)[next(own)])
+        out[at : at + size] = values[was : was + size]
+    return out
+
+
+KINDS = {
+    "body": "body",
+    "joint": "joint",
+    "freejoint": "joint",
+    "site": "site",
+    "default": "class",
+    "fixed": "tendon",
+    "spatial": "tendon",
+}
+"""What the name of an element is one of; elements below <equality> are equalities."""
+REFERENCES = {
+    "joint": "joint",
+    "joint1": "joint",
+    "joint2": "joint",
+    "body1": "body",
+    "body2": "body",
+    "class": "class",
+    "childclass": "class",
+}
+"""What an attribute of an added element names."""
+
+Renamed = Mapping[str, Mapping[str, str]]
+"""Names in the file of added parts that are called otherwise there, by kind."""
+
+
+def with_unique_names(xml: XmlText, model: Any, arm: Iterable[str], where: str) -> Renamed:
+    """Give added elements other names where the file has theirs: ``flange_2``.
+
+    Parameters
+    ----------
+    xml : XmlText
+        Its tree is changed.
+    model : MjModel
+        Of the file without the added elements; it also has the names of attached parts.
+    arm : iterable of str
+        Names of the joints of the arm, to which added elements refer.
+    where : str
+        Name of the file.
+
+    Raises
+    ------
+    BayescalError
+        If an added joint has the name of a joint of the arm: what refers to it would be ambiguous.
+    """
+    equalities = {e for section in xml.root.iter("equality") for e in section}
+    taken: dict[str, set[str]] = {kind: set() for kind in (*KINDS.values(), "equality")}
+    for kind, count in (("body", model.nbody), ("joint", model.njnt), ("site", model.nsite)):
+        taken[kind] |= {getattr(model, kind)(k).name for k in range(count)}
+    for e in xml.kept():
+        taken[_kind(e, equalities)].add(_name(e)) if _kind(e, equalities) else None
+    added = [(e, _kind(e, equalities)) for e in xml.added()]
+    renamed: dict[str, dict[str, str]] = {}
+    for name, kind in dict.fromkeys((_name(e), kind) for e, kind in added if kind):
+        if name in taken[kind]:
+            if kind == "joint" and name in arm:
+                what = f"an added joint would have the name of the arm's joint {name}"
+                raise BayescalError(what, where, "rename that joint")
+            new = next(own for k in range(2, 10**6) if (own := f"{name}_{k}") not in taken[kind])
+            renamed.setdefault(kind, {})[name] = new
+            taken[kind].add(new)
+    for e, kind in added:
+        if new_name := renamed.get(kind, {}).get(_name(e)):
+            e.set("class" if kind == "class" else "name", new_name)
+        for key, of in REFERENCES.items():
+            if e.get(key) in renamed.get(of, {}):
+                e.set(key, renamed[of][e.get(key, "")])
+    return renamed
+
+
+def _kind(e: ET.Element, equalities: set[ET.Element]) -> str:
+    """What the name of an element is one of; "" where it has none."""
+    return ("equality" if e in equalities else KINDS.get(e.tag, "")) if _name(e) else ""
+
+
+def _name(e: ET.Element) -> str:
+    return e.get("class", "") if e.tag == "default" else e.get("name", "")

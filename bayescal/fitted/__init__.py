@@ -1,0 +1,18 @@
+"""The fitted arm of a run at any pose, its file, and what it may be used for."""
+
+from __future__ import annotations
+
+from bayescal.fitted.arm import FittedArm, Poses, of_estimate, of_fit, of_gap, open_run, refitted
+from bayescal.fitted.file import read_arm, write_arm
+
+__all__ = [
+    "FittedArm",
+    "Poses",
+    "of_estimate",
+    "of_fit",
+    "of_gap",
+    "open_run",
+    "read_arm",
+    "refitted",
+    "write_arm",
+]

@@ -1,0 +1,292 @@
+"""What moves the points of a fitted arm beyond its parameters: errors that the stated uncertainty contains.
+
+Three kinds, all independent: the functions of the model discrepancy, each with its variance; errors of the
+stated masses; and an error of each coordinate that neither explains. Functions and masses also moved the
+fitted parameters: with G the displacements of a point by unit errors, J those by the parameters, S their
+covariance without these errors, and A what each error added to the parameters, a point has the covariance
+
+    J S J' + (G - J A)(G - J A)' + s^2 1        (Kennedy and O'Hagan 2001; `estimate.discrepancy.stated`)
+
+A compliance that is too small for masses that are too large deflects the arm as before: the uncertainty of
+the point is less than that of the compliances.
+
+Poses as rows appended to a session, and the equilibrium of an arm under gravity in all its rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from bayescal.assess.budget import MOST_DOF
+from bayescal.assess.inputs import Basis
+from bayescal.dataset import Dataset, Measurements
+from bayescal.dataset.append import appended
+from bayescal.effects import Parameter
+from bayescal.effects.masses import masses
+from bayescal.errors import BayescalError
+from bayescal.estimate.discrepancy import MASSES, mixed, sized
+from bayescal.estimate.families import compliant, families
+from bayescal.model import ARM, Model
+from bayescal.model.equilibrium import settled_model
+
+
+def no_masses() -> np.ndarray:
+    """Mixing of no errors of masses."""
+    return np.zeros((0, 0))
+
+
+@dataclass(frozen=True)
+class Unmodelled:
+    """K functions of a discrepancy and L errors of masses, of unit variance, and an error of coordinates.
+
+    Parameters
+    ----------
+    shifts : np.ndarray, shape (P, K + L)
+        What each adds to the arm's parameters, SI.
+    variances, dof : mapping
+        Of the families of the discrepancy: variance, and its effective degrees of freedom.
+    mixing : np.ndarray, shape (L, L)
+        Makes the errors of masses of those of `effects.masses`.
+    excess, excess_dof : float
+        m, standard deviation of the error of each coordinate, and its effective degrees of freedom.
+    """
+
+    shifts: np.ndarray
+    variances: Mapping[str, float] = field(default_factory=dict)
+    dof: Mapping[str, float] = field(default_factory=dict)
+    mixing: np.ndarray = field(default_factory=no_masses)
+    excess: float = 0.0
+    excess_dof: float = inf
+
+    @classmethod
+    def of(cls, basis: Basis) -> Unmodelled:
+        """What a fit states."""
+        stated = basis.stated
+        arm = stated.plain.model.slices[ARM]
+        names = stated.families
+        biases = [np.sqrt(stated.variances[name]) * stated.slopes[name] for name in names]
+        by = np.concatenate([*biases, stated.inputs.slopes @ stated.inputs.mixing], axis=1)
+        return cls(
+            stated.plain.model.sd[:, None] * (stated.limit @ by)[arm],
+            {name: stated.variances[name] for name in names},
+            {name: stated.dof[name] for name in names},
+            stated.inputs.mixing if stated.inputs.names else no_masses(),
+            basis.excess,
+            basis.excess_dof,
+        )
+
+    @classmethod
+    def read(cls, record: Mapping[str, Any], parameters: int) -> Unmodelled:
+        """From the entries `masses` and `discrepancy` of arm.json; None or missing where there is none."""
+        of_masses, rest = record.get("masses"), record.get("discrepancy")
+        mixing, shifts = no_masses(), np.zeros((parameters, 0))
+        if of_masses is not None:
+            mixing = np.array(of_masses["mixing"], float)
+            shifts = np.array(of_masses["shifts_si"], float).reshape(parameters, len(mixing))
+        if rest is None:
+            return cls(shifts, mixing=mixing)
+        each = rest["families"]
+        dof = rest["unexplained_dof"]
+        return cls(
+            np.concatenate([np.array(rest["shifts_si"], float).reshape(parameters, -1), shifts], axis=1),
+            {name: float(entry["variance"]) for name, entry in each.items()},
+            {name: float(entry["dof"]) for name, entry in each.items()},
+            mixing,
+            1e-6 * rest["unexplained_um"],
+            inf if dof is None else float(dof),
+        )
+
+    def record(self) -> dict[str, Any]:
+        """The entries of arm.json."""
+        count = self.shifts.shape[1] - len(self.mixing)
+        each = {name: {"variance": self.variances[name], "dof": self.dof[name]} for name in self.variances}
+        return {
+            "masses": {"mixing": self.mixing.tolist(), "shifts_si": self.shifts[:, count:].tolist()}
+            if len(self.mixing)
+            else None,
+            "discrepancy": {
+                "families": each,
+                "shifts_si": self.shifts[:, :count].tolist(),
+                "unexplained_um": 1e6 * self.excess,
+                "unexplained_dof": None if np.isinf(self.excess_dof) else self.excess_dof,
+            },
+        }
+
+    def without(self, covariance: np.ndarray) -> np.ndarray:
+        """A covariance (P, P) of the parameters without the part of these errors."""
+        values, vectors = np.linalg.eigh(covariance - self.shifts @ self.shifts.T)
+        return (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+    def functions(self, model: Model, values: np.ndarray) -> Iterator[Parameter]:
+        """The errors as parameters with the name of their family, for the arm's values (P,)."""
+        around = model.scene.circumstances(model.scene.rows("calibrate"))
+        for family in families(around) if self.variances else ():
+            if family.name in self.variances:
+                yield from (replace(p, name=family.name) for p in sized([family], self.variances))
+        if len(self.mixing):
+            yield from (
+                replace(p, name=MASSES) for p in mixed(masses(compliant(around, model, values)), self.mixing)
+            )
+
+    def widened(
+        self, model: Model, values: np.ndarray, own: Callable[[Parameter], Parameter] = lambda p: p
+    ) -> Model:
+        """A model with the errors as its last parameters; `own` as of `rows.driven_by`.
+
+        Raises
+        ------
+        BayescalError
+            If the functions are not those of the fit: a torque that varied there does not vary here.
+        """
+        every = tuple(own(p) for p in self.functions(model, values))
+        if len(every) != self.shifts.shape[1]:
+            what = f"the model discrepancy has {len(every)} functions at these poses, and in the fit"
+            remedy = "repeat the fit with this version"
+            raise BayescalError(f"{what} {self.shifts.shape[1]}", "arm.json", remedy)
+        return replace(model, parameters=(*model.parameters, *every))
+
+    def dof_of(self, total: np.ndarray, parts: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Effective degrees of freedom (C,) of the variances `total` of C points (Welch and Satterthwaite).
+
+        `parts` (C,) are the variances by family; the parameters and stated masses have none of their own.
+        """
+        below = np.full(len(total), (3.0 * self.excess**2) ** 2 / self.excess_dof)
+        for name in parts.keys() & self.dof.keys():
+            below += parts[name] ** 2 / self.dof[name]
+        few = below > total**2 / MOST_DOF
+        return np.divide(total**2, below, out=np.full(len(total), MOST_DOF), where=few)
+
+
+MOVING = ("joint speed", "remaining motion")
+"""Drivers that are zero for an arm that stands still."""
+
+
+@dataclass(frozen=True)
+class Circumstance:
+    """The state of C poses: the row of the session that each repeats, and values that replace its own."""
+
+    source: np.ndarray  # (C,) int
+    values: Mapping[str, Any]
+    moves: bool  # whether the session records velocities
+
+    @classmethod
+    def of(
+        cls,
+        dataset: Dataset,
+        count: int,
+        tool: str | None,
+        payload_kg: np.ndarray | float,
+        time: np.ndarray | float | None,
+        row: str | int | None,
+    ) -> Circumstance:
+        """The state of `count` poses; arguments as of `FittedArm.at`."""
+        for value, option, unit in ((payload_kg, "--payload-kg", "kg"), (time, "--at-time-s", "s")):
+            if value is not None and not np.all(np.isfinite(value)):
+                raise BayescalError("is not a finite number", option, f"give a number of {unit}")
+        m = dataset.measurements
+        values: dict[str, Any] = {}
+        if m.payload is not None or np.any(payload_kg):
+            values["payload"] = payload_kg
+        if tool is not None:
+            names = [t.name for t in dataset.tools]
+            if tool not in names:
+                raise BayescalError(f"there is no tool `{tool}`", "", f"tools: {', '.join(names)}")
+            values["tool"] = names.index(tool)
+        source = np.full(count, _row(dataset, row))
+        if time is not None:
+            if m.time is None:
+                what = "the session records no time_s"
+                raise BayescalError(what, "", "choose a row instead")
+            at = np.broadcast_to(np.asarray(time, float), (count,))
+            values["time"] = at
+            order = np.argsort(m.time, kind="stable")
+            source = order[np.maximum(np.searchsorted(m.time[order], at, side="right") - 1, 0)]
+            if m.temperature is not None:
+                values["temperature"] = np.interp(at, m.time[order], m.temperature[order])
+        return cls(source, values, m.velocity is not None)
+
+    def changed(self, readings: np.ndarray, direction: np.ndarray | None) -> dict[str, Any]:
+        """Values that replace those of the rows, for readings (C, n) and a direction of their motion."""
+        out = {**self.values, "readings": readings, "command": readings}
+        if self.moves:
+            out["velocity"] = np.zeros(readings.shape) if direction is None else np.asarray(direction, float)
+        return out
+
+
+def state_row(dataset: Dataset, time: float | None = None, row: str | int | None = None) -> int:
+    """Index of the row whose state holds at a time, s, or that is named; default: the last fitted row."""
+    if time is not None and row is not None:
+        raise BayescalError("a time and a row are given", "--at-time-s", "give one of them")
+    return int(Circumstance.of(dataset, 1, None, 0.0, time, row).source[0])
+
+
+def _row(dataset: Dataset, row: str | int | None) -> int:
+    """Index of a row by its id or index; the last row to fit by default."""
+    m = dataset.measurements
+    if row is None:
+        return int(np.flatnonzero(m.role == "calibrate")[-1])
+    if isinstance(row, str):
+        if row not in m.ids:
+            raise BayescalError(f"there is no row `{row}`", "measurements.csv", "give the id of a row")
+        return m.ids.index(row)
+    if not -len(m.ids) <= row < len(m.ids):
+        raise BayescalError(f"there is no row {row}", "measurements.csv", f"it has {len(m.ids)} rows")
+    return int(row) % len(m.ids)
+
+
+def posed_rows(
+    model: Model, values: np.ndarray, source: np.ndarray, changed: Mapping[str, Any], still: bool
+) -> tuple[Model, np.ndarray]:
+    """A model of the session with rows appended, and these rows (C,).
+
+    Parameters
+    ----------
+    model : Model
+        In equilibrium (`standing_model`).
+    values : np.ndarray, shape (P,)
+        Deviations of its parameters, SI.
+    source : np.ndarray of int, shape (C,)
+        The row that each new row repeats.
+    changed : mapping
+        New values of columns (C, ...), by their name.
+    still : bool
+        Whether the arm stands still in the new rows: then the speed has only a direction.
+    """
+    scene, count = model.scene, len(model.scene.q)
+    rows = count + np.arange(len(source))
+    m = scene.dataset.measurements
+    dataset = replace(scene.dataset, measurements=appended(m, source, changed, [f"pose {k}" for k in rows]))
+    stance = None if scene.stance is None else scene.stance.at(np.concatenate([np.arange(count), source]))
+
+    own = driven_by(m, source, still)
+    return settled_model(model, replace(scene, dataset=dataset, stance=stance), values, own), rows
+
+
+def driven_by(m: Measurements, source: np.ndarray, still: bool) -> Callable[[Parameter], Parameter]:
+    """What `posed_rows` makes of the drivers of a parameter of the session `m` with rows appended."""
+
+    def own(p: Parameter) -> Parameter:
+        """The parameter; the state of the source rows where its driver is an event or the row's number."""
+        if p.driver.kind == "event" or (p.driver.kind == "time" and m.time is None):
+            return _driven(p, len(m.ids), source)
+        return _driven(p, len(m.ids), None) if still and p.driver.kind in MOVING else p
+
+    return own
+
+
+def _driven(p: Parameter, count: int, source: np.ndarray | None) -> Parameter:
+    """The parameter with drivers of some of the first `count` rows (or none: 0) in the rows behind them."""
+
+    def driver(values: np.ndarray | float) -> np.ndarray | float:
+        if np.ndim(values) == 0:
+            return values
+        own = np.asarray(values)[:count]
+        more = np.zeros(len(np.asarray(values)) - count) if source is None else own[source]
+        return np.concatenate([own, more])
+
+    return replace(p, terms=tuple(replace(t, driver=driver(t.driver)) for t in p.terms))

@@ -1,0 +1,200 @@
+"""One generic cell, and what cells of several kinds share: smooth functions, rotations at a joint.
+
+Generic cells of two coordinates, of orders between harmonics and gear mesh, and of a rocking base.
+
+Generic cells of joints with a memory of earlier contacts, and of random errors of their readings.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.effects import Circumstances, Parameter
+from bayescal.effects.joints import LINK, READING, motion, turned
+from bayescal.effects.location import BASE, Driver, Site, joint
+from bayescal.effects.stand import base_terms, tilts
+from bayescal.gap.settings import CELLS
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A site, a coordinate, and its sets of columns: one smooth set, or many local ones.
+
+    With `clusters` it is a random error, drawn anew in each cluster of rows: its only set has one
+    parameter, the motion by that error. Without sets they are those of `cells.sets_of`.
+    """
+
+    site: Site
+    driver: Driver
+    sets: tuple[tuple[Parameter, ...], ...]
+    known: bool = False  # whether a known effect has this same function
+    clusters: np.ndarray | None = None  # (N,) int, equal for rows that share a random error
+
+
+def smooth(x: np.ndarray, fitted: np.ndarray, waves: int = CELLS.waves) -> list[np.ndarray]:
+    """Cosines of 1 to `waves` half periods over the range of a coordinate x (N,)."""
+    mine = x[fitted]
+    low, high = float(np.min(mine)), float(np.max(mine))
+    if not high > low:
+        return []
+    u = np.clip((x - low) / (high - low), 0.0, 1.0)
+    return [np.cos(np.pi * k * u) for k in range(1, waves + 1)]
+
+
+def at_joint(c: Circumstances, j: int, drivers: list[np.ndarray], side: str = LINK) -> tuple[Parameter, ...]:
+    """Rotations of the link of a joint, or of all links that its reading moves."""
+    return tuple(Parameter("", "rad", turned(c.robot, j, d, side), CELLS.angle) for d in drivers)
+
+
+def moves(c: Circumstances, j: int) -> tuple[str, ...]:
+    """Sides of a joint where an error rotates different links: both where its reading moves several links."""
+    return (LINK, READING) if np.count_nonzero(c.robot.link_from_reading[:, j - 1]) > 1 else (LINK,)
+
+
+def passes(c: Circumstances, j: int) -> tuple[str, ...]:
+    """Sides of a joint with different motions: both where several readings move its link."""
+    return (LINK, READING) if np.count_nonzero(c.robot.link_from_reading[j - 1]) > 1 else (LINK,)
+
+
+def sides_of(c: Circumstances, j: int) -> tuple[str, ...]:
+    """Sides on which a joint moves, or its error rotates, differently."""
+    return max(moves(c, j), passes(c, j), key=len)
+
+
+def torque_and_angle(c: Circumstances) -> Iterator[Cell]:
+    """A stiffness that depends on an angle: the torque of a joint times functions of its angle or of another.
+
+    A torque turns the joint's own link, between which and the link before its gear yields.
+    """
+    if c.torques is None:
+        return
+    angles = [smooth(c.readings[:, k], c.fitted, CELLS.factor_waves) for k in range(c.robot.n)]
+    for j in range(1, c.robot.n + 1):
+        torque = c.torques[:, j - 1]
+        if not np.ptp(torque[c.fitted]) > 1e-3:
+            continue
+        load = torque / np.sqrt(np.mean(torque[c.fitted] ** 2))
+        turns = [load * f(k * c.q[:, j - 1]) for k in CELLS.own_orders for f in (np.sin, np.cos)]
+        own = [turns, [load * w for w in angles[j - 1]]]
+        other = [[load * w for w in angles[k]] for k in range(c.robot.n) if k != j - 1]
+        alone = smooth(c.readings[:, j - 1], c.fitted, CELLS.surface_waves)
+        falling = [w / k for k, w in enumerate(alone, start=1)]
+        both = [[*falling, *(load * w for w in falling)]]
+        for form, found in (("own angle", own), ("other angle", other), ("and angle", both)):
+            sets = tuple(at_joint(c, j, drivers) for drivers in found if drivers)
+            yield Cell(joint(j), Driver("torque", j, form=form), sets)
+
+
+def two_angles(c: Circumstances) -> Iterator[Cell]:
+    """Products of functions of two angles, at every joint, for every pair of angles."""
+    angles = [smooth(c.readings[:, k], c.fitted, CELLS.pair_waves) for k in range(c.robot.n)]
+    products = [[u * v for u in a for v in b] for a, b in itertools.combinations(filter(None, angles), 2)]
+    for j in range(1, c.robot.n + 1):
+        sets = tuple(at_joint(c, j, drivers, side) for drivers in products for side in moves(c, j))
+        yield Cell(joint(j), Driver("two angles"), sets)
+
+
+def between_orders(c: Circumstances) -> Iterator[Cell]:
+    """Waves of a joint's angle with more periods than its harmonics and fewer than its gear mesh."""
+    for j in range(1, c.robot.n + 1):
+        angle = c.q[:, j - 1]
+        span = float(np.ptp(angle[c.fitted]))
+        if span < CELLS.least_turn:
+            continue
+        orders = np.arange(*CELLS.orders, np.clip(2.0 / span, *CELLS.order_steps))
+        sets = tuple(at_joint(c, j, [np.sin(k * angle), np.cos(k * angle)]) for k in orders)
+        yield Cell(joint(j), Driver("angle", j, form="waves"), sets)
+
+
+def rocking(c: Circumstances) -> Iterator[Cell]:
+    """A base that rocks about a horizontal axis: two positions, by its gravity moment about that axis.
+
+    The axes are those of `tilts` and the two between them. The position changes where the moment changes its
+    sign or, where other forces hold the base down, passes its median.
+    """
+    found = [(by.axis, by.moment) for by in tilts(c)]
+    if len(found) == 2:
+        (first, one), (second, two) = found
+        found += [((first + s * second) / np.sqrt(2.0), (one + s * two) / np.sqrt(2.0)) for s in (1, -1)]
+    sets = []
+    for axis, moment in found:
+        mine = moment[c.fitted]
+        if not np.ptp(mine) > 1e-3:
+            continue
+        size = float(np.quantile(np.abs(mine), 0.9))
+        for knee, at in itertools.product(CELLS.knees, (0.0, float(np.median(mine)))):
+            terms = base_terms(c, "r", axis, np.tanh((moment - at) / (knee * size)))
+            sets.append((Parameter("", "rad", terms, CELLS.angle),))
+    yield Cell(BASE, Driver("base moment", form="sign"), tuple(sets))
+
+
+COMBINED = (torque_and_angle, two_angles, between_orders, rocking)
+"""Functions that list the cells of a session."""
+
+
+def measured(c: Circumstances) -> np.ndarray:
+    """Rows (N,) in the order of measurement: of time if recorded, else of the file."""
+    return np.arange(len(c.q)) if c.time is None else np.argsort(c.time, kind="stable")
+
+
+def fading(angle: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Direction of the travel to each of successive angles (..., N), forgotten over a travel.
+
+    After a travel d the state is sign(d) + (state - sign(d)) exp(-|d| / length), from 0: (..., L, N) in
+    -1 to 1, for L lengths.
+    """
+    step = np.diff(angle, prepend=angle[..., :1])[..., None, :]
+    keep, sign = np.exp(-np.abs(step) / lengths[:, None]), np.sign(step)
+    out, state = np.empty(keep.shape), np.zeros(keep.shape[:-1])
+    for k in range(keep.shape[-1]):
+        state = sign[..., k] + (state - sign[..., k]) * keep[..., k]
+        out[..., k] = state
+    return out
+
+
+def slack(angle: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """Position within lost motion of L widths, along successive angles (..., N): (..., L, N) in -1 to 1.
+
+    The state persists from contact to contact: a travel d moves it by 2 d / width, at most to its end. It
+    begins at 0.
+    """
+    step = 2.0 * np.diff(angle, prepend=angle[..., :1])[..., None, :] / widths[:, None]
+    out, state = np.empty(step.shape), np.zeros(step.shape[:-1])
+    for k in range(step.shape[-1]):
+        state = np.minimum(np.maximum(state + step[..., k], -1.0), 1.0)
+        out[..., k] = state
+    return out
+
+
+def travel(c: Circumstances) -> Iterator[Cell]:
+    """Errors of a joint by its travel since earlier contacts."""
+    order = measured(c)
+    at = [(j, side) for j in range(1, c.robot.n + 1) for side in sides_of(c, j)]
+    angles = np.stack([motion(c.robot, j, c.readings, side)[order] for j, side in at])
+    lengths, widths = np.radians(CELLS.forgotten), np.radians(CELLS.slack)
+    states = np.empty((len(at), len(lengths) + len(widths), len(order)))
+    states[..., order] = np.concatenate([fading(angles, lengths), slack(angles, widths)], axis=1)
+    for j in range(1, c.robot.n + 1):
+        sets = [
+            at_joint(c, j, [s], side)
+            for (joint_of, side), own in zip(at, states, strict=True)
+            if joint_of == j
+            for s in own
+            if np.ptp(s[c.fitted]) > 0
+        ]
+        yield Cell(joint(j), Driver("travel", j), tuple(sets))
+
+
+def scatter(c: Circumstances) -> Iterator[Cell]:
+    """Readings of a joint with an error drawn anew at every reading, which repeated contacts do not show."""
+    for j in range(1, c.robot.n + 1):
+        clusters = np.unique(np.round(c.readings[:, j - 1], 8), return_inverse=True)[1]
+        yield Cell(joint(j), Driver("reading", j), (at_joint(c, j, [np.ones(len(c.q))]),), clusters=clusters)
+
+
+MAKERS = (travel, scatter)
+"""Functions that list the cells of a session."""

@@ -1,0 +1,1 @@
+"""Before a fit: a new dataset folder, and the check of one."""

@@ -1,0 +1,310 @@
+"""Artefacts that a set-up can start from: nominal targets within reach, and their certificates.
+
+Text of a robot.yaml to be filled in, for a robot that is not built in.
+
+JSON schemas of dataset.yaml and robot.yaml, with which editors complete and check these files.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from bayescal.arm.chain import Robot
+from bayescal.arm.transforms import rpy_matrix, rpy_of
+from bayescal.dataset import Certificate, Patch, Target
+from bayescal.dataset.artefact import ArtefactFile
+from bayescal.dataset.schema import file_model
+from bayescal.errors import BayescalError
+from bayescal.probing.approach import SIZE, U_ANGLE, U_DISTANCE, U_SPHERE, Cube
+from bayescal.probing.reach import Arm
+from bayescal.robots.schema import SCHEMA, Joint, Link, RobotFile
+from bayescal.simulation.options import TOOL, Scenery
+from bayescal.simulation.session import cube_of, placement
+from bayescal.storage.files import FILL_IN, Keys, stem_of
+
+SPHERES, PLACEMENTS, ON_SPHERE = 3, 4, 11
+"""Spheres of the artefact, its placements, and contacts on each sphere."""
+TILTS = ((0.0, 0.0), (0.0, -45.0), (40.0, 0.0), (-40.0, 0.0))
+"""deg: roll and pitch of each placement of the plate."""
+PLATE, SEATS, BAR = 0.25, 0.2, 0.3
+"""m: edge of the plate, distance of neighbouring seats, length of the bar (examples)."""
+U_SEAT, U_FORM = 5e-6, 3e-6  # m: examples
+PIVOTS = (-0.3, 0.0, 0.3)
+"""Of the reach: positions of the pivot of the bar, across."""
+AWAY = (3.0, 0.0, 0.5)
+"""m: the instrument, seen from the base."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """Where artefacts can be: the arm, and the cube that it reaches with its four faces."""
+
+    arm: Arm
+    cube: Cube
+    faces: tuple[str, ...]
+
+    @classmethod
+    def of(cls, robot: Robot) -> Room:
+        """The room of a robot with the example tool.
+
+        Raises
+        ------
+        BayescalError
+            If the arm is too small to reach anything.
+        """
+        arm = Arm(robot, TOOL.centre)
+        return cls(arm, *cube_of(arm))
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Targets at nominal places, certificates with example values, regions where contacts may be."""
+
+    targets: tuple[Target, ...]
+    certificates: tuple[Certificate, ...] = ()
+    regions: Mapping[str, Patch] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Artefact:
+    """An artefact: what it is, its outline in a room, the tool, and what to measure on it.
+
+    `certified` are the keys of its targets that a certificate states; `columns` those of measurements.csv
+    that its rows need beyond the joints.
+    """
+
+    name: str
+    summary: str
+    outline: Callable[[Room], Outline]
+    measure: tuple[str, ...]
+    tool: str = "probe"
+    certified: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()
+
+
+def _cube(room: Room) -> Outline:
+    names = [f"cube.{face}" for face in room.faces]
+    a, opposite, side, top = names
+    square = [Certificate("perpendicular", pair, u_angle=U_ANGLE) for pair in combinations((a, side, top), 2)]
+    parallel = Certificate("parallel", (a, opposite), SIZE, U_DISTANCE, U_ANGLE)
+    return Outline(Scenery(room.cube, room.faces, np.empty((0, 0, 3))).targets, (parallel, *square))
+
+
+def _spheres(room: Room) -> Outline:
+    centres = np.empty((PLACEMENTS, SPHERES, 3))
+    for turn in range(PLACEMENTS):
+        centres[turn], _ = placement(room.arm, SPHERES, ON_SPHERE, 0, turn)
+    targets = Scenery(room.cube, (), centres).targets
+    certificates = [Certificate("diameter", (t.name,), u_distance=U_SPHERE) for t in targets]
+    for k in range(PLACEMENTS):
+        for one, other in combinations(targets[k * SPHERES : (k + 1) * SPHERES], 2):
+            certificates.append(_apart(one, other, U_SPHERE))
+    return Outline(targets, tuple(certificates))
+
+
+def _plate(room: Room) -> Outline:
+    """One plate in several orientations: planes at different angles."""
+    targets, regions = [], {}
+    for k, tilt in enumerate(TILTS):
+        normal = room.cube.axes @ rpy_matrix(np.radians([*tilt, 0.0]))[:, 2]
+        name, offset = f"plate@{k + 1}", float(normal @ room.cube.centre)
+        targets.append(Target(name, "plane", {"normal": normal, "offset": offset}))
+        regions[name] = Patch(room.cube.centre, np.full(2, PLATE))
+    flat = tuple(Certificate("flat", (t.name,), u_form=U_FORM) for t in targets)
+    return Outline(tuple(targets), flat, regions)
+
+
+def _seats(room: Room) -> Outline:
+    corners = 0.5 * SEATS * np.array([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]])
+    centres = room.cube.centre + corners @ room.cube.axes.T
+    targets = [
+        Target(f"seat.{letter}", "fixed-point", {"centre": centre})
+        for letter, centre in zip("ABCD", centres, strict=True)
+    ]
+    return Outline(tuple(targets), tuple(_apart(a, b, U_SEAT) for a, b in combinations(targets, 2)))
+
+
+def _bar(room: Room) -> Outline:
+    low, reach = -0.5 * SIZE, room.arm.reach
+    centres = [np.round(room.cube.centre + room.cube.axes @ [0.0, y * reach, low], 3) for y in PIVOTS]
+    return Outline(
+        tuple(
+            Target(f"bar@{k + 1}", "distance", {"centre": centre, "length": BAR})
+            for k, centre in enumerate(centres)
+        )
+    )
+
+
+def _tracker(room: Room) -> Outline:
+    base = room.arm.chain.base
+    frame = base[:3, :3] @ np.diag([-1.0, -1.0, 1.0])  # it looks at the arm
+    place = {"xyz": base[:3, 3] + base[:3, :3] @ np.array(AWAY), "rpy": rpy_of(frame)}
+    return Outline((Target("tracker", "instrument", place),))
+
+
+def _apart(one: Target, other: Target, u: float) -> Certificate:
+    length = np.linalg.norm(np.asarray(one.values["centre"]) - np.asarray(other.values["centre"]))
+    return Certificate("distance", (one.name, other.name), round(float(length), 6), u)
+
+
+ARTEFACTS: dict[str, Artefact] = {
+    artefact.name: artefact
+    for artefact in (
+        Artefact(
+            "cube",
+            "a cube or block with ground faces; the certified distance of two faces gives the scale",
+            _cube,
+            (
+                "50 contacts on each of the four faces, over the whole face and with different wrist poses",
+                "of these, 10 contacts four times in a row (one `repeat` name each)",
+                "40 more contacts at the end, with the role `validate`",
+            ),
+        ),
+        Artefact(
+            "spheres",
+            "three spheres of certified distances, placed at several positions (`@1`, `@2`, ...)",
+            _spheres,
+            (
+                f"{ON_SPHERE} contacts on each sphere, over its upper half, the arm in one configuration",
+                "beside another artefact: with the role `validate`, because the certified distances are then "
+                "compared with the calibrated arm",
+                "alone: all placements but the last with the role `calibrate`, the last with `validate`",
+            ),
+            certified=("diameter_mm",),
+        ),
+        Artefact(
+            "plate",
+            "a flat plate, placed in several orientations; no certified length, the scale is the robot's own",
+            _plate,
+            (
+                "50 contacts in each orientation, over the whole plate and with different wrist poses",
+                "of these, 10 contacts four times in a row (one `repeat` name each)",
+                "40 more contacts in one further orientation (a target of its own): 20 with the role "
+                "`locate`, 20 with `validate`",
+            ),
+        ),
+        Artefact(
+            "socket",
+            "four conical seats of certified distances, in which a ball on the flange is seated",
+            _seats,
+            (
+                "40 poses in each seat: the ball stays seated while the arm turns about it",
+                "of these, 5 poses four times (one `repeat` name each), unseated in between",
+                "10 more poses in each seat at the end, with the role `validate`",
+            ),
+        ),
+        Artefact(
+            "bar",
+            "a ball bar of certified length about a pivot, at several positions of the pivot",
+            _bar,
+            (
+                "60 poses about each pivot, over the whole range of directions of the bar",
+                "of these, 10 poses four times (one `repeat` name each)",
+                "15 more poses about each pivot at the end, with the role `validate`",
+            ),
+            certified=("length_mm",),
+        ),
+        Artefact(
+            "tracker",
+            "a laser tracker or camera that reads a reflector on the flange",
+            _tracker,
+            (
+                "100 poses over the whole volume, with different wrist poses",
+                "of these, 10 poses four times (one `repeat` name each)",
+                "40 more poses at the end, with the role `validate`",
+            ),
+            tool="reflector",
+            columns=("x_mm", "y_mm", "z_mm"),
+        ),
+    )
+}
+"""Artefacts by name. Example values of certificates are marked to be filled in."""
+
+JOINTS = 6
+
+
+def robot_template(schema: str) -> str:
+    """A robot.yaml with six joints whose values are to be filled in; no value is assumed."""
+    blank = f"{FILL_IN} ''"
+    of_joint, of_link, of_file = Joint.model_fields, Link.model_fields, RobotFile.model_fields
+    lines = [
+        f"# yaml-language-server: $schema={schema}",
+        "# A robot for bayescal: nominal values of its data sheet. The units are in the keys (mm, deg, kg).",
+        f"# {FILL_IN} marks a value that is needed: write it in place of the quotes, and delete the mark.",
+        "# Add or remove rows for an arm with another number of joints, and columns in measurements.csv.",
+        f"schema: {SCHEMA}",
+        f"name: {blank}",
+        f"# {of_file['convention'].description}",
+        f"convention: {blank}",
+        f"# {of_file['joints'].description}",
+    ]
+    keys = ("alpha_deg", "a_mm", "d_mm", "offset_deg", "limits_deg")
+    lines += [f"#   {key}: {of_joint[key].description}" for key in keys]
+    row = ", ".join(f"{key}: {blank}" for key in keys)
+    lines += ["joints:", *(f"  - {{name: J{k + 1}, {row}}}" for k in range(JOINTS))]
+    identity = [", ".join("1" if k == j else "0" for k in range(JOINTS)) for j in range(JOINTS)]
+    lines += [
+        f"# {of_file['link_from_reading'].description}",
+        "# link_from_reading:",
+        *(f"#   - [{row}]" for row in identity),
+        f"# {of_file['links'].description} Without them delete this part; compliance is then not modelled.",
+        *(f"#   {key}: {of_link[key].description}" for key in ("mass_kg", "centre_of_mass_mm", "radius_mm")),
+        "links:",
+        *(f"  - {{mass_kg: {blank}, centre_of_mass_mm: {blank}}}" for _ in range(JOINTS)),
+        f"# {of_file['reductions'].description} Optional.",
+        "# reductions: [100, 100, 100, 100, 100, 100]",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+UNITS = {"degps": "deg/s", "nm": "N m", "mps2": "m/s²", "c": "°C", "degc": "°C", "rad_per_nm": "rad/(N m)"}
+"""Units of keys that are not written as in the key."""
+
+MODELS: dict[str, Callable[[], type[Keys]]] = {
+    "dataset": file_model,
+    "robot": lambda: RobotFile,
+    "artefact": lambda: ArtefactFile,
+}
+"""Models of the files, by name."""
+
+
+def schema_of(name: str) -> dict[str, Any]:
+    """The JSON schema (draft 2020-12) of a file that users write, from the models that read it.
+
+    Parameters
+    ----------
+    name : str
+        Of `MODELS`.
+
+    Raises
+    ------
+    BayescalError
+        If there is no such file.
+    """
+    if name not in MODELS:
+        raise BayescalError(f"there is no schema `{name}`", "schema", f"known: {', '.join(MODELS)}")
+    found = MODELS[name]().model_json_schema(by_alias=True)
+    for part in (found, *found.get("$defs", {}).values()):
+        for key, entry in part.get("properties", {}).items():
+            entry.pop("title", None)
+            _add_unit(key, entry)
+    return {"$schema": DIALECT, **found, "title": f"{name}.yaml of bayescal"}
+
+
+def schema_text(name: str) -> str:
+    """The schema of `schema_of` as text."""
+    return json.dumps(schema_of(name), indent=1, ensure_ascii=False) + "\n"
+
+
+def _add_unit(key: str, entry: dict[str, Any]) -> None:
+    """State the unit of a key at the end of its description."""
+    unit = stem_of(key)[1]
+    if unit and "description" in entry:
+        entry["description"] = f"{entry['description']} Unit: {UNITS.get(unit, unit)}."

@@ -1,0 +1,332 @@
+"""What is probably a mistake: units, doubled rows, clocks, names, certificates that contradict the places.
+
+The check of a dataset: facts, effects that can be assessed, findings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayescal.assess.mistakes import hidden, judged, mistaken, model_of
+from bayescal.dataset import Certificate, Dataset, consistency, plausibility
+from bayescal.dataset.consistency import contradictions, nominal, planned
+from bayescal.dataset.plausibility import explanation
+from bayescal.dataset.read import read_parts
+from bayescal.dataset.table import Table
+from bayescal.effects import EFFECTS, Circumstances
+from bayescal.effects.selection import plain
+from bayescal.errors import BayescalError
+from bayescal.gap.search.candidates import Candidates, candidates, wide
+from bayescal.model.scene import Scene
+from bayescal.preparing.missing import KINDS, Finding, missing
+from bayescal.storage.files import Document
+
+COARSE = 0.1e-3
+"""m: greatest standard uncertainty of a certified length; certificates state micrometres (assumed)."""
+ROUND = 0.3
+"""Relative difference of a sphere's diameter from its contacts: an arm's nominal error is some mm."""
+BALL_ROWS = 8
+"""Contacts from which on they state a diameter."""
+SPREAD = 0.25
+"""Smallest singular value of contact directions, relative: fewer directions do not state a diameter."""
+
+
+def odd(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]:
+    """All findings of this kind, and what the reader refuses."""
+    yield from _names(dataset, document)
+    yield from _lengths(dataset, document)
+    yield from _doubled(dataset, table)
+    yield from _clock(dataset, table)
+    convention = explanation(dataset, document)
+    refused = list(_refused(dataset, table, document))
+    if convention is not None and not any(f.code == "units" for f in refused):
+        found = Finding.of(convention, "convention")
+        yield found if refused else replace(found, kind="odd")
+        return
+    yield from refused
+    if not refused:
+        yield from _diameters(dataset, document)
+        yield from _planned(dataset, table)
+
+
+def _refused(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]:
+    """What `fit` refuses, each line once."""
+    lines: set[str] = set()
+    found = [Finding.of(e, _code(e)) for e in plausibility.problems(dataset, table, document)]
+    for code, check in (
+        ("torque_sign", lambda: consistency.check_sign(dataset, document)),
+        ("orientations", lambda: consistency.check(dataset, table)),
+    ):
+        try:
+            check()
+        except BayescalError as error:
+            found.append(Finding.of(error, code))
+    for finding in found:
+        if finding.where not in lines:
+            lines.add(finding.where)
+            yield finding
+
+
+def _code(error: BayescalError) -> str:
+    words = {
+        "certified": "certified_length",
+        "limits are": "limits",
+        "look like": "units",
+        "impossible": "impossible_row",
+    }
+    return next((code for word, code in words.items() if word in error.what), "misplaced_target")
+
+
+def _names(dataset: Dataset, document: Document) -> Iterator[Finding]:
+    """Names that differ only in case or blanks."""
+    groups: Sequence[tuple[str, str, Sequence[str]]] = (
+        ("target", "targets", [t.name for t in dataset.targets]),
+        ("tool", "tools", [t.name for t in dataset.tools]),
+    )
+    for noun, key, names in groups:
+        first: dict[str, str] = {}
+        for name in names:
+            other = first.setdefault("".join(name.lower().split()), name)
+            if other != name:
+                what = f"the names of {noun}s `{other}` and `{name}` differ only in case or blanks"
+                remedy = "use one name if they are the same, or two that cannot be mistaken"
+                yield Finding("similar_names", "odd", what, document.where((key, name)), remedy)
+
+
+def _lengths(dataset: Dataset, document: Document) -> Iterator[Finding]:
+    """Certified lengths that contradict the nominal places, or whose uncertainty is no micrometres."""
+    for k, c in enumerate(dataset.certificates):
+        if c.u_distance is not None and c.u_distance > COARSE and not c.derived:
+            names = " and ".join(f"`{name}`" for name in c.targets)
+            key = "u_diameter_mm" if c.kind == "diameter" else "u_distance_mm"
+            what = f"`{key}` of {names} is {1e3 * c.u_distance:g}: certificates state micrometres"
+            where = document.where(("certificates", k))
+            yield Finding("coarse_certificate", "odd", what, where, "is it in µm? write it in mm, at k = 1")
+    for found in (c for c in contradictions(dataset) if not c.impossible):
+        where = document.where(found.place)
+        yield Finding("certified_length", "odd", found.what, where, found.remedy)
+
+
+def _doubled(dataset: Dataset, table: Table) -> Iterator[Finding]:
+    """Rows with the readings of another row of the same target, that no repeat and no standstill explains."""
+    m = dataset.measurements
+    blocks = [m.readings, m.target[:, None], m.tool[:, None]]
+    blocks += [b.reshape(len(m.ids), -1) for b in (m.xyz, m.rpy, m.length, m.payload) if b is not None]
+    keys = np.nan_to_num(np.column_stack(blocks), nan=-1e9)
+    first: dict[bytes, int] = {}
+    pairs = []
+    for row, key in enumerate(keys):
+        one = first.setdefault(key.tobytes(), row)
+        if one != row and not any(s is not None and s[row] and s[row] == s[one] for s in (m.stop, m.repeat)):
+            pairs.append((row, one))
+    if pairs:
+        row, one = pairs[0]
+        more = f" ({len(pairs) - 1} more rows repeat another)" if len(pairs) > 1 else ""
+        what = f"row `{m.ids[row]}` has the values of row `{m.ids[one]}`{more}"
+        remedy = (
+            "remove the copy; a second measurement has other digits, or one `repeat` or `stop` with the first"
+        )
+        yield Finding("doubled_row", "odd", what, place_of(dataset, table, row), remedy)
+
+
+def _clock(dataset: Dataset, table: Table) -> Iterator[Finding]:
+    """Times that go back: the order of rows is the order of time."""
+    time = dataset.measurements.time
+    if time is None or not (back := np.flatnonzero(np.diff(time) < 0)).size:
+        return
+    row = int(back[0]) + 1
+    more = f", and {len(back) - 1} more times" if len(back) > 1 else ""
+    what = f"`time_s` goes back by {time[row - 1] - time[row]:.6g} s{more}"
+    remedy = "put the rows in the order of time, or count on from the session before"
+    yield Finding("clock", "odd", what, place_of(dataset, table, row), remedy)
+
+
+def _planned(dataset: Dataset, table: Table) -> Iterator[Finding]:
+    """Contacts that were never made."""
+    if (found := planned(dataset)) is not None:
+        place = place_of(dataset, table, int(found.rows[0]))
+        remedy = "remove these rows, or write the readings at which the probe touched"
+        yield Finding("planned_pose", "odd", found.words(dataset), place, remedy)
+
+
+def _diameters(dataset: Dataset, document: Document) -> Iterator[Finding]:
+    """Spheres whose contacts lie on one of another diameter."""
+    m = dataset.measurements
+    p = nominal(dataset, m.readings)
+    for k, target in enumerate(dataset.targets):
+        at = np.flatnonzero(m.target == k)
+        if target.kind != "sphere" or len(at) < BALL_ROWS:
+            continue
+        middle = p[at] - p[at].mean(axis=0)
+        scale = np.linalg.svd(middle, compute_uv=False)
+        if scale[-1] < SPREAD * scale[0]:
+            continue
+        design = np.column_stack([2 * middle, np.ones(len(at))])
+        solved = np.linalg.lstsq(design, np.sum(middle**2, axis=1), rcond=None)[0]
+        reach = float(np.sqrt(max(solved[3] + solved[:3] @ solved[:3], 0.0)))
+        radius = float(np.mean([dataset.tools[t].ball_radius or 0.0 for t in m.tool[at]]))
+        stated, seen = float(np.asarray(target.values["diameter"])), 2 * (reach - radius)
+        if abs(seen - stated) > ROUND * max(stated, seen):
+            said = f"`diameter_mm` of `{target.name}` is {1e3 * stated:.6g}"
+            what = f"{said}, its contacts show about {1e3 * seen:.3g}"
+            remedy = "check the diameter, and `ball_radius_mm` (a radius, not a diameter)"
+            yield Finding("diameter", "odd", what, document.where(("targets", target.name)), remedy)
+
+
+def place_of(dataset: Dataset, table: Table, row: int) -> str:
+    """File and line of a row, with its id."""
+    return f"{table.name}:{table.line[row]} (`{dataset.measurements.ids[row]}`)"
+
+
+MODEL = ("geometry", "compliance")
+UNPOSED = ("units", "convention")
+"""Findings after which the poses of the arm are not known."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """What is known of a session before a fit.
+
+    Attributes
+    ----------
+    dataset : Dataset
+        As read, without any judgement.
+    modelled : tuple of str
+        Effects of the usual model that the session can have.
+    unknowns : int
+        Of that model: parameters and targets.
+    values : int
+        Values that are fitted, one per contact and three per point.
+    assessed : tuple of str
+        Effects that a diagnosis can assess, beyond the model.
+    not_assessed : mapping of str to str
+        Effects, or an effect at a site, that it cannot, with the reason.
+    hidden : tuple of str
+        Gross mistakes that these data would not show, in words.
+    findings : tuple of Finding
+        In the order of `KINDS`.
+    """
+
+    dataset: Dataset
+    modelled: tuple[str, ...]
+    unknowns: int
+    values: int
+    assessed: tuple[str, ...]
+    not_assessed: dict[str, str]
+    hidden: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+
+def check(folder: Path | str, allow_xacro: bool = False) -> Check:
+    """Check a dataset folder without fitting it.
+
+    Parameters
+    ----------
+    folder : Path or str
+    allow_xacro : bool
+        As of `read_dataset`.
+
+    Raises
+    ------
+    BayescalError
+        If the folder cannot be read: it breaks the format.
+    """
+    dataset, table, document = read_parts(folder, allow_xacro)
+    scene = Scene(dataset)
+    model, modelled = model_of(scene, MODEL)
+    circumstances = scene.circumstances(scene.rows("calibrate"))
+    known = None if model is None else candidates(circumstances, modelled)
+    found = list(odd(dataset, table, document))
+    posed = not any(f.code in UNPOSED for f in found)
+    found += missing(scene, model, known, posed)
+    tested = None if any(f.kind == "refused" for f in found) else judged(dataset)
+    if tested is not None:
+        told = [Finding(m.code, "odd", m.what, document.where(m.place), m.remedy) for m in mistaken(tested)]
+        if any("diameter_mm" in f.what for f in told):
+            found = [f for f in found if f.code != "diameter"]  # that the contacts show another one
+        found += told
+    return Check(
+        dataset=dataset,
+        modelled=modelled,
+        unknowns=0 if model is None else model.size,
+        values=0 if model is None else sum(block.residuals for block in model.blocks),
+        assessed=() if known is None else _assessed(known, circumstances, modelled),
+        not_assessed={} if known is None else dict(known.missing),
+        hidden=() if tested is None else tuple(hidden(tested)),
+        findings=tuple(sorted(found, key=lambda f: KINDS.index(f.kind))),
+    )
+
+
+def _assessed(known: Candidates, circumstances: Circumstances, modelled: tuple[str, ...]) -> tuple[str, ...]:
+    """Effects with candidates, and those whose many settings a diagnosis screens first."""
+    beyond = (e for e in EFFECTS.values() if e.name not in map(plain, modelled))
+    return tuple(e.name for e in beyond if e.name in known.variants or wide(e, circumstances))
+
+
+def check_record(of: Check) -> dict[str, Any]:
+    """The content of `bayescal check --to json`."""
+    d, m = of.dataset, of.dataset.measurements
+    roles = {str(r): int(n) for r, n in zip(*np.unique(m.role, return_counts=True), strict=True)}
+    targets = []
+    for k, t in enumerate(d.targets):
+        own = m.role[m.target == k]
+        counts = {str(r): int(n) for r, n in zip(*np.unique(own, return_counts=True), strict=True)}
+        targets.append({"name": t.name, "kind": t.kind, "rows": counts})
+    names, uses = np.unique(m.tool, return_counts=True)
+    return {
+        "schema": "bayescal-check/1",
+        "dataset": d.name,
+        "sha256": d.sha256,
+        "robot": {"name": d.robot.name, "joints": d.robot.n, "masses": d.robot.masses is not None},
+        "readings": d.readings,
+        "rows": {"total": len(m.ids), **roles},
+        "tools": {d.tools[k].name: int(n) for k, n in zip(names, uses, strict=True)},
+        "targets": targets,
+        "certificates": [_certificate(c) for c in d.certificates if not c.derived],
+        "noise": {
+            "contact_mm": _scaled(d.noise.contact, 1e3),
+            "point_mm": _scaled(d.noise.point, 1e3),
+            "joint_deg": float(np.degrees(d.noise.joint)),
+        },
+        "repeats": _groups(m.repeat),
+        "stops": _groups(m.stop),
+        "duration_s": None if m.time is None else float(np.ptp(m.time)),
+        "payloads_kg": [] if m.payload is None else sorted({float(p) for p in m.payload}),
+        "velocities": m.velocity is not None,
+        "temperature_of": d.temperature_of if m.temperature is not None else None,
+        "model": list(of.modelled),
+        "unknowns": of.unknowns,
+        "values": of.values,
+        "assessed": list(of.assessed),
+        "not_assessed": of.not_assessed,
+        "not_shown": list(of.hidden),
+        "findings": [vars(f) for f in of.findings],
+    }
+
+
+def _certificate(c: Certificate) -> dict[str, Any]:
+    length = {"distance_mm": _scaled(c.distance, 1e3), "u_um": _scaled(c.u_distance, 1e6)}
+    angle = {"u_angle_urad": _scaled(c.u_angle, 1e6), "u_form_um": _scaled(c.u_form, 1e6)}
+    stated: dict[str, Any] = {k: value for k, value in (length | angle).items() if value is not None}
+    if c.points is not None:
+        u = np.sqrt(np.mean(np.diag(c.points.covariance)))
+        stated |= {"artefact": c.points.artefact, "points": len(c.points.names), "u_um": _scaled(u, 1e6)}
+        stated |= {"placements": sorted(set(c.points.placements))}
+    return {"kind": c.kind, "targets": list(c.targets), **stated}
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else float(f"{value * factor:.12g}")
+
+
+def _groups(labels: np.ndarray | None) -> int:
+    """Number of groups of rows with one label."""
+    if labels is None:
+        return 0
+    _, counts = np.unique(labels[labels != ""], return_counts=True)
+    return int(np.sum(counts > 1))

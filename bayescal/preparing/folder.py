@@ -1,0 +1,184 @@
+"""Text of the README.md beside a new dataset.yaml: what to measure, and how.
+
+Write the set-up of a new session: dataset.yaml, measurements.csv, README.md, robot.yaml.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bayescal.dataset.read import SETTINGS, TABLE
+from bayescal.dataset.table import COLUMNS, JOINT, PLAIN
+from bayescal.dataset.write import ROBOT
+from bayescal.errors import BayescalError
+from bayescal.preparing.artefacts import ARTEFACTS, JOINTS, Room, robot_template, schema_text
+from bayescal.preparing.settings import Draft, schema_name, settings_text
+from bayescal.robots import builtin_robots, full_name, load_robot, robot_to_yaml
+from bayescal.storage.files import FILL_IN
+from bayescal.storage.folders import whole
+
+WARM = 40
+"""min of motion before the first contact (assumed: joint temperatures of an arm settle in half an hour)."""
+
+
+def columns_of(draft: Draft) -> tuple[str, ...]:
+    """Columns of measurements.csv: those needed, and those that make more effects assessable."""
+    own = {c for name in draft.outlines for c in ARTEFACTS[name].columns}
+    named = {"id", "role", "target", "stop", "time_s", "payload_kg", "repeat", *own}
+    named |= {"tool"} if len(draft.tools) > 1 else set()
+    joints = [f"j{k + 1}_{kind}" for kind in JOINT[:2] for k in range(draft.joints)]
+    plain = [c for c in PLAIN if c in named]
+    at = next(i for i, c in enumerate(plain) if c not in ("id", "role", "target", "tool"))
+    return (*plain[:at], *joints, *plain[at:])
+
+
+def readme_text(draft: Draft, folder: str) -> str:
+    """The content of README.md."""
+    lines = [f"# {draft.name}: what to measure", ""]
+    lines += [
+        f"Robot: {draft.robot}. Artefact: {', '.join(draft.outlines)}.",
+        "",
+        f"1. Fill in `dataset.yaml`: every value marked `{FILL_IN}`, from certificates and measurements.",
+        f"2. `bayescal plan {folder}` proposes the contacts and states the uncertainty to expect of them.",
+        "3. Measure, and write one row per contact into `measurements.csv` (or `bayescal import` a log).",
+        f"4. `bayescal check {folder}`: what is understood, what is missing, what looks wrong.",
+        f"5. `bayescal fit {folder}` and `bayescal gap {folder}`.",
+        "",
+        *_practice(draft, folder),
+        "## Before the first contact",
+        "",
+        f"- Fasten robot, artefact and tool. Move all joints for {WARM} minutes: a cold arm drifts.",
+        "- Calibrate the probe: effective ball radius, repeatability.",
+        "- Weigh everything attached to the flange, and find its centre of mass.",
+        "",
+        "## What to measure",
+        "",
+    ]
+    for name in draft.outlines:
+        artefact = ARTEFACTS[name]
+        lines += [f"{name}: {artefact.summary}.", "", *(f"- {each}" for each in artefact.measure), ""]
+    lines += [
+        "In addition:",
+        "",
+        "- Approach from both directions of every joint, and write the joint velocities: without them",
+        "  backlash and latency cannot be assessed.",
+        "- Measure in random order, not target after target: a drift is then not mistaken for a place.",
+        "- Where the robot is allowed to carry it, measure half of the contacts with an additional mass",
+        "  (`payload_kg`): it separates compliance from geometry.",
+        "- Vary the wrist: every joint over most of its range.",
+        "- Rows with the role `validate` are never fitted. They show the error to expect.",
+        "",
+        "## Columns of measurements.csv",
+        "",
+        "| column | meaning |",
+        "| --- | --- |",
+    ]
+    seen = dict.fromkeys(_shown(column, draft.joints) for column in columns_of(draft))
+    lines += [f"| {shown} | {COLUMNS[key]} |" for shown, key in seen]
+    lines += [
+        "",
+        "`id`, `target` and the joint readings are needed. Remove an optional column that you cannot fill;",
+        "`time_s` has to be filled in every row where it is kept.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _practice(draft: Draft, folder: str) -> list[str]:
+    """How to practise on a simulated session of the set-up."""
+    if not draft.placed:
+        return []
+    return [
+        f"To practise first: `bayescal simulate --setup {folder} --out practice` simulates a session of this",
+        "set-up, also before all values are filled in. `check`, `fit` and `gap` read its folder as yours.",
+        "",
+    ]
+
+
+def _shown(column: str, n: int) -> tuple[str, str]:
+    """How a column is shown, and its key in `COLUMNS`: the columns of all joints are one."""
+    if column in COLUMNS:
+        return f"`{column}`", column
+    kind = column.partition("_")[2]
+    return f"`j1_{kind}` ... `j{n}_{kind}`", f"jN_{kind}"
+
+
+README = "README.md"
+NEW = "new"
+"""Robot that is not described yet: a robot.yaml to be filled in is written."""
+STAND_IN = "fanuc-lrmate200ic"
+"""Robot that gives the targets of a new robot their form; their places are to be filled in."""
+
+
+def start(
+    folder: Path,
+    robot: str,
+    artefacts: Sequence[str],
+    tool: np.ndarray | None = None,
+    name: str = "",
+    allow_xacro: bool = False,
+) -> tuple[str, ...]:
+    """Write the set-up of a new session atomically, and return the names of its files.
+
+    Parameters
+    ----------
+    folder : Path
+        A new or an empty folder.
+    robot : str
+        A built-in name or a part of it (``ur5e``), a robot.yaml, URDF or xacro, or ``new``.
+    artefacts : sequence of str
+        Names of `ARTEFACTS`.
+    tool : np.ndarray, optional, shape (3,)
+        Centre of the ball or reflector in the flange frame, m; to be filled in if not given.
+    name : str
+        Of the session; default: the name of the folder.
+    allow_xacro : bool
+        Whether a robot in a xacro file, which is a program, may be executed.
+
+    Raises
+    ------
+    BayescalError
+        If the folder is not empty, the robot or an artefact is not known, or the arm is too small.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise BayescalError("it exists already and is not empty", str(folder), "give a new folder")
+    for each in artefacts:
+        if each not in ARTEFACTS:
+            raise BayescalError(
+                f"no artefact is called `{each}`", "--artefact", f"known: {', '.join(ARTEFACTS)}"
+            )
+    if not artefacts or len(set(artefacts)) < len(artefacts):
+        raise BayescalError("each artefact is named once", "--artefact", f"known: {', '.join(ARTEFACTS)}")
+    known = robot != NEW
+    reference = full_name(robot) if known else STAND_IN
+    arm, _ = load_robot(reference, allow_xacro=allow_xacro)
+    builtin = known and reference in builtin_robots()
+    room = Room.of(arm)
+    draft = Draft(
+        name=name or folder.resolve().name,
+        robot=reference if builtin else ROBOT,
+        joints=arm.n if known else JOINTS,
+        outlines={each: ARTEFACTS[each].outline(room) for each in artefacts},
+        tool_centre=tool,
+        placed=known,
+        schema=schema_name(Path(SETTINGS)),
+    )
+    files = {
+        SETTINGS: settings_text(draft),
+        TABLE: ",".join(columns_of(draft)) + "\n",
+        README: readme_text(draft, folder.name),
+        schema_name(Path(SETTINGS)): schema_text("dataset"),
+    }
+    if not builtin:
+        own = schema_name(Path(ROBOT))
+        line = f"yaml-language-server: $schema={own}\n{arm.name}, from {Path(reference).name}"
+        files |= {
+            ROBOT: robot_to_yaml(arm, line) if known else robot_template(own),
+            own: schema_text("robot"),
+        }
+    with whole(folder, SETTINGS) as stage:
+        for file, text in files.items():
+            (stage / file).write_text(text, encoding="utf-8", newline="")
+    return tuple(file for file in files if not file.startswith("."))

@@ -1,0 +1,113 @@
+"""Reachable poses: within the joint limits by a margin, and where an operator would put the arm."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+
+from bayescal.arm.inverse import PASSES, descend, to_axes, to_points
+from bayescal.arm.motion import NominalArm
+from bayescal.arm.transforms import cross
+
+MARGIN = np.radians(4.0)
+"""rad: margin to the joint limits, so that a contact can still be closed."""
+
+BEHIND, FLOOR = -0.05, -0.1  # relative to the reach: limits of the arm behind and below the base
+
+
+@dataclass(frozen=True, eq=False)
+class Arm(NominalArm):
+    """The nominal arm with its tool, for planning: where it can be, and where an operator would put it.
+
+    Arms of equal content are equal, so that positions that depend on the arm alone are searched once.
+    """
+
+    @cached_property
+    def content(self) -> bytes:
+        """All numbers of the robot and the tool."""
+        robot = [getattr(self.robot, field.name) for field in fields(self.robot)]
+        return pickle.dumps([*robot, self.tool, self.tool_axes])
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Arm) and self.content == other.content
+
+    def __hash__(self) -> int:
+        return hash(self.content)
+
+    @cached_property
+    def range(self) -> np.ndarray:
+        """Limits (2, n), rad, reduced by the margin; a range of at most one revolution."""
+        limits = np.clip(self.robot.limits, -2 * np.pi, 2 * np.pi)
+        middle, half = limits.mean(axis=1), np.diff(limits, axis=1)[:, 0] / 2
+        half = np.minimum(half - np.minimum(MARGIN, 0.2 * half), np.pi)
+        return np.stack([middle - half, middle + half])
+
+    @cached_property
+    def reach(self) -> float:
+        """Reach of the ball from the origin of the base, m: nearly the maximum over random poses."""
+        ball = self.ball(self.frames(self.anywhere(4000, np.random.default_rng(0))))
+        return float(np.percentile(np.linalg.norm(ball - self.chain.base[:3, 3], axis=1), 99))
+
+    def beside(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Horizontal positions (..., 2) and heights (...) above the base, m, of points (..., 3) in F0."""
+        local = (points - self.chain.base[:3, 3]) @ self.chain.base[:3, :3]
+        return local[..., :2], local[..., 2]
+
+    def upright(self, pose: np.ndarray) -> np.ndarray:
+        """Which poses (M, n + 2, 4, 4) an operator could choose, (M,).
+
+        No part of the arm is behind the base, seen from the ball, or too far below it.
+        """
+        flat, height = self.beside(pose[:, 2:, :3, 3])
+        to, _ = self.beside(self.ball(pose))
+        to = to / np.maximum(np.linalg.norm(to, axis=1), 1e-9)[:, None]
+        ahead = np.einsum("mfi,mi->mf", flat, to).min(axis=1)
+        return (ahead > BEHIND * self.reach) & (height.min(axis=1) > FLOOR * self.reach)
+
+    def anywhere(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Readings (count, n), rad, uniform within the limits."""
+        low, high = self.range
+        return self.readings_of(rng.uniform(low, high, (count, self.robot.n)))
+
+
+def inverse(
+    arm: Arm, starts: np.ndarray, centres: np.ndarray, axes: np.ndarray, passes: int = PASSES
+) -> tuple[np.ndarray, np.ndarray]:
+    """Readings for a position of the ball centre and a direction of the z axis of the flange.
+
+    The roll about that direction is free. For an arm with fewer than five joints only the position is solved.
+
+    Parameters
+    ----------
+    arm : Arm
+        The nominal arm.
+    starts : np.ndarray, shape (M, n)
+        Initial readings, rad.
+    centres, axes : np.ndarray, shape (M, 3)
+        Requested ball centres, m, and directions, in F0.
+    passes : int
+        Maximum number of steps.
+
+    Returns
+    -------
+    readings : np.ndarray, shape (M, n)
+        rad, within the limits.
+    found : np.ndarray, shape (M,)
+        Which of them are solutions.
+    """
+    task = to_axes(arm, centres, axes) if arm.robot.n >= 5 else to_points(arm, centres)
+    low, high = arm.range
+    angles, found = descend(task, arm.angles_of(starts), low, high, passes)
+    return arm.readings_of(angles), found
+
+
+def cone(axis: np.ndarray, half_angle: float, rng: np.random.Generator) -> np.ndarray:
+    """Unit vectors (M, 3), uniform in the cone of `half_angle` (rad) about each of axis (M, 3)."""
+    count = len(axis)
+    cosine = rng.uniform(np.cos(half_angle), 1.0, count)
+    across = cross(axis, rng.normal(size=(count, 3)))
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    return cosine[:, None] * axis + np.sqrt(1 - cosine**2)[:, None] * across

@@ -1,0 +1,333 @@
+"""What stands around an arm: solids of artefacts, spheres on stems, and the table below them.
+
+A target states a surface, not a body. What is added here is assumed, and on the safe side for an arm that
+approaches from outside: artefacts are boxes that reach down behind their faces, spheres stand on stems.
+
+Capsules of an arm and its tool, from the lengths of the kinematic table.
+
+The body of a link follows the table: from the origin of its frame along the common normal to the next joint
+axis, and along that axis to the next origin. A link with both lengths is therefore an L of two capsules. The
+part along the next axis houses that joint, and has the radius of the next link. If the two joint axes are
+parallel, the table does not say where between them the link lies: the upper arm of a UR5 stands 0.14 m beside
+its common normal. The centre of mass, if it is stated, says it (UR5, UR10, PUMA 560: within 25 mm of the
+joint offsets that their descriptions give).
+
+Assumed: the radius decreases linearly along the arm from `BASE` to `WRIST`, as fractions of the length of the
+arm from axis 2 to the flange. Published capsules, as the same fractions, of upper arm, forearm and wrist:
+Motoman GP50 0.09, 0.06, 0.07 and LR Mate 200iD 0.17, 0.11 (robotproperty.m of planners by Liu and others,
+github.com/intelligent-control-lab: cylinders about the whole casting); Panda 0.07, 0.07, 0.06 (spheres of its
+collision models); UR5e 0.06, 0.05, 0.04 and UR10e 0.05, 0.04, 0.03 (MuJoCo Menagerie). The assumption is near
+the first, wide for collaborative arms and narrow for the shoulder of small industrial ones. `radius_mm` of a
+link in robot.yaml replaces it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from bayescal.arm.chain import Chain, Robot, chain_of
+from bayescal.dataset.types import Dataset, Target, Tool
+from bayescal.probing.shapes import FIXED, Ball, Box, Capsule, Cylinder, HalfSpace, Hull, Shape
+
+STEM = 0.1
+"""m, assumed: length of the stem below the centre of a sphere."""
+
+STEM_RADIUS = 0.2
+"""Radius of a stem, assumed, of the diameter of its sphere."""
+
+SQUARE = 0.02  # rad: faces of a box are perpendicular and parallel to within this
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A body in F0. A contact with it is on its first shape; the others carry it.
+
+    Solids with different `placement` are not in the workspace at the same time; "" is always there. `carries`
+    marks the table on which the arm itself stands: links that are always below its height (the shoulder of an
+    arm whose artefact stands higher) are not compared with it.
+    """
+
+    name: str
+    shapes: tuple[Shape, ...]
+    placement: str = ""
+    carries: bool = False
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Solids of a session, the solid of each target, and targets whose extent is not known.
+
+    `of` gives the index of the solid on which a target is, by the name of the target. `unknown` are names of
+    targets that state a surface without its extent: nothing is avoided there.
+    """
+
+    solids: tuple[Solid, ...]
+    of: dict[str, int]
+    unknown: tuple[str, ...] = ()
+
+    def touched(self, names: list[str]) -> np.ndarray:
+        """Indices (M,) of the solids of targets; -1 for a target without a solid."""
+        return np.array([self.of.get(name, -1) for name in names], int)
+
+
+def sphere(name: str, centre: np.ndarray, diameter: float, up: np.ndarray, placement: str = "") -> Solid:
+    """A sphere on a stem: centre (3,) and diameter in m, `up` (3,) the unit vector opposite to the stem."""
+    stem = Capsule(FIXED, centre, centre - STEM * up, STEM_RADIUS * diameter)
+    return Solid(name, (Ball(centre, 0.5 * diameter), stem), placement)
+
+
+def on_table(solids: Sequence[Solid], up: np.ndarray, height: float | None = None) -> tuple[Solid, ...]:
+    """The solids with the table on which they stand; boxes above it stand on a pedestal of their own size.
+
+    Parameters
+    ----------
+    solids : sequence of Solid
+    up : np.ndarray, shape (3,)
+        Unit vector.
+    height : float, optional
+        Of the table along `up`, m; that of the lowest point of all solids if not given.
+    """
+    if height is None:
+        height = min(shape.lowest(up) for solid in solids for shape in solid.shapes)
+    out = [replace(s, shapes=(*s.shapes, *_pedestal(s.shapes[0], up, height))) for s in solids]
+    return (*out, Solid("table", (HalfSpace(up, height),), carries=True))
+
+
+def _pedestal(shape: Shape, up: np.ndarray, height: float) -> tuple[Shape, ...]:
+    """The box below an upright box down to `height`, m; other shapes have stems, or lean."""
+    if not isinstance(shape, Box):
+        return ()
+    axis = int(np.argmax(np.abs(shape.pose[:3, :3].T @ up)))
+    bottom = shape.lowest(up)
+    if abs(shape.pose[:3, axis] @ up) < np.cos(SQUARE) or bottom <= height:
+        return ()
+    pose, half = shape.pose.copy(), shape.half.copy()
+    half[axis] = 0.5 * (bottom - height)
+    pose[:3, 3] -= (shape.half[axis] + half[axis]) * up
+    return (Box(pose, half),)
+
+
+def own_solids(dataset: Dataset) -> tuple[Solid, ...]:
+    """The solids that a session states (`solids:` in dataset.yaml)."""
+    out = []
+    for own in dataset.solids:
+        turn, centre = own.pose[:3, :3], own.pose[:3, 3]
+        shape: Shape
+        if own.kind == "box":
+            shape = Box(own.pose, 0.5 * own.size)
+        elif own.kind == "cylinder":
+            shape = Cylinder(centre, turn[:, 2], 0.5 * float(own.size[1]), 0.5 * float(own.size[0]))
+        else:
+            shape = Hull(own.points @ turn.T + centre)
+        out.append(Solid(own.name, (shape,), own.placement))
+    return tuple(out)
+
+
+def up_of(dataset: Dataset) -> np.ndarray:
+    """The unit vector (3,) against gravity; z of F0 where gravity is not modelled."""
+    length = float(np.linalg.norm(dataset.gravity))
+    return -dataset.gravity / length if length else np.array([0.0, 0.0, 1.0])
+
+
+def scene_of(dataset: Dataset, with_table: bool = True) -> Scene:
+    """The solids that the targets of a session state.
+
+    Planes of a name with a common part before the dot (``cube.+x``) are faces of a box, if they include a
+    parallel pair and three perpendicular directions. Along a direction with a single face the box is as deep
+    as the smallest parallel pair. Spheres stand on stems; of ``ball.A@1`` the placement is ``1``. Other
+    targets have no extent (`Scene.unknown`): no solid.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    with_table : bool
+        Add a table below all solids.
+    """
+    up = up_of(dataset)
+    solids: list[Solid] = []
+    of: dict[str, int] = {}
+    faces: dict[str, list[Target]] = {}
+    for target in dataset.targets:
+        if target.kind == "plane":
+            faces.setdefault(target.name.rpartition(".")[0], []).append(target)
+        elif target.kind == "sphere":
+            placement = target.name.partition("@")[2]
+            centre, diameter = np.asarray(target.values["centre"], float), float(target.values["diameter"])
+            of[target.name] = len(solids)
+            solids.append(sphere(target.name, centre, diameter, up, placement))
+    for artefact, group in faces.items():
+        shape = box_of(group)
+        if shape is not None:
+            of |= dict.fromkeys((t.name for t in group), len(solids))
+            solids.append(Solid(artefact, (shape,), group[0].name.partition("@")[2]))
+    unknown = tuple(t.name for t in dataset.targets if t.kind != "instrument" and t.name not in of)
+    return Scene(on_table(solids, up) if with_table and solids else tuple(solids), of, unknown)
+
+
+def box_of(faces: list[Target]) -> Box | None:
+    """The box whose faces are planes, or None if the planes do not determine one."""
+    normals = np.array([t.values["normal"] for t in faces], float)
+    offsets = np.array([t.values["offset"] for t in faces], float)
+    axes: list[np.ndarray] = []
+    for normal in normals:
+        if all(abs(normal @ axis) < SQUARE for axis in axes):
+            axes.append(normal)
+        elif max(abs(normal @ axis) for axis in axes) < np.cos(SQUARE):
+            return None  # oblique faces
+    if len(axes) < 3:
+        return None
+    high, low = np.full(3, np.inf), np.full(3, -np.inf)  # along each axis
+    for normal, offset in zip(normals, offsets, strict=True):
+        along = [float(normal @ axis) for axis in axes]
+        k = int(np.argmax(np.abs(along)))
+        if along[k] > 0:
+            high[k] = min(high[k], offset)
+        else:
+            low[k] = max(low[k], -offset)
+    size = high - low
+    if not np.any(np.isfinite(size)) or np.any(size <= 0):
+        return None
+    depth = size[np.isfinite(size)].min()
+    low = np.where(np.isfinite(low), low, high - depth)  # the first face of an axis gave its direction
+    square = np.linalg.qr(np.array(axes).T)[0]
+    square = square * np.sign(np.sum(square * np.array(axes).T, axis=0))
+    pose = np.eye(4)
+    pose[:3, :3] = square
+    pose[:3, 3] = np.linalg.solve(np.array(axes), 0.5 * (high + low))
+    return Box(pose, 0.5 * (high - low))
+
+
+BASE, WRIST = 0.10, 0.055
+"""Radius of the links at axis 2 and at the flange, of the length of the arm between them."""
+
+MERGED = 0.25
+"""Corners of a link nearer to each other than this fraction of its radius are a single corner."""
+
+STYLUS = 0.05
+"""m, assumed: length of a stylus (M2 to M4 styli are 10 to 100 mm long); at most half of the tool."""
+
+PROBE = 0.02
+"""m: radius of the body of a tool, from the flange to its stylus. Touch probes for robots have a diameter of
+25 to 40 mm, the adapter of a tool about that of a small flange (ISO 9409-1-31.5: 40 mm)."""
+
+SHAFT = 0.7
+"""Radius of a stylus shaft, of that of its ball (ruby styli: 1.5 to 2.5 mm for a ball of 3 mm)."""
+
+TIP = 4.0
+"""Length of the last part of a stylus, in radii of its ball: the part that may touch the target. A target out
+of place by 1 mm, or a deflected arm, then is no collision."""
+
+PARALLEL = 1e-6  # rad, between joint axes
+ALONG = (
+    0.95  # cosine: a part of a link along the next joint axis, of which merged corners may turn it a little
+)
+
+
+def arm_capsules(robot: Robot, tool: Tool, stand: float = 0.0) -> tuple[Capsule, ...]:
+    """Capsules of an arm with its tool, from base to ball.
+
+    Parameters
+    ----------
+    robot : Robot
+    tool : Tool
+    stand : float
+        Height of the column below the first frame, m, along its z axis: for an F0 that is not at the foot.
+
+    Returns
+    -------
+    tuple of Capsule
+        Several for a link with several lengths, none for a link without.
+    """
+    chain = chain_of(robot)
+    radii = link_radii(robot)
+    out = []
+    if stand > 0:
+        foot = np.array([0.0, 0.0, -stand])
+        out.append(Capsule(0, foot, np.zeros(3), float(radii[0]), "base"))
+    for link in range(robot.n + 1):
+        name = "base" if link == 0 else f"link {link}"
+        for a, b in pairwise(_corners(robot, chain, link, MERGED * radii[link])):
+            along = abs((b - a) @ chain.link[link, :3, 2]) > ALONG * np.linalg.norm(b - a)
+            housing = along and link < robot.n and np.allclose(b, _step(chain, link))
+            out.append(Capsule(link, a, b, float(radii[link + housing]), name))
+    return (*out, *_tool(robot.n + 1, tool))
+
+
+def link_radii(robot: Robot) -> np.ndarray:
+    """Radii (n + 1,), m, of the base and the links: as the robot file states, otherwise assumed."""
+    chain = chain_of(robot)
+    shift = np.array([_step(chain, link) for link in range(robot.n + 1)])
+    lengths = np.linalg.norm(shift, axis=1)
+    first = min(2, robot.n)  # links before axis 2 carry the arm and are not part of its length
+    arm = float(lengths[first:].sum())
+    if arm == 0.0:
+        arm = float(lengths.sum())
+    to_flange = lengths[::-1].cumsum()[::-1] - 0.5 * lengths
+    out = arm * (WRIST + (BASE - WRIST) * np.minimum(to_flange / max(arm, 1e-9), 1.0))
+    if robot.radii is not None:
+        stated = np.concatenate([robot.radii[:1], robot.radii])
+        out = np.where(np.isnan(stated), out, stated)
+    return out
+
+
+def _step(chain: Chain, link: int) -> np.ndarray:
+    """Origin of the next frame (3,), m, in frame `link`; of the flange behind the last."""
+    along = chain.d[link] if link < chain.n else 0.0
+    return chain.link[link, :3, 3] + chain.link[link, :3, 2] * along
+
+
+def _corners(robot: Robot, chain: Chain, link: int, near: float) -> list[np.ndarray]:
+    """Corners of a link in its own frame, from its origin to the next; nearer than `near`, m, are merged."""
+    end = _step(chain, link)
+    corners = [np.zeros(3), end]
+    if link < chain.n:
+        z = chain.link[link, :3, 2]
+        beside = np.array([0.0, 0.0, _beside(robot, chain, link)])
+        corners = [np.zeros(3), beside, chain.link[link, :3, 3] + beside, end]
+        if np.hypot(z[0], z[1]) > PARALLEL:
+            corners[1:3] = [chain.link[link, :3, 3]]
+    kept = [corners[0]]
+    for corner in corners[1:]:
+        if np.linalg.norm(corner - kept[-1]) > near:
+            kept.append(corner)
+    if len(kept) > 1 and np.linalg.norm(end - kept[-1]) <= near:
+        kept[-1] = end
+    return kept
+
+
+def _beside(robot: Robot, chain: Chain, link: int) -> float:
+    """How far along its joint axis the body of a link is, m, by its centre of mass; 0 if none is stated."""
+    if link == 0 or robot.centres_of_mass is None:
+        return 0.0
+    centre = robot.centres_of_mass[link - 1]
+    if robot.convention == "dh":  # its link frame stands behind the whole row
+        centre = chain.link[link, :3, :3] @ centre + chain.link[link, :3, 3]
+    return float(centre[2])
+
+
+def _tool(flange: int, tool: Tool) -> tuple[Capsule, ...]:
+    """Body, stylus, its last part and the ball of a tool; a tool without a ball is all body."""
+    length = float(np.linalg.norm(tool.centre))
+    if length == 0.0:
+        return ()
+    out = tool.centre / length
+    name = f"tool {tool.name}"
+    if tool.ball_radius is None:
+        radius = min(PROBE, 0.5 * length)
+        return (Capsule(flange, np.zeros(3), (length - radius) * out, radius, name),)
+    ball = tool.ball_radius
+    stylus = min(STYLUS, 0.5 * length)
+    tip = min(TIP * ball, 0.5 * stylus)
+    radius = min(PROBE, 0.5 * (length - stylus))
+    shaft = SHAFT * ball
+    root, neck = (length - stylus) * out, (length - tip) * out
+    return (
+        Capsule(flange, np.zeros(3), root - radius * out, radius, name),
+        Capsule(flange, root - radius * out, neck, shaft, f"stylus of {name}"),
+        Capsule(flange, neck, tool.centre, shaft, f"stylus of {name}", probe=True),
+        Capsule(flange, tool.centre, tool.centre, ball, f"ball of {name}", probe=True),
+    )

@@ -1,0 +1,233 @@
+"""A robot program as text with positions in it: what a format finds, and how numbers are put back in place.
+
+Everything but the numbers of the positions is kept, byte for byte: programs are read as Latin-1, in which
+every byte is a character.
+
+RoboDK: CSV of joints in degrees in the first n columns, with or without a header; other columns are kept.
+
+So are its tables of calibration targets and its lists of the joints of a program.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.errors import BayescalError
+from bayescal.programs.targets import Corrected, Target
+from bayescal.programs.tools import ToolStatement
+
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+"""A number as programs write it; FANUC leaves the zero before the point out."""
+LENGTH, ANGLE = 4, 5
+"""Least decimals of mm and of deg: 0.1 µm, and at a metre 0.2 µm."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number to be written, with its least decimals; it keeps those that the program had."""
+
+    value: float
+    decimals: int
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A position in the text of a program: its target, its name, and where each of its numbers stands.
+
+    `whole` is the expression that becomes a list of joints, where a pose cannot be written. A position that
+    the program does not use (`used`) may have no solution.
+    """
+
+    target: Target
+    name: str
+    spans: tuple[tuple[int, int], ...]
+    whole: tuple[int, int] | None = None
+    used: bool = True
+
+    @property
+    def place(self) -> int:
+        """Where the position begins."""
+        return self.whole[0] if self.whole is not None else self.spans[0][0]
+
+
+@dataclass(frozen=True)
+class Program:
+    """Positions of a program in the order in which they are visited, and what was left as it is.
+
+    `elsewhere`: what says that poses are not in the frame of the base, and its line; "" if nothing does.
+    `tools`: the tools that the program states.
+    """
+
+    slots: tuple[Slot, ...]
+    notes: tuple[str, ...] = ()
+    elsewhere: str = ""
+    tools: tuple[ToolStatement, ...] = ()
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of robot programs.
+
+    Parameters
+    ----------
+    name : str
+        In options and messages.
+    suffixes : tuple of str
+        Of files; small letters.
+    read : callable
+        Program of a text, for an arm of n joints.
+    joints : callable
+        Numbers of a joint position in the order of its spans, from readings (n,), rad.
+    summary : str
+        What is read.
+    pose : callable, optional
+        Numbers of a pose from (pose (4, 4), m; readings (n,), rad; the numbers of the program); without it
+        every pose has a `whole` that becomes a list of joints.
+    remarked : callable, optional
+        The program with a comment; without it the format has none.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    read: Callable[[str, int], Program]
+    joints: Callable[[np.ndarray], Iterable[Number]]
+    summary: str
+    pose: Callable[[np.ndarray, np.ndarray, Sequence[float]], Iterable[Number]] | None = None
+    remarked: Callable[[str, str], str] | None = None
+
+
+def line_of(text: str, at: int) -> int:
+    """The line, from 1, of a character."""
+    return text.count("\n", 0, at) + 1
+
+
+def masked(text: str, comment: str, quote: str = '"') -> str:
+    """The text with comments (from `comment` to the end of the line) and strings as blanks, equally long."""
+    pattern = re.compile(f"{quote}[^{quote}\n]*{quote}|{re.escape(comment)}[^\r\n]*")
+    return pattern.sub(lambda match: " " * len(match.group()), text)
+
+
+def first(pattern: re.Pattern[str], code: str) -> str:
+    """The first match of a pattern with its line, or ""."""
+    match = pattern.search(code)
+    return f"line {line_of(code, match.start())}: {match.group()}" if match else ""
+
+
+def numbers_in(match: re.Match[str], groups: Iterable[int | str]) -> tuple[tuple[int, int], ...]:
+    """Where groups of a match stand in the text."""
+    return tuple(match.span(group) for group in groups)
+
+
+def values_at(text: str, spans: Iterable[tuple[int, int]]) -> list[float]:
+    """The numbers of a text at some places."""
+    return [float(text[low:high]) for low, high in spans]
+
+
+def degrees_of(readings: np.ndarray) -> list[Number]:
+    """Readings (n,), rad, in degrees."""
+    return [Number(x, ANGLE) for x in np.degrees(readings).tolist()]
+
+
+def lengths_of(pose: np.ndarray) -> list[Number]:
+    """x, y and z of a pose (4, 4), m, in mm."""
+    return [Number(x, LENGTH) for x in (1e3 * pose[:3, 3]).tolist()]
+
+
+def after_line(pattern: str, prefix: str) -> Callable[[str, str], str]:
+    """Programs with a comment behind the first line that matches a pattern; at the top if none does."""
+
+    def remarked(text: str, comment: str) -> str:
+        match = re.search(pattern, text, re.IGNORECASE | re.MULTILINE)
+        at = 0 if match is None else text.find("\n", match.end()) + 1
+        return f"{text[:at]}{prefix}{comment}{newline_of(text)}{text[at:]}"
+
+    return remarked
+
+
+def newline_of(text: str) -> str:
+    """What ends the lines of a text."""
+    return "\r\n" if "\r\n" in text else "\n"
+
+
+def arguments(text: str, low: int, high: int) -> list[tuple[int, int]]:
+    """Places of the arguments of a call between two places: its commas outside of all brackets."""
+    depth, start, out = 0, low, []
+    for at in range(low, high):
+        depth += {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}.get(text[at], 0)
+        if text[at] == "," and depth == 0:
+            out.append((start, at))
+            start = at + 1
+    each = [(a, b, text[a:b]) for a, b in [*out, (start, high)] if text[a:b].strip()]
+    return [(b - len(own.lstrip()), a + len(own.rstrip())) for a, b, own in each]
+
+
+def rewritten(text: str, format_: Format, slots: Sequence[Slot], found: Sequence[Corrected]) -> str:
+    """The text with corrected numbers in place.
+
+    Raises
+    ------
+    BayescalError
+        If a position that the program uses has no solution: a program with a part of its positions corrected
+        is not written.
+    """
+    pieces: list[tuple[int, int, str]] = []
+    for slot, own in zip(slots, found, strict=True):
+        if own.reason and not slot.used:
+            continue
+        if own.reason:
+            remedy = "correct the position or leave it out; nothing is written"
+            raise BayescalError(f"no solution: {own.reason}", slot.target.where, remedy)
+        assert own.readings is not None
+        assert own.pose is not None
+        if slot.whole is not None:
+            listed = ", ".join(digits(number) for number in format_.joints(own.readings))
+            pieces.append((*slot.whole, f"[{listed}]"))
+            continue
+        if slot.target.pose is None:
+            numbers = format_.joints(own.readings)
+        else:
+            assert format_.pose is not None, "a format without poses has whole expressions"
+            numbers = format_.pose(own.pose, own.readings, values_at(text, slot.spans))
+        for (low, high), number in zip(slot.spans, numbers, strict=True):
+            pieces.append((low, high, _written(number, text[low:high])))
+    out, at = [], 0
+    for low, high, new in sorted(pieces):
+        out += [text[at:low], new]
+        at = high
+    return "".join([*out, text[at:]])
+
+
+def digits(number: Number, decimals: int = 0) -> str:
+    """A number with its least decimals, or more."""
+    new = f"{number.value:.{max(number.decimals, decimals)}f}" if number.decimals else f"{number.value:.0f}"
+    return new[1:] if float(new) == 0 and new.startswith("-") else new
+
+
+def _written(number: Number, old: str) -> str:
+    """A number with the decimals that the program had."""
+    return digits(number, len(old.lower().partition("e")[0].partition(".")[2]))
+
+
+def _read(text: str, n: int) -> Program:
+    row = re.compile(r"\s*,\s*".join([rf"\s*({NUMBER})"] * n) + r"\s*(?=,|;|$)")
+    slots: list[Slot] = []
+    at = 0
+    for number, line in enumerate(text.splitlines(keepends=True), 1):
+        bare = line.rstrip("\r\n")
+        match = row.match(text, at, at + len(bare))
+        if match:
+            spans = numbers_in(match, range(1, n + 1))
+            target = Target(f"line {number}", readings=np.radians(values_at(text, spans)))
+            slots.append(Slot(target, f"{number}", spans))
+        elif bare.strip() and slots:
+            what = f"the first {n} cells are not numbers"
+            raise BayescalError(what, f"line {number}", "a RoboDK table has the joints in degrees there")
+        at += len(line)
+    return Program(tuple(slots))
+
+
+ROBODK = Format("robodk", (".csv",), _read, degrees_of, "RoboDK CSV: joints in degrees in the first columns")

@@ -1,0 +1,192 @@
+"""What a compensation prints.
+
+The summary of an export: what the file cannot hold, with its size.
+
+The record of a verification, verify.json, and its report on the terminal.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+from typing import Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from bayescal import __version__
+from bayescal.compensating.compensation import Compensation
+from bayescal.effects.selection import plain
+from bayescal.effects.tool import TOOL
+from bayescal.exporting.export import Exported
+from bayescal.fitted.arm import FittedArm
+from bayescal.reporting.shared.text import MM, FigureTable, facts, model_label, plain_table, um, um2
+from bayescal.verifying.result import Verification
+
+SHOWN = 5
+"""Targets without solution, and notes, that are listed."""
+
+
+def compensation_summary(arm: FittedArm, done: Compensation) -> RenderableType:
+    """The verdict if it is bad, numbers of targets, errors before, uncertainty, what has no solution."""
+    good = [own for own in done.found if not own.reason]
+    rows = [
+        *([("warning", done.warning, "bold red")] if done.warning else []),
+        ("compensation", f"{done.source}: {len(done.found)} targets, poses in {done.frame}", "bold"),
+        ("arm", f"{arm.dataset.robot.name}, {model_label(arm.effects)}", ""),
+    ]
+    if good:
+        error, u, most = (np.array([getattr(own, key) for own in good]) for key in ("error", "u", "expanded"))
+        rows.append(
+            ("nominal error", f"mean {MM * error.mean():.3f} mm, maximum {MM * error.max():.3f} mm", "")
+        )
+        middle, high, expanded = (um2(float(x)) for x in (np.median(u), u.max(), np.median(most)))
+        text = f"u of a point {middle} µm (median), {high} µm (maximum); U {expanded} µm (median, 95 %)"
+        rows.append(("uncertainty", text, ""))
+        outside = sum(not own.inside for own in good)
+        text = "all targets are inside" if not outside else f"{outside} of {len(good)} targets are outside"
+        rows.append(("probed region", text, "yellow" if outside else ""))
+    lacking = [
+        f"{target.where}: {own.reason}"
+        for target, own in zip(done.targets, done.found, strict=True)
+        if own.reason
+    ]
+    rows += [("note", note, "yellow") for note in arm.use.notes if note not in arm.use.warnings]
+    rows += [("no solution" if k == 0 else "", text, "red") for k, text in enumerate(_some(lacking))]
+    rows += [("kept" if k == 0 else "", text, "yellow") for k, text in enumerate(_some(list(done.notes)))]
+    return Group(facts(rows))
+
+
+def _some(texts: list[str]) -> list[str]:
+    more = len(texts) - SHOWN
+    return texts if more <= 0 else [*texts[:SHOWN], f"and {more} more"]
+
+
+def export_summary(export: Exported) -> RenderableType:
+    """Model, state, effects that the file does not hold, and notes."""
+    arm = export.arm
+    m = arm.dataset.measurements
+    tools = {p.name for p in arm.model.parameters if p.effect == TOOL.name}
+    held = len({i.parameter for i in export.written.items} - tools)
+    time = "" if m.time is None else f" ({m.time[export.options.state]:.0f} s)"
+    rows = [
+        ("arm", f"{arm.dataset.robot.name}, session {arm.dataset.name}", ""),
+        ("model", model_label(arm.effects), ""),
+        ("format", f"{export.format}: {held} of {len(arm.values) - len(tools)} parameters of the arm", ""),
+        ("tool", f"its {len(tools)} parameters are in the sidecar", ""),
+    ]
+    if any(m.why.startswith("changes") for m in export.missing):
+        rows.append(("state", f"that of row {m.ids[export.options.state]}{time}", ""))
+    parts: list[RenderableType] = [facts(rows)]
+    if export.missing:
+        table = plain_table("not in the file (µm)", "RMS", "maximum")
+        for missing in export.missing:
+            table.add_row(missing.effect, um(missing.rms), um(missing.maximum))
+        table.add_row("all of these", um(export.rest.rms), um(export.rest.maximum))
+        parts += ["", table, ""]
+        parts.append(facts([(missing.effect, missing.why, "dim") for missing in export.missing]))
+        parts.append(facts(_alternative(export)))
+    else:
+        parts.append(Text("the file holds the complete model of the arm", "green"))
+    if export.notes:
+        parts.append(facts([("note", note, "yellow") for note in export.notes]))
+    return Group(*parts)
+
+
+def _alternative(export: Exported) -> list[tuple[str, str, str]]:
+    """The model that the file can hold: fitted without the missing effects, it has the smaller error."""
+    lacking = {missing.effect for missing in export.missing}
+    less = [name for name in export.arm.effects if plain(name) in map(plain, lacking)]
+    if not less or len(less) == len(export.arm.effects):
+        return []
+    words = (
+        f"--without {shlex.quote(','.join(less))} fits the session again: the rest of the model then takes "
+        "up what it can of these effects, and the file has smaller errors"
+    )
+    return [("alternative", words, "")]
+
+
+SCHEMA = "bayescal-verify/1"
+
+
+def record(v: Verification) -> dict[str, Any]:
+    """The content of verify.json."""
+    out: dict[str, Any] = {
+        "schema": SCHEMA,
+        "format": v.format,
+        "file": v.path.name,
+        "software": {"bayescal": __version__, "simulator": v.software},
+        "model": list(v.arm.effects),
+        "state_row": v.arm.dataset.measurements.ids[v.state],
+        "poses": len(v.levels[-1].differences),
+        "max_difference_um": {level.name: 1e6 * level.maximum for level in v.levels},
+        "rms_difference_um": {level.name: 1e6 * level.rms for level in v.levels},
+        "limit_um": {level.name: 1e6 * level.limit for level in v.levels},
+        "not_in_file_rms_um": {name: 1e6 * size for name, size in v.missing.items()},
+        "use": v.arm.use.record(),
+        "passed": v.passed,
+        "measured": None,
+    }
+    if v.gap is not None:
+        g = v.gap
+        out["measured"] = {"before_model": g.before_is} | {
+            kind: {
+                "count": g.count[kind],
+                "before_rms_um": _um(g.before[kind]),
+                "after_rms_um": _um(g.after[kind]),
+                "predicted_before_rms_um": _um(g.predicted[kind][0]),
+                "predicted_after_rms_um": _um(g.predicted[kind][1]),
+            }
+            for kind in g.after
+        }
+    return out
+
+
+def _um(value: float) -> float | None:
+    return 1e6 * value if math.isfinite(value) else None
+
+
+def report(v: Verification) -> RenderableType:
+    """The verification in a few lines."""
+    title = f"{v.path.name} in {v.software}, {len(v.levels[-1].differences)} poses of {v.arm.dataset.name}"
+    parts: list[RenderableType] = [Text(title, style="bold"), _levels(v)]
+    if v.gap is None:
+        parts.append(Text("The session has no validation measurements: no gap is measured."))
+    else:
+        parts.append(_gap(v))
+    if v.missing:
+        sizes = ", ".join(f"{name} ({um(size)} µm RMS)" for name, size in v.missing.items())
+        parts.append(Text(f"not in the file, and part of the gap after: {sizes}"))
+    parts += [Text(remark, style="yellow") for remark in v.arm.use.remarks]
+    worst = next((level for level in v.levels if not level.passed), None)
+    if worst is None:
+        rest = " without these effects" if v.missing else ""
+        parts.append(Text(f"passed: the simulator has the fitted arm{rest}"))
+    else:
+        what = f"FAILED: {worst.name} differs by up to {1e6 * worst.maximum:.3g} µm"
+        parts.append(Text(f"{what} (limit {1e6 * worst.limit:.3g} µm, RMS 1 µm)", style="red"))
+    return Group(*parts)
+
+
+def _levels(v: Verification) -> FigureTable:
+    table = FigureTable("simulator against model", "RMS (µm)", "maximum (µm)", "limit (µm)")
+    for level in v.levels:
+        figures = (level.rms, level.maximum, level.limit)
+        table.add_row(level.name, *(f"{1e6 * x:.2g}" if x else "0" for x in figures))
+    return table
+
+
+def _gap(v: Verification) -> FigureTable:
+    g = v.gap
+    assert g is not None
+    table = FigureTable(
+        "simulator against measurements: RMS (µm)", "count", f"before ({g.before_is})", "after",
+        "run: before", "run: after",
+    )  # fmt: skip
+    for kind in g.after:
+        values = (g.before[kind], g.after[kind], *g.predicted[kind])
+        table.add_row(
+            kind, str(g.count[kind]), *(f"{1e6 * x:.3g}" if math.isfinite(x) else "-" for x in values)
+        )
+    return table

@@ -1,0 +1,83 @@
+"""Tails of the usual distributions, by `scipy.special`: `scipy.stats` takes a second to import.
+
+Each takes arrays. Without degrees of freedom there is no distribution: NaN, as `scipy.stats` has it.
+
+Seeds of independent streams of random numbers, from the seed of a run.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+Values = Any
+"""A number or an array of numbers; all arguments broadcast."""
+
+
+def chi2_sf(x: Values, dof: Values) -> Any:
+    """Probability that chi-square exceeds x."""
+    return np.where(np.asarray(dof) > 0, special.chdtrc(dof, np.maximum(x, 0.0)), np.nan)
+
+
+def chi2_isf(p: Values, dof: Values) -> Any:
+    """Value that chi-square exceeds with probability p."""
+    return special.chdtri(dof, p)
+
+
+def f_noncentrality(p: Values, dof: Values, dof_below: Values, x: Values) -> Any:
+    """Noncentrality with which F exceeds x with probability p."""
+    return special.ncfdtrinc(dof, dof_below, 1.0 - np.asarray(p), x)
+
+
+def f_sf(x: Values, dof: Values, dof_below: Values) -> Any:
+    """Probability that F exceeds x; `dof_below` is of the denominator."""
+    return special.fdtrc(dof, dof_below, np.maximum(x, 0.0))
+
+
+def f_isf(p: Values, dof: Values, dof_below: Values) -> Any:
+    """Value that F exceeds with probability p."""
+    return special.fdtri(dof, dof_below, 1.0 - np.asarray(p))
+
+
+def t_sf(x: Values, dof: Values) -> Any:
+    """Probability that Student's t exceeds x."""
+    return special.stdtr(dof, -np.asarray(x))
+
+
+def t_ppf(p: Values, dof: Values) -> Any:
+    """Value below which Student's t lies with probability p."""
+    return special.stdtrit(dof, p)
+
+
+def poisson_sf(k: Values, mean: Values) -> Any:
+    """Probability of more than k events."""
+    return np.where(np.asarray(k) < 0, 1.0, special.pdtrc(np.floor(np.maximum(k, 0)), mean))
+
+
+def hypergeometric_log_sf(sizes: np.ndarray, total: int, count: int) -> np.ndarray:
+    """Log probabilities (G, total + 1) that at least 0, 1, ... of `total` chosen rows are in each group.
+
+    `sizes` (G,) of groups among `count` rows, of which `total` are chosen at random without replacement.
+    """
+    inside, size = np.arange(total + 1), np.asarray(sizes)[:, None]
+
+    def choose(n: Values, k: Values) -> np.ndarray:
+        return special.gammaln(n + 1.0) - special.gammaln(k + 1.0) - special.gammaln(n - k + 1.0)
+
+    possible = (inside <= size) & (total - inside <= count - size)
+    k = np.where(possible, inside, np.maximum(total - (count - size), 0))
+    mass = choose(size, k) + choose(count - size, total - k) - choose(count, total)
+    mass = np.where(possible, mass, -np.inf)
+    return np.logaddexp.accumulate(mass[:, ::-1], axis=1)[:, ::-1]
+
+
+def spawned(seed: int, count: int) -> tuple[int, ...]:
+    """Seeds for `count` independent generators; the same seed gives the same result.
+
+    Two generators with the same seed give the same numbers: draws of the posterior and of the noise added
+    to them would be correlated (`numpy.random.SeedSequence.spawn`).
+    """
+    children = np.random.SeedSequence(seed).spawn(count)
+    return tuple(int(child.generate_state(1, np.uint64)[0]) for child in children)

@@ -1,0 +1,1 @@
+"""Files and folders: documents, run folders, locks, refusals, stopping."""

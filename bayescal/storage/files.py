@@ -1,0 +1,411 @@
+"""JSON with an indent of one: the text of `json.dumps(value, indent=1, allow_nan=False)`, in less time.
+
+The compiled encoder of the standard library has no indent. It writes lists of numbers and texts, most of a
+record, with a line break as a part of its separator.
+
+Files that users write: YAML with the line of every value, keys with their unit, clear error messages.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import os
+import re
+import secrets
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path as File
+from typing import Annotated, Any, TypeVar
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
+
+from bayescal.errors import BayescalError, listed
+from bayescal.storage.locks import OTHER_OUT, PART, beside, remove_leftovers
+from bayescal.storage.reading import CONTROL, decoded, told_of
+from bayescal.storage.stopping import completed
+
+
+def indented(value: Any, level: int = 0) -> str:
+    """A record as JSON text with an indent of one space; `level` is that of the value itself.
+
+    Raises
+    ------
+    ValueError
+        For a number that is not finite.
+    """
+    inner, outer = "\n" + " " * (level + 1), "\n" + " " * level
+    if isinstance(value, Mapping) and value:
+        items = [f"{_key(key)}: {indented(own, level + 1)}" for key, own in value.items()]
+        return f"{{{inner}{f',{inner}'.join(items)}{outer}}}"
+    if isinstance(value, list | tuple) and value:
+        if any(isinstance(own, list | tuple | Mapping) for own in value):
+            return f"[{inner}{f',{inner}'.join(indented(own, level + 1) for own in value)}{outer}]"
+        return f"[{inner}{_encoder(level).encode(value)[1:-1]}{outer}]"
+    return _encoder(level).encode(value)
+
+
+@lru_cache(maxsize=64)
+def _encoder(level: int) -> json.JSONEncoder:
+    return json.JSONEncoder(allow_nan=False, separators=(",\n" + " " * (level + 1), ": "))
+
+
+def _key(key: Any) -> str:
+    text = json.dumps(key)
+    return text if isinstance(key, str) else f'"{text}"'
+
+
+UNITS = {"mm": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180} | dict.fromkeys(
+    ("rad", "kg", "nm", "s", "c", "degc", "mps2", "rad_per_nm"), 1.0
+)
+"""Unit suffixes of keys and columns, and the factors to SI (degrees Celsius are kept)."""
+
+FOREIGN = ("m", "cm", "um", "in", "inch", "radps", "mrad", "urad", "g", "k", "ms", "n", "ncm", "mnm")
+"""Suffixes of units that no file uses; an error message then names the correct suffix."""
+
+ANGLES = ("deg", "rad", "mrad", "urad")
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+SMALLEST = 1e-9
+"""Of a standard uncertainty that is not zero, in the unit of its key: less than any instrument has."""
+Uncertain = Annotated[Positive, AfterValidator(lambda value: _not_tiny(value))]
+UncertainOrKnown = Annotated[NotNegative, AfterValidator(lambda value: _not_tiny(value))]
+Vector = tuple[Number, Number, Number]
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+FILL_IN = "!FILL_IN"
+"""Mark (a YAML tag) of a value that the user has still to write; a value behind it is only assumed."""
+MORE_LINES = 6
+"""Maximum number of further lines that an error message names."""
+LARGEST_YAML = 5_000_000
+"""Bytes of a YAML file; a session of 10,000 targets has 1 MB."""
+DEEPEST = 30
+"""Levels of a YAML file; the formats have five."""
+MOST_VALUES = 100_000
+"""Values of a YAML file, with those that its aliases repeat: a few lines can stand for 10^9."""
+LONGEST_KEY, LONGEST_TEXT = 200, 20_000
+"""Characters of a key, and of a value."""
+RANGES: dict[str, tuple[float, float]] = {
+    "mm": (-1e7, 1e7),
+    "deg": (-1e6, 1e6),
+    "degps": (-1e6, 1e6),
+    "rad": (-1e4, 1e4),
+    "kg": (-1e6, 1e6),
+    "nm": (-1e7, 1e7),
+    "s": (-1e12, 1e12),
+    "c": (-273.15, 1e4),
+    "degc": (-273.15, 1e4),
+    "mps2": (-1e6, 1e6),
+    "rad_per_nm": (-1e3, 1e3),
+    "": (-1e9, 1e9),
+}
+"""Numbers that are read, by the unit of their key. Beyond them no arm, instrument or clock is, and sums of
+squares lose all digits. (10 km, absolute zero, seconds since 1970.)"""
+Path = tuple[str | int, ...]
+M = TypeVar("M", bound=BaseModel)
+
+
+def _not_tiny(value: float) -> float:
+    if 0.0 < value < SMALLEST:
+        raise PydanticCustomError("too_tiny", "too small", {"least": SMALLEST})
+    return value
+
+
+@lru_cache(maxsize=1024)
+def stem_of(key: str) -> tuple[str, str]:
+    """Split ``offset_mm`` into ``offset`` and ``mm``; the unit is empty where there is none."""
+    for unit in sorted((*UNITS, *FOREIGN), key=len, reverse=True):
+        if key.lower().endswith("_" + unit):
+            return key[: -len(unit) - 1], unit
+    return key, ""
+
+
+def si(key: str) -> float:
+    """Factor from a key's unit to SI; 1 where the key has none."""
+    return UNITS.get(stem_of(key)[1], 1.0)
+
+
+def unknown(noun: str, key: str, known: Iterable[str]) -> tuple[str, str]:
+    """Error and remedy for an unknown key or column."""
+    known = list(known)
+    stem, unit = stem_of(key)
+    same = [k for k in known if stem_of(k)[0] == stem and stem_of(k)[1]]
+    same.sort(key=lambda k: bool(unit) and (stem_of(k)[1] in ANGLES) != (unit in ANGLES))
+    if same and not unit:
+        return f"{noun} `{key}` has no unit in its name", f"write `{same[0]}`"
+    if same:
+        return f"{noun} `{key}` has a wrong unit", f"write `{same[0]}`, and its value in that unit"
+    near = difflib.get_close_matches(key, known, 1, 0.6)
+    return f"unknown {noun} `{key}`", f"is it `{near[0]}`?" if near else f"known are: {listed(known, 12)}"
+
+
+def range_of(key: str) -> tuple[float, float]:
+    """Least and greatest number of a key or column, in its unit."""
+    return RANGES.get(stem_of(key)[1], RANGES[""])
+
+
+def outside(key: str, values: Iterable[float]) -> str:
+    """What is wrong with numbers of a key or column, or ""; one that is not finite is wrong elsewhere."""
+    unit = stem_of(key)[1]
+    low, high = range_of(key)
+    bad = [v for v in values if math.isfinite(v) and not low <= v <= high]
+    return (
+        f"`{key}` holds {bad[0]:g}: {'below' if bad[0] < low else 'above'} "
+        + (f"{low if bad[0] < low else high:g} {unit}".rstrip())
+        if bad
+        else ""
+    )
+
+
+class Keys(BaseModel):
+    """A mapping of known keys: every other one is refused by name."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown(cls, data: Any) -> Any:
+        known = [f.alias or name for name, f in cls.model_fields.items()]
+        for key in data if isinstance(data, dict) else ():
+            if key not in known:
+                what, remedy = unknown("key", key, known)
+                told = {"at": key, "what": what, "remedy": remedy}
+                raise PydanticCustomError("of_key", "unknown key", told)
+        return data
+
+    @model_validator(mode="after")
+    def _refuse_outside(self) -> Keys:
+        for name in type(self).model_fields:
+            if what := outside(name, _numbers_in(getattr(self, name))):
+                told = {"at": name, "what": what, "remedy": "check the number and its unit"}
+                raise PydanticCustomError("of_key", "out of range", told)
+        return self
+
+
+def _numbers_in(value: Any) -> Iterable[float]:
+    """The numbers of a value: one, or those of lists in lists."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, (tuple, list)):
+        for item in value:
+            yield from _numbers_in(item)
+
+
+@dataclass(frozen=True)
+class Document:
+    """A YAML file: plain `data` (scalars as text), the line of every value, and the `content` to hash.
+
+    `unfilled` are the paths of values marked with `FILL_IN`, with the line of each mark.
+    """
+
+    name: str
+    data: Any
+    lines: dict[Path, int]
+    content: bytes
+    unfilled: dict[Path, int] = field(default_factory=dict)
+
+    def where(self, path: Iterable[str | int]) -> str:
+        """``file:line`` of the deepest part of `path` that the file holds."""
+        found: Path = ()
+        for part in path:  # pydantic's own parts, such as a union's tag, are not in the file
+            if (*found, part) in self.lines:
+                found = (*found, part)
+        return f"{self.name}:{self.lines[found]}"
+
+    def parse(self, model: type[M], assume: Collection[str] = ()) -> M:
+        """Read as `model`, or tell of the first thing wrong.
+
+        Values marked with `FILL_IN` are refused; below the keys `assume` only those without a value.
+        """
+        empty = [p for p in self.unfilled if self._at(p) in (None, [])]
+        self._refuse_unfilled(empty if assume else [], " and has no value that could be assumed")
+        self._refuse_unfilled([p for p in self.unfilled if p[:1] not in {(key,) for key in assume}])
+        try:
+            return model.model_validate(self.data)
+        except ValidationError as error:
+            told = [told_of(e) for e in error.errors(include_url=False)]
+        told.sort(key=lambda t: self._line(t[0]))
+        path, what, remedy = told[0]
+        raise BayescalError(what, self.where(path), remedy)
+
+    def _refuse_unfilled(self, paths: list[Path], why: str = "") -> None:
+        if not paths:
+            return
+        lines = sorted({self.unfilled[p] for p in paths})
+        first = min(paths, key=lambda p: self.unfilled[p])
+        more = ", ".join(map(str, lines[1 : 1 + MORE_LINES])) + (
+            ", ..." if len(lines) > 1 + MORE_LINES else ""
+        )
+        others = (
+            f", as are values in {len(lines) - 1} more line{'s' * (len(lines) > 2)} ({more})" if more else ""
+        )
+        what = f"`{first[-1]}` is not filled in: it is marked {FILL_IN}{others}"
+        raise BayescalError(what + why, f"{self.name}:{lines[0]}", "write your value and delete the mark")
+
+    def _at(self, path: Path) -> Any:
+        found = self.data
+        for part in path:
+            found = found[part]
+        return found
+
+    def _line(self, path: Path) -> int:
+        return int(self.where(path).rpartition(":")[2])
+
+
+def read_document(path: File) -> Document:
+    """Read a YAML file; refuse duplicate keys, and anything that is not a mapping.
+
+    Scalars remain text: a name such as ``on`` or ``12`` is not converted to a boolean or a number. The
+    pydantic model parses numbers from the text.
+    """
+    text, content = decoded(path, LARGEST_YAML)
+    reader = _Reader(path.name)
+    loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+    try:
+        _check_size(yaml.parse(text, Loader=loader), path.name)
+        node = yaml.compose(text, Loader=loader)
+        data = reader.plain(node, (), frozenset())
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"{path.name}:{mark.line + 1}" if mark else path.name
+        raise BayescalError(f"not YAML: {error.problem}", where, "check indents and brackets") from None
+    except yaml.YAMLError as error:
+        raise BayescalError(f"not YAML: {error}", path.name) from None
+    if not isinstance(data, dict):
+        raise BayescalError("expected keys and values", f"{path.name}:1", "start with `schema: ...`")
+    return Document(path.name, data, reader.lines, content, reader.unfilled)
+
+
+def _check_size(events: Iterable[yaml.Event], name: str) -> None:
+    """Refuse a file of too many levels or values, before a recursion descends into it."""
+    depth = 0
+    for number, event in enumerate(events):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST or number > 2 * MOST_VALUES:
+            line = event.start_mark.line + 1 if event.start_mark else 1
+            what = f"more than {DEEPEST} levels" if depth > DEEPEST else f"more than {MOST_VALUES} values"
+            raise BayescalError(what, f"{name}:{line}", "check brackets and indents")
+
+
+def check_schema(document: Document, schema: str) -> None:
+    """Refuse a document whose ``schema`` is missing or another than `schema`."""
+    given = document.data.get("schema")
+    if given == schema:
+        return
+    family = schema.partition("/")[0]
+    if not isinstance(given, str):
+        raise BayescalError("missing key `schema`", document.where(()), f"add `schema: {schema}`")
+    what = f"schema `{given}` is " + ("of another version" if given.startswith(family) else "not known here")
+    raise BayescalError(what, document.where(("schema",)), f"this version reads `{schema}`")
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """Turns the nodes of a YAML file to plain data, and collects the lines of values and of marks."""
+
+    name: str
+    lines: dict[Path, int] = field(default_factory=lambda: {(): 1})
+    unfilled: dict[Path, int] = field(default_factory=dict)
+
+    def plain(self, node: yaml.Node | None, path: Path, open_: frozenset[int]) -> Any:
+        """Data of a node. `open_` holds the nodes being read: a loop of aliases is refused."""
+        if node is None:
+            return None
+        line = node.start_mark.line + 1
+        if len(self.lines) > MOST_VALUES:
+            what = f"more than {MOST_VALUES} values, with those that aliases repeat"
+            raise BayescalError(what, f"{self.name}:{line}", "write the values out")
+        if node.tag == FILL_IN:
+            self.unfilled[path] = line
+        if isinstance(node, yaml.ScalarNode):
+            self._check_text(node.value, "a value", LONGEST_TEXT, line)
+            empty = ("",) if node.tag == FILL_IN else () if node.style else ("", "~", "null")
+            return None if node.value in empty else node.value
+        if id(node) in open_:
+            raise BayescalError("an alias contains itself", f"{self.name}:{line}", "write the values out")
+        inside = open_ | {id(node)}
+        if isinstance(node, yaml.SequenceNode):
+            items = []
+            for i, item in enumerate(node.value):
+                self.lines[(*path, i)] = item.start_mark.line + 1
+                items.append(self.plain(item, (*path, i), inside))
+            return items
+        return self._mapping(node, path, inside)
+
+    def _check_text(self, text: str, noun: str, longest: int, line: int) -> None:
+        """Refuse a text too long to be meant, or with characters that an escape has written."""
+        if len(text) > longest:
+            what = f"{noun} of {len(text)} characters, at most {longest} are read"
+            raise BayescalError(what, f"{self.name}:{line}", "shorten it")
+        if found := CONTROL.search(text):
+            what = f"{noun} with the control character {found[0].encode('unicode_escape').decode()}"
+            raise BayescalError(what, f"{self.name}:{line}", "delete it")
+
+    def _mapping(self, node: yaml.Node, path: Path, inside: frozenset[int]) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        for key, value in node.value:
+            line = key.start_mark.line + 1
+            if not isinstance(key, yaml.ScalarNode):
+                raise BayescalError("a key must be a plain name", f"{self.name}:{line}", "write `key: value`")
+            self._check_text(key.value, "a key", LONGEST_KEY, line)
+            own = (*path, key.value)
+            if key.value in out:
+                what, remedy = (
+                    f"`{key.value}` is given twice",
+                    f"the first is in line {self.lines[own]}; keep one",
+                )
+                raise BayescalError(what, f"{self.name}:{line}", remedy)
+            self.lines[own] = line
+            out[key.value] = self.plain(value, own, inside)
+        return out
+
+
+def write_together(
+    files: Mapping[File, str | bytes], before: Mapping[File, str | bytes] | None = None
+) -> None:
+    """Write files: first all of them under temporary names beside their places, then each is put in place.
+
+    Parameters
+    ----------
+    files : mapping
+        Contents, in the order in which they are put in place.
+    before : mapping, optional
+        Contents that some of the files have until all others are in place, for a reader after a kill.
+
+    Raises
+    ------
+    BayescalError
+        If one cannot be written; then no file is changed.
+    """
+    every = [*(before or {}).items(), *files.items()]
+    staged = [beside(path.absolute(), f"{secrets.token_hex(4)}.{PART}") for path, _ in every]
+    for path in files:
+        remove_leftovers(path.absolute())
+    try:
+        for (path, content), part in zip(every, staged, strict=True):  # noqa: B007  (named in the error)
+            data = content.encode("utf-8") if isinstance(content, str) else content
+            with part.open("wb") as stream:
+                stream.write(data)
+                stream.flush()
+                os.fsync(stream.fileno())
+        for (path, _), part in zip(every, staged, strict=True):
+            part.replace(path)
+        completed(f"{', '.join(map(str, files))} written")
+    except OSError as error:
+        raise BayescalError(error.strerror or "cannot be written", str(path), OTHER_OUT) from None
+    finally:
+        for part in staged:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+
+
+def json_text(record: Any) -> str:
+    """A record as JSON text with all digits, lists of numbers on one line."""
+    text = indented(record)
+    return re.sub(r"\[[-\d.eE+,\s]+\]", lambda found: " ".join(found[0].split()), text) + "\n"

@@ -1,0 +1,267 @@
+"""Validation measurements replayed in a simulator: the difference between the simulator and the machine.
+
+What a run reports of its validation measurements: RMS errors before and after.
+
+Validation measurements replayed in the simulator: its difference from the machine, before and after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayescal.errors import BayescalError
+from bayescal.estimate import Estimate, calibrated, estimate
+from bayescal.estimate.outliers import rejected, scale
+from bayescal.exporting.mjcf.content import STATE
+from bayescal.fitted.arm import FittedArm, Origin, of_estimate
+from bayescal.model import Block, with_parameters
+from bayescal.model.block import parts_of
+from bayescal.model.scene import Scene
+from bayescal.predict.errors import USUAL
+from bayescal.predict.locate import locate
+from bayescal.predict.targets import centre_of, certified_diameters, unknown_tool, with_diameter
+from bayescal.storage.reading import read_json
+from bayescal.verifying.levels import File, Machine, replayed
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Residuals (K, C), m, of C rows of one target, of a kind: "planes" or "points"."""
+
+    rows: np.ndarray  # (C,) of the session
+    kind: str
+    values: np.ndarray
+    sigma: np.ndarray  # (C,) m, stated
+
+    @property
+    def chi2(self) -> np.ndarray:
+        """Chi-square (C,) of each row, with the stated noise."""
+        return np.sum((self.values / self.sigma) ** 2, axis=0)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Errors of an arm in validation data: residuals of targets, and errors of certified distances, m."""
+
+    residuals: tuple[Residuals, ...]
+    pairs: tuple[tuple[str, str], ...]
+    distance: np.ndarray  # (D,) measured by the arm minus certified
+
+    def rms(self, kind: str, without: np.ndarray) -> float:
+        """RMS error, m, of a kind ("planes", "points" or "distances") without some rows; nan without any."""
+        if kind == "distances":
+            every = self.distance
+        else:
+            own = [r.values[:, ~np.isin(r.rows, without)].ravel() for r in self.residuals if r.kind == kind]
+            every = np.concatenate(own) if own else np.zeros(0)
+        return float(np.sqrt(np.mean(every**2))) if len(every) else float("nan")
+
+    @property
+    def gross(self) -> np.ndarray:
+        """Rows that are off by far more than the others of their kind."""
+        out = []
+        for kind in ("planes", "points"):
+            own = [r for r in self.residuals if r.kind == kind]
+            if not own:
+                continue
+            chi2, size = np.concatenate([r.chi2 for r in own]), len(own[0].values)
+            usual = max(scale(chi2, size, share=USUAL["kind"]), 1.0)
+            out.append(np.concatenate([r.rows for r in own])[rejected(chi2, size, usual)])
+        return np.concatenate(out) if out else np.zeros(0, int)
+
+
+def validation_rows(arm: FittedArm) -> np.ndarray:
+    """Rows that no fit used."""
+    return arm.model.scene.rows("validate", "locate")
+
+
+def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mapping[str, float]) -> Measured:
+    """Errors of validation measurements, for TCP positions (C, 3), m, of a simulator in these rows.
+
+    A target that was not fitted is located from its own rows, with these points. Effects of the probe are
+    those of the arm's model. Rows whose tool no fitted row used are left out.
+    """
+    scene, m = arm.model.scene, arm.dataset.measurements
+    where = np.full(len(m.ids), -1)
+    where[rows] = np.arange(len(rows))
+    certified, centres, found = certified_diameters(scene), {}, []
+    for t, target in enumerate(arm.dataset.targets):
+        own = scene.rows_of(t, scene.rows("validate"))
+        if not len(own) or unknown_tool(scene, own):
+            continue
+        block, state = arm.model.block(t, own), arm.states.get(target.name)
+        if state is None:
+            apart = scene.rows_of(t, scene.rows("locate"))
+            of = own if scene.declared[t].found or not len(apart) else apart
+            u = certified.get(target.name)
+            near = arm.model.block(t, of) if u is None else with_diameter(arm.model.block(t, of), u)
+            state = _located(near, arm, points[where[of]].T, noise.get(near.group, 1.0))
+            if scene.declared[t].centred:
+                centres[target.name] = centre_of(near, state)
+            if scene.declared[t].found:
+                continue
+        r = block.kind.residual(state, points[where[own]].T) + block.at_contact(arm.values)
+        found.append(Residuals(own, "planes" if len(r) == 1 else "points", r, block.sigma))
+    pairs, distance = _distances(arm, centres)
+    return Measured(tuple(found), pairs, distance)
+
+
+def _located(block: Block, arm: FittedArm, p: np.ndarray, noise: float) -> np.ndarray:
+    """State of a target by its own rows, from TCP positions (3, C), m."""
+    kind = block.touched(arm.values)
+    at, _ = locate(block.target, kind, p, np.tile(noise * block.sigma, (kind.rows, 1)), strict=False)
+    return np.asarray(at.x[0])
+
+
+def _distances(
+    arm: FittedArm, centres: dict[str, np.ndarray]
+) -> tuple[tuple[tuple[str, str], ...], np.ndarray]:
+    pairs, errors = [], []
+    for c in arm.dataset.certificates:
+        if c.kind == "distance" and c.distance is not None and all(name in centres for name in c.targets):
+            a, b = c.targets
+            pairs.append((a, b))
+            errors.append(float(np.linalg.norm(centres[a] - centres[b])) - c.distance)
+    return tuple(pairs), np.array(errors)
+
+
+KINDS = ("planes", "points", "distances")
+RECORDS = ("gap.json", "fit.json")
+LEVEL = {"planes": "heldout_rms_um", "distances": "distance_rms_um"}
+FIT_PLANES = ("nominal_rms_um", "calibrated_rms_um")
+FIT_DISTANCES = ("nominal_error_um", "calibrated_error_um")
+NOT_KNOWN = (float("nan"), float("nan"))
+
+
+@dataclass(frozen=True)
+class Reported:
+    """The baseline of a run (none of a fit), and RMS errors (before, after), m, by kind; nan if not known."""
+
+    baseline: tuple[str, ...] = ()
+    rms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+def read_reported(run: Path) -> Reported:
+    """What a run folder reports in gap.json or fit.json; nothing if it has none.
+
+    Raises
+    ------
+    BayescalError
+        If the file cannot be read, or lacks what it should state.
+    """
+    path = next((run / name for name in RECORDS if (run / name).is_file()), None)
+    if path is None:
+        return Reported()
+    again = f"repeat bayescal {path.stem}"
+    try:
+        record = read_json(path, again)
+        return Reported(tuple(record.get("baseline", ())), {kind: _rms(record, kind) for kind in KINDS})
+    except (KeyError, TypeError, AttributeError) as error:
+        what = f"is incomplete or of another version ({type(error).__name__}: {error})"
+        raise BayescalError(what, str(path), again) from None
+
+
+def _rms(record: Mapping[str, Any], kind: str) -> tuple[float, float]:
+    """RMS errors before and after, m, as the run reports them for its own model."""
+    found = record.get("shrinkage", {}).get(kind)
+    if found:
+        return 1e-6 * found["before_rms_um"], 1e-6 * found["after_rms_um"]
+    for level in record.get("ladder", ()):
+        if level["model"] == record.get("baseline") and kind in LEVEL:
+            rms = 1e-6 * (level.get(LEVEL[kind]) or float("nan"))
+            return rms, rms if record.get("effects") == [] else float("nan")
+    validation = record.get("validation", {})
+    if kind == "planes" and validation.get("planes"):
+        every = [p for p in validation["planes"] if p["role"] == "validate"]
+        weight = np.array([p["count"] for p in every], float)
+        means = [np.average([p[k] ** 2 for p in every], weights=weight) for k in FIT_PLANES] if every else []
+        return (1e-6 * float(np.sqrt(means[0])), 1e-6 * float(np.sqrt(means[1]))) if means else NOT_KNOWN
+    if kind == "distances" and validation.get("distances"):
+        every = validation["distances"]
+        before, after = (np.sqrt(np.mean([d[k] ** 2 for d in every])) for k in FIT_DISTANCES)
+        return 1e-6 * float(before), 1e-6 * float(after)
+    return NOT_KNOWN
+
+
+@dataclass(frozen=True)
+class Gap:
+    """RMS errors, m, by kind, of an arm in the simulator before and after, and what the run predicted.
+
+    `count` is the number of rows, or of distances; `predicted` are (before, after) of the run's own record,
+    nan where it has none.
+    """
+
+    before_is: str  # the model before
+    count: Mapping[str, int]
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+    predicted: Mapping[str, tuple[float, float]]
+
+
+def simulated_gap(
+    arm: FittedArm,
+    before: Callable[[FittedArm, np.ndarray], np.ndarray],
+    after: Callable[[np.ndarray], np.ndarray],
+    reported: Reported,
+) -> Gap | None:
+    """Replay the validation measurements; None if the session has none.
+
+    Parameters
+    ----------
+    arm : FittedArm
+    before, after : callable
+        TCP positions (C, 3), m, in rows (C,) of the session: of another arm, and of the written file.
+    reported : Reported
+        By the run.
+    """
+    rows = validation_rows(arm)
+    if not len(rows):
+        return None
+    earlier = before_estimate(arm, reported.baseline)
+    noise = earlier.weights.scale
+    old = of_estimate(earlier, earlier.covariance, Origin())
+    then = measured(old, rows, before(old, rows), noise)
+    now = measured(arm, rows, after(rows), {})
+    without = np.intersect1d(then.gross, now.gross)
+    kinds = [k for k in KINDS if np.isfinite(now.rms(k, without))]
+    count = {k: sum(len(r.rows) for r in now.residuals if r.kind == k) for k in kinds}
+    count |= {"distances": len(now.distance)} if "distances" in kinds else {}
+    return Gap(
+        ", ".join(reported.baseline) or "nominal",
+        count,
+        {k: then.rms(k, without) for k in kinds},
+        {k: now.rms(k, without) for k in kinds},
+        {k: reported.rms.get(k, NOT_KNOWN) for k in kinds},
+    )
+
+
+def before_estimate(arm: FittedArm, baseline: tuple[str, ...]) -> Estimate:
+    """The arm before, with its own targets: nominal, or fitted with the baseline of a diagnosis."""
+    scene, o = Scene(arm.dataset, oriented=True), arm.origin
+    if not baseline:
+        return estimate(with_parameters(scene, (), ()), robust=o.robust)
+    found = calibrated(scene, baseline, o.prior_width, o.robust, parts_of(o.without, baseline))
+    left_out = np.flatnonzero(np.isin(arm.dataset.measurements.ids, arm.rejected))
+    if np.array_equal(np.sort(found.rejected), left_out):
+        return found
+    return estimate(found.model, o.robust, found.z, left_out)  # both arms with the same rows
+
+
+def in_simulator(arm: FittedArm, file: File, rows: np.ndarray, state: int) -> np.ndarray:
+    """TCP positions (C, 3), m, of an arm in its file; where it changes in time, in the state of each row."""
+    machine = Machine.of(arm, state, file.place)
+    simulator = machine.simulator(file.text, file.folder, file.name)
+    if not file.place.own and any(p.driver.kind in STATE[1:] for p in arm.model.parameters):
+        points = np.empty((len(rows), 3))
+        for k, row in enumerate(rows):
+            machine = Machine.of(arm, int(row))
+            simulator.take(machine.poses)
+            points[k] = replayed(simulator, machine, arm, rows[k : k + 1])[1][0]
+    else:
+        _, points = replayed(simulator, machine, arm, rows)
+    return points

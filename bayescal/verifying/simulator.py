@@ -1,0 +1,216 @@
+"""An arm in MuJoCo that stands still at given readings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayescal.errors import BayescalError
+from bayescal.exporting.mjcf.links import Load
+from bayescal.exporting.mjcf.readings import STIFF, Joints
+from bayescal.exporting.mjcf.replay import hold_base
+from bayescal.exporting.mjcf.scene_arm import compiled
+from bayescal.exporting.sidecar import mujoco
+from bayescal.robots.markup import parse_markup
+
+RAMP = 120
+"""Steps, with the time step of the file, of the motion before a pose."""
+SETTLING = 0.05
+"""Step, s, at which the arm comes to rest: the integrator damps all oscillations."""
+MOST = 600
+"""Maximum number of these steps."""
+REST = 1e-10
+"""Speed of all joints, rad/s and m/s, at rest."""
+
+
+@dataclass(frozen=True)
+class Stood:
+    """C poses in the simulator: readings that were reached (C, n), rad, and TCP positions (C, 3), m."""
+
+    readings: np.ndarray
+    points: np.ndarray
+
+
+class Simulator:
+    """A file in MuJoCo.
+
+    Parameters
+    ----------
+    text : str
+        Of the file.
+    folder : Path
+        Of its meshes.
+    joints : Joints
+        Of the arm in the file.
+    nominal : np.ndarray, shape (n, n)
+        Angles of the joints from readings.
+    servos : bool
+        Actuators and sensors of the file, with the names of the joints, command and show the readings. Else
+        stiff springs hold the joints in place of the file's actuators.
+    where : str
+        For messages.
+    renamed : mapping, optional
+        Names in the file of added parts that are called otherwise there, by kind.
+
+    Raises
+    ------
+    BayescalError
+        If MuJoCo is not installed, or refuses the file, or the file has no such joints.
+    """
+
+    def __init__(
+        self, text: str, folder: Path, joints: Joints, nominal: np.ndarray, servos: bool, where: str,
+        renamed: Mapping[str, Mapping[str, str]] | None = None,
+    ) -> None:  # fmt: skip
+        self.mj: Any = mujoco()
+        parse_markup(text.encode(), where)
+        self.model = compiled(text, folder, where)
+        self.data = self.mj.MjData(self.model)
+        self.joints, self.nominal, self.servos, self.where = joints, nominal, servos, where
+        self.renamed = renamed or {}
+        self.timestep = self.model.opt.timestep
+        kinds = ("ACTUATOR", "SENSOR") if servos else ("JOINT",)
+        for name in joints.names:
+            if any(self._id(kind, name) < 0 for kind in kinds):
+                what = f"there is no {' and '.join(kinds).lower()} `{name}`"
+                raise BayescalError(what, where, "give a file of bayescal export")
+        if not servos:
+            flags = self.mj.mjtDisableBit
+            self.model.opt.disableflags |= flags.mjDSBL_ACTUATION | flags.mjDSBL_CONTACT
+            self.model.opt.integrator = self.mj.mjtIntegrator.mjINT_DISCRETE
+            hold_base(self.mj, self.model, joints.names)
+            for name in joints.names:
+                joint = self._id("JOINT", name)
+                self.model.jnt_stiffness[joint], self.model.jnt_stiffnesspoly[joint] = STIFF, 0.0
+                self.model.jnt_limited[joint] = 0
+
+    @cached_property
+    def _own(self) -> np.ndarray:
+        """Degrees of freedom of the arm; those of other parts of a scene may move."""
+        starts = (*self.joints.names, "stand_")
+        return np.array([
+            self.model.joint(j).name.startswith(starts) for j in self.model.dof_jntid
+        ], bool)  # fmt: skip
+
+    def _command(self, readings: np.ndarray) -> None:
+        """Command readings (n,), rad."""
+        if self.servos:
+            self.data.ctrl[[self._id("ACTUATOR", name) for name in self.joints.names]] = readings
+            return
+        for name, angle in zip(self.joints.names, self.joints.signs * (self.nominal @ readings), strict=True):
+            joint = self.model.joint(name)
+            self.model.qpos_spring[joint.qposadr[0]] = angle
+
+    def _reached(self) -> np.ndarray:
+        """Readings (n,), rad."""
+        if self.servos:
+            sensors = [self.model.sensor_adr[self._id("SENSOR", name)] for name in self.joints.names]
+            return self.data.sensordata[sensors].copy()
+        angles = np.array([self.data.joint(name).qpos[0] for name in self.joints.names])
+        return np.linalg.solve(self.nominal, self.joints.signs * angles)
+
+    def _id(self, kind: str, name: str) -> int:
+        name = self.renamed.get(kind.lower(), {}).get(name, name)
+        return int(self.mj.mj_name2id(self.model, getattr(self.mj.mjtObj, f"mjOBJ_{kind}"), name))
+
+    def carry(self, load: Load, payload: float) -> None:
+        """Take a tool, and a further mass, kg, at its centre of mass."""
+        for name, mass, centre in (
+            ("tool", load.mass, load.centre),
+            ("payload", load.factor * payload, np.zeros(3)),
+        ):
+            body = self._id("BODY", name)
+            if body < 0:  # a rigid arm in a file of the user has no mass of the tool
+                continue
+            self.model.body_mass[body] = mass
+            if name == "tool":
+                self.model.body_ipos[body] = centre
+            else:
+                self.model.body_pos[body] = load.at
+        self.mj.mj_setConst(self.model, self.data)
+
+    def take(self, poses: Mapping[str, np.ndarray]) -> None:
+        """Take other poses (4, 4) of bodies in their parents."""
+        for name, pose in poses.items():
+            body = self._id("BODY", name)
+            self.model.body_pos[body] = pose[:3, 3]
+            self.mj.mju_mat2Quat(self.model.body_quat[body], pose[:3, :3].ravel())
+        self.mj.mj_setConst(self.model, self.data)
+
+    def stand(
+        self, postures: Sequence[Mapping[str, float]], starts: np.ndarray, readings: np.ndarray, tip: str
+    ) -> Stood:
+        """Move to readings from close starts, and come to rest.
+
+        Parameters
+        ----------
+        postures : sequence of mapping
+            Positions of the joints of the file at the starts, by name.
+        starts, readings : np.ndarray, shape (C, n)
+            rad; equal where no motion precedes.
+        tip : str
+            Site of the tool.
+        """
+        site = self._id("SITE", tip)
+        reached, points = np.empty(readings.shape), np.empty((len(readings), 3))
+        for k, posture in enumerate(postures):
+            self.mj.mj_resetData(self.model, self.data)
+            self._place(posture)
+            if len(self.data.plastic):  # the arm sinks into its springs, which may push a gear off its place
+                self._command(starts[k])
+                self._settle()
+                self._place(posture)
+            if np.any(starts[k] != readings[k]):
+                self.model.opt.timestep = self.timestep
+                for share in np.linspace(0.0, 1.0, RAMP):
+                    smooth = share * share * (3.0 - 2.0 * share)
+                    self._command(starts[k] + smooth * (readings[k] - starts[k]))
+                    self.mj.mj_step(self.model, self.data)
+            self._command(readings[k])
+            speed = self._settle()
+            self._check_still(k, speed)
+            self.mj.mj_fwdPosition(self.model, self.data)
+            self.mj.mj_sensorPos(self.model, self.data)
+            reached[k], points[k] = self._reached(), self.data.site_xpos[site]
+        return Stood(reached, points)
+
+    def _check_still(self, pose: int, speed: float) -> None:
+        """Refuse a simulation that diverged, which MuJoCo starts again elsewhere, or still moves."""
+        kinds = self.mj.mjtWarning
+        bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
+        if any(self.data.warning[int(kind)].number for kind in bad):
+            what = f"the simulation is unstable at pose {pose + 1}"
+            raise BayescalError(what, self.where, "check stiffness, damping and time step of the file")
+        if not speed < 1e3 * REST:
+            what = f"the arm does not come to rest within {MOST * SETTLING:g} s"
+            raise BayescalError(what, self.where, "check the masses and the integrator of the file")
+
+    def _place(self, posture: Mapping[str, float]) -> None:
+        """Put joints at positions, at rest; others stay where they are."""
+        model, data = self.model, self.data
+        data.qvel[:] = 0.0
+        for name, value in posture.items():
+            joint = self._id("JOINT", name)
+            if joint >= 0:
+                data.qpos[model.jnt_qposadr[joint]] = value
+        self.mj.mj_fwdPosition(model, data)
+        for t in np.flatnonzero(model.tendon_plasticadr >= 0):
+            at = model.tendon_plasticadr[t]
+            # a spring without dead band has no stiffness at exactly zero
+            data.plastic[at : at + 2] = data.ten_length[t] + 1e-12
+
+    def _settle(self) -> float:
+        """Step until all joints of the arm rest; their largest speed."""
+        self.model.opt.timestep = SETTLING
+        speed = np.inf
+        for _ in range(MOST):
+            self.mj.mj_step(self.model, self.data)
+            speed = float(np.max(np.abs(self.data.qvel[self._own]), initial=0.0))
+            if speed < REST:
+                break
+        return speed
