@@ -152,6 +152,7 @@ def test_what_is_found_has_the_orientation_too(name):
     assert there.mean() > 0.5
     by_task = {
         "pose": to_poses(arm, goals),
+        "fitted": to_poses(arm, goals, lambda readings, which: arm.tool_poses(arm.frames(readings))),
         "frame": to_frames(arm, goals),
         "axis": to_axes(arm, points, axes),
     }

@@ -97,6 +97,17 @@ def test_one_joint_in_radians_is_told(tmp_path):
         read_dataset(write(tmp_path, table="\n".join(lines)))
 
 
+@pytest.mark.parametrize(
+    ("u_rad", "words"), [(0.1, "most contacts of `top`"), (0.01, "all contacts of `top`")]
+)
+def test_a_plane_is_misplaced_by_the_u_of_its_angle_too(tmp_path, u_rad, words):
+    """All its contacts 100 mm off, where its place has 1 mm and its angle an arm of 300 mm."""
+    settings = SETTINGS.replace("offset_mm: -93.6", f"offset_mm: -193.6, u_mm: 1, u_rad: {u_rad}")
+    settings = settings.replace("  - {kind: parallel", "  # - {kind: parallel")
+    with pytest.raises(BayescalError, match=words):
+        read_dataset(write(tmp_path, settings))
+
+
 @pytest.mark.parametrize(("ball", "mirror", "off", "admitted"), [
     (1, 1, 80, False), (1, 30, 80, True), (30, 1, 80, False), (1, 30, 200, False), (1, 1, 30, True),
 ])  # fmt: skip

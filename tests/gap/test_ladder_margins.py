@@ -67,6 +67,12 @@ def test_density_is_that_of_a_normal_and_a_slip_costs_little(rungs):
     slipped[0] = 1e-2
     assert density[0] - log_predictive(replace(h, residual=slipped))[0][0] < 13
     assert difference(np.ones(6), np.arange(6)) == (6.0, 0.0)
+    drawn, rng = [], np.random.default_rng(0)
+    for _ in range(500):  # sums of twelve blocks of five
+        shared, own = rng.standard_normal(12), rng.standard_normal(60)
+        drawn.append(difference(np.repeat(shared, 5) + own, np.repeat(np.arange(12), 5)))
+    gain, se = np.array(drawn).T
+    assert np.sqrt(np.mean(se**2)) == pytest.approx(np.std(gain), rel=0.12)
 
 
 def test_points_have_a_rung_too(tracker):

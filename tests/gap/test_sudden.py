@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_problems import Bench
+from scipy.stats import chi2
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects import Parameter
@@ -103,6 +104,19 @@ def test_a_rocking_base_has_a_half_angle_about_an_axis(bench):
     assert angle.what == f"half-angle about the horizontal axis at {azimuth} deg from x"
     assert abs(angle.value - 4e-4) < 3.5 * angle.u
     assert angle.significant
+
+
+def test_amplitudes_of_one_change_share_the_margin(bench):
+    """A probability of 0.007 is below the stated 0.01 for one amplitude, not for each of three."""
+    end = bench.circumstances.chain.n + 1
+    moved = [Parameter("", "m", (Term(end, f"t{axis}", since(bench)),), 1e-5) for axis in "xyz"]
+    known = []
+    for z in np.linspace(0.0, 12e-6, 7):
+        _, shift = measured(bench, TOOL, Driver("event"), moved, np.array([60e-6, -40e-6, z]))
+        p = chi2.sf((shift[2].value / shift[2].u) ** 2, 1)
+        assert shift[2].significant == (3 * p < 0.01)
+        known.append(p)
+    assert any(0.01 / 3 < p < 0.01 for p in known), known
 
 
 def test_only_significant_locations_have_a_size(bench):
