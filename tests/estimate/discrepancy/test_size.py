@@ -38,11 +38,6 @@ def test_the_variances_of_two_families_are_found_on_average():
     assert np.mean(found[:, 1]) == pytest.approx(0.2, rel=0.25)
 
 
-def test_noise_has_no_discrepancy():
-    found = sizes([0.0, 0.0])
-    assert np.mean(np.any(found > 0, axis=1)) < 0.15
-
-
 def test_an_error_that_the_rows_of_a_pose_share_is_no_discrepancy():
     pose = np.repeat(np.arange(ROWS // 6), 6)
     assert np.mean(sizes([0.0, 0.0], pose=pose, shared=2.0) > 0) < 0.08
