@@ -6,6 +6,8 @@ two axes should be parallel, joints that turn by torque times compliance, a cube
 
 import gc
 import inspect
+import os
+import shutil
 from dataclasses import dataclass, replace
 from functools import cache, wraps
 from pathlib import Path
@@ -22,6 +24,7 @@ from bayescal.arm.motion import NominalArm
 from bayescal.arm.statics import gravity_loads
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Measurements, Noise, Target, Tool
+from bayescal.reporting.page.build import BROWSERS
 from bayescal.robots import load_robot
 
 # no limit of time, and the same examples in every run: `--hypothesis-profile=explore` draws others
@@ -29,7 +32,28 @@ settings.register_profile("explore", deadline=None, suppress_health_check=[Healt
 settings.register_profile("repeatable", settings.get_profile("explore"), derandomize=True)
 settings.load_profile("repeatable")
 
+FOREIGN = "data of others are not beside the clone"
+SKIPS = (
+    FOREIGN,
+    "no browser: BAYESCAL_BROWSER=none",
+    "not possible on this system",
+    "not in the extra `test`",
+)
+"""How the reason of a skip may begin; any other skip is a failure: a broken install must not be green."""
+
 gc.disable()  # until all tests are collected: nothing of them is garbage
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "foreign(path): needs a file or folder in `shared/` beside the clone")
+    # compiled once for all workers and for the processes that tests start, also of copies of the package
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(config.cache.mkdir("numba")))
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if any(not mark.args[0].exists() for mark in item.iter_markers("foreign")):
+            item.add_marker(pytest.mark.skip(reason=FOREIGN))
 
 
 def pytest_collection_finish():
@@ -47,6 +71,46 @@ def pytest_pyfunc_call(pyfuncitem):
         return (yield)
     finally:
         pyfuncitem.obj = call
+
+
+def judged(report):
+    """A report whose skip has a reason that is not listed, as a failure."""
+    if report.skipped and not hasattr(report, "wasxfail"):
+        reason = str(report.longrepr[2]).removeprefix("Skipped: ")
+        if not reason.startswith(SKIPS):
+            report.outcome, report.longrepr = "failed", f"a skip that is not listed in conftest.py: {reason}"
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport():
+    return judged((yield))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report():
+    return judged((yield))
+
+
+def pytest_terminal_summary(terminalreporter):
+    """How many tests saw the data of others."""
+    count = {
+        outcome: sum("foreign" in getattr(r, "keywords", ()) for r in terminalreporter.getreports(outcome))
+        for outcome in ("passed", "failed", "skipped")
+    }
+    if any(count.values()):
+        each = ", ".join(f"{number} {outcome}" for outcome, number in count.items())
+        terminalreporter.write_line(f"data of others: {each}")
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    """Path of Chromium or Chrome: without one a test fails, unless BAYESCAL_BROWSER is "none"."""
+    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if not found and os.environ.get("BAYESCAL_BROWSER") == "none":
+        pytest.skip("no browser: BAYESCAL_BROWSER=none")
+    assert found, "no Chromium or Chrome: install one, or set BAYESCAL_BROWSER=none"
+    return found
 
 
 @pytest.fixture

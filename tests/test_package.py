@@ -9,9 +9,9 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
+from cases import ROOT
+from hatchling.builders import wheel
 
-wheel = pytest.importorskip("hatchling.builders.wheel")
-ROOT = Path(__file__).parents[1]
 PACKAGES = ("bayescal", "factors")
 
 

@@ -230,7 +230,7 @@ def _median(each: Sequence[dict[str, float]]) -> dict[str, float]:
     return {key: float(np.median([one[key] for one in each])) for key in each[0]}
 
 
-GAP, SCHEMA = "gap.json", "bayescal-gap/1"
+GAP_FILE, SCHEMA = "gap.json", "bayescal-gap/1"
 AGAIN = "repeat bayescal gap with this version"
 SI = {name: (unit, factor) for unit, (name, factor) in UNITS.items()}
 """SI unit, and factor from it, by the unit in a file."""
@@ -275,7 +275,7 @@ def continuation(dataset: Dataset, gap: Path | str) -> Continuation:
         If there is no such diagnosis, or it is one of other data or of another version.
     """
     path = Path(gap)
-    path = path / GAP if path.is_dir() else path
+    path = path / GAP_FILE if path.is_dir() else path
     if not path.exists():
         raise BayescalError("no such file", str(path), "give the run folder of bayescal gap")
     record = read_record(path, SCHEMA, AGAIN)

@@ -1,16 +1,23 @@
 """A recording leaves out what is not reproducible, and a comparison sees an altered digit."""
 
 import json
-import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
-
-from analysis.golden import CASES, commands, compared, keep, normalised, page_text, slug
+from analysis.golden import (
+    CASES,
+    commands,
+    compared,
+    keep,
+    normalised,
+    page_text,
+    picture_size,
+    recorded,
+    slug,
+)
 
 FILES = {
     "fit.json": json.dumps(
@@ -45,6 +52,7 @@ def recording(folder: Path, changed: str = "", a: str = "", b: str = "", array: 
         ("page.html", "[5.128", "[5.129"),
         ("arm.urdf", "0.128", "-0.128"),
         ("arm.urdf", "1e-3", "1e-4"),
+        ("arm.urdf", "0.128", "0.1280"),
         ("arm.urdf", "\n", "\nmore\n"),
     ],
 )
@@ -89,3 +97,44 @@ def test_every_command_of_a_session_has_a_folder_of_its_own():
     assert len(CASES) == 12
     for name in CASES:
         assert len({slug(c) for c in commands(name)}) == len(commands(name))
+
+
+CLI = """
+import os, pathlib, sys
+print("in", os.getcwd(), *sys.argv[1:])
+if "a" in sys.argv:
+    pathlib.Path("old").write_text("1")
+else:
+    pathlib.Path("old").unlink()
+    pathlib.Path("new").write_text("2")
+    sys.exit("refused")
+"""
+
+
+def test_a_recording_holds_what_each_command_did(tmp_path, monkeypatch):
+    (tmp_path / "code" / "bayescal").mkdir(parents=True)
+    (tmp_path / "code" / "bayescal" / "__init__.py").touch()
+    (tmp_path / "code" / "bayescal" / "cli.py").write_text(CLI)
+    monkeypatch.setitem(CASES, "made-up", {"commands": "\nfit a\ngap b --out 'c d'\n"})
+    recorded("made-up", tmp_path / "out", tmp_path / "code", tmp_path)
+    out = tmp_path / "out" / "made-up"
+    found = {str(p.relative_to(out)): p.read_text() for p in out.rglob("*") if p.is_file()}
+    assert found == {
+        "fit_a/exit": "0\n",
+        "fit_a/stdout": "in WORK fit a\n",
+        "fit_a/stderr": "",
+        "fit_a/removed": "",
+        "fit_a/files/old": "1",
+        "gap_b_--out_c_d/exit": "1\n",
+        "gap_b_--out_c_d/stdout": "in WORK gap b --out c d\n",
+        "gap_b_--out_c_d/stderr": "refused\n",
+        "gap_b_--out_c_d/removed": "old\n",
+        "gap_b_--out_c_d/files/new": "2",
+    }
+
+
+def test_a_picture_is_its_size(tmp_path):
+    from matplotlib.figure import Figure
+
+    Figure(figsize=(3, 2), dpi=100).savefig(tmp_path / "a.png")
+    assert picture_size((tmp_path / "a.png").read_bytes()) == "300 x 200 pixels"

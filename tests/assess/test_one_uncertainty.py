@@ -5,8 +5,10 @@ U is computed here again from the contributions of a budget, by Student's t of S
 
 import json
 import re
+import tracemalloc
 from dataclasses import replace
 from io import StringIO
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +18,19 @@ from scipy.stats import t as student
 
 from bayescal.assess.acceptance import FAIL, OPEN, PASS, conformance
 from bayescal.assess.budget import budget, headline
+from bayescal.assess.findings import reliability
+from bayescal.assess.identifiability import directions
+from bayescal.assess.inputs import Basis
+from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.measurand import distance, volume
 from bayescal.calibration import fit
+from bayescal.estimate import calibrated
+from bayescal.estimate.discrepancy import stated
+from bayescal.estimate.outliers import POWER, detectable, rejected
+from bayescal.model import ARM
+from bayescal.model.scene import Scene
+from bayescal.predict.errors import lengths, slopes
+from bayescal.predict.forecast import workspace
 from bayescal.reporting.fit.budget import in_words
 from bayescal.reporting.fit.files import write_fit
 from bayescal.reporting.fit.summary import fit_summary
@@ -163,3 +176,196 @@ def test_a_page_lists_a_finding_once_and_does_not_contradict_its_u(fitted, run):
     for words in [*(c.words for c in failed), *others]:
         assert text.count(str(escape(words)).replace("`", "")) == 1, words
     assert "too small" not in text
+
+
+# --- Gross errors that a fit does not detect: the bound by simulation, its consequence by fits.
+
+FULL = ("geometry", "compliance")
+
+
+def test_the_noncentrality_of_a_known_noise_is_that_of_baarda():
+    """4.13 for a probability of 0.001 of a false rejection and 0.8 of a detection."""
+    assert np.sqrt(detectable(1, 1e7, 10)) == pytest.approx(4.13, abs=0.005)
+
+
+@pytest.mark.parametrize(("rows", "count"), [(1, 30), (3, 15)])
+def test_the_rule_for_outliers_detects_such_an_error_with_the_stated_probability(rows, count):
+    """Normal residuals that a fit has left alone, and one error of the noncentrality."""
+    rng, dof, trials = np.random.default_rng(0), float(rows * count), 4000
+    residuals = rng.standard_normal((trials, count, rows))
+    residuals[:, 0, 0] += np.sqrt(detectable(rows, dof, count))
+    found = 0
+    for own in residuals:
+        chi2 = np.sum(own**2, axis=1)
+        scale = np.sqrt(np.sum(chi2) / dof)
+        found += rejected(chi2, rows, scale, dof, True, 8.0)[0]
+    assert found / trials == pytest.approx(POWER, abs=0.04)
+
+
+@pytest.fixture(scope="module")
+def points(tracker):
+    """A fit to points of an instrument, with its reliability."""
+    found = calibrated(Scene(tracker(seed=2, count=30).dataset), FULL)
+    return found, reliability(found)
+
+
+def test_no_error_of_a_point_in_any_direction_does_more(points):
+    """Errors of the stated noncentrality in many directions, through the linear fit itself."""
+    found, own = points
+    block = found.model.blocks[0]
+    space = workspace(found)
+    by = slopes(found.model, space.motion, space.values, space.pairs)
+    jacobian = found.linear.jacobian[found.linear.of_block[block.name]].reshape(3, len(block.rows), -1)
+    size = detectable(3, found.dof[block.group], len(block.rows))
+    rng, sigma = np.random.default_rng(0), 1.0 / found.weights.whitening(block).reshape(3, -1)
+    directions = rng.standard_normal((20_000, 3))
+    for c in (0, 7, 29):
+        j = jacobian[:, c]
+        redundancy = np.eye(3) - j @ found.covariance @ j.T
+        errors = (
+            directions * np.sqrt(size / np.einsum("ei,ij,ej->e", directions, redundancy, directions))[:, None]
+        )
+        moved = (errors @ j @ found.covariance)[:, found.model.slices[ARM]] @ by.T
+        shifts = np.sqrt(np.mean(moved**2, axis=1))
+        most = int(np.argmax(shifts))
+        assert shifts[most] == pytest.approx(own.shift[c], rel=1e-3)
+        assert shifts[most] <= own.shift[c] * (1 + 1e-9)
+        assert np.linalg.norm(errors[most] * sigma[:, c]) == pytest.approx(own.error[c], rel=0.02)
+
+
+def with_error(found, row, error):
+    """The session of a fit with a residual of one row off by an error, m: its readings moved."""
+    model = found.model
+    block = next(b for b in model.blocks if row in b.rows)
+    state = found.z[model.slices[block.target]]
+    by = block.by_readings(found.arm, state, model.scene.dataset.robot.link_from_reading)
+    slope = by[np.flatnonzero(block.rows == row)[0]]
+    session = model.scene.dataset
+    readings = session.measurements.readings.copy()
+    readings[row] += error * slope / (slope @ slope)
+    return replace(session, measurements=replace(session.measurements, readings=readings))
+
+
+@pytest.mark.parametrize("seed", [6, 7])
+def test_an_error_below_the_bound_stays_in_the_fit_and_moves_distances_as_stated(cube, seed):
+    """Of the contact with the largest effect: half the bound is kept, twice the bound is rejected."""
+    found = calibrated(Scene(cube(seed=seed, count=60).dataset), FULL)
+    own, space = reliability(found), workspace(found)
+    k = int(np.argmax(own.shift))
+
+    def distances(other):
+        return lengths(space.motion.points(other.arm), space.pairs)
+
+    again = calibrated(Scene(with_error(found, own.rows[k], 0.5 * own.error[k])), FULL)
+    assert not np.isin(own.rows[k], again.rejected)
+    moved = np.sqrt(np.mean((distances(again) - distances(found)) ** 2))
+    assert moved == pytest.approx(0.5 * own.shift[k], rel=0.1)
+    again = calibrated(Scene(with_error(found, own.rows[k], 2.0 * own.error[k])), FULL)
+    assert np.isin(own.rows[k], again.rejected)
+
+
+def test_a_rejected_row_is_not_judged(cube):
+    found = calibrated(Scene(cube(seed=3, count=120, outliers=4).dataset), FULL)
+    assert len(found.rejected)
+    assert not np.isin(found.rejected, reliability(found).rows).any()
+
+
+@pytest.mark.parametrize(("count", "told"), [(30, True), (200, False)])
+def test_few_contacts_have_the_finding_many_have_not(cube, count, told):
+    found = fit(cube(seed=6, count=count).dataset, FULL, samples=0)
+    words = [f.text for f in found.findings if f.code == "gross_error_unseen"]
+    assert bool(words) == told
+    if told:
+        assert f"in one of {count} measurements" in words[0]
+        assert f"U = {float(f'{1e6 * found.forecast.workspace.expanded:.2g}'):.9g} µm" in words[0]
+
+
+# --- Figures of ISO 9283 against their formulas, on readings made for it.
+
+
+@pytest.fixture(scope="module")
+def cycled(tracker):
+    """60 readings to fit, then 5 poses that an instrument reads four times each."""
+    dataset = tracker(1, 80).dataset
+    m = dataset.measurements
+    readings, xyz = m.readings.copy(), m.xyz.copy()
+    role, first = np.where(np.arange(80) < 60, "calibrate", "validate"), 60 + 4 * ((np.arange(80) - 60) // 4)
+    first[:60] = np.arange(60)
+    rng = np.random.default_rng(3)
+    readings, xyz = readings[first], xyz[first] + 2e-5 * rng.standard_normal(xyz.shape)
+    return replace(dataset, measurements=replace(m, readings=readings, xyz=xyz, role=role))
+
+
+def test_poses_by_hand(cycled):
+    found = calibrated(Scene(cycled, oriented=True), ("geometry", "compliance"), robust=False)
+    basis = Basis(stated(found))
+    (row,) = basis.prepared.rows
+    error = row.in_rows.T.reshape(5, 4, 3)
+    middle = error.mean(axis=1)
+    apart = np.linalg.norm(error - middle[:, None], axis=2)
+    rp = apart.mean(axis=1) + 3.0 * apart.std(axis=1, ddof=1)
+    figures = {f.symbol: f for f in iso9283(basis).figures}
+    assert figures["AP"].count == figures["RP"].count == 5
+    assert figures["AP"].mean == pytest.approx(np.mean(np.linalg.norm(middle, axis=1)))
+    assert figures["AP"].maximum == pytest.approx(np.max(np.linalg.norm(middle, axis=1)))
+    assert figures["RP"].mean == pytest.approx(rp.mean())
+    assert figures["RP"].maximum == pytest.approx(rp.max())
+    # four readings of one coordinate, and the location of the instrument by sixty
+    alone = row.noise.mean() / 2.0
+    assert alone < figures["AP"].u_max < 1.5 * alone
+    assert alone / np.sqrt(5) < figures["AP"].u < alone
+    assert any("5 poses with 4 cycles each" in text for text in iso9283(basis).differs)
+
+
+def test_contacts_and_distances():
+    session = simulate(Options(contacts=90, later=6, repeats=4, spheres=3, placements=1, seed=7)).dataset
+    found = fit(session, ("geometry", "compliance"), samples=0)
+    figures = {f.symbol: f for f in iso9283(found.basis).figures}
+    error = [abs(d.error) for d in found.final.validation.distances]
+    assert figures["AD"].mean == pytest.approx(np.mean(error))
+    assert figures["AD"].maximum == pytest.approx(np.max(error))
+    assert figures["AD"].count == 3
+    largest = found.final.validation.distances[int(np.argmax(error))]
+    # without the arm's parameters it is less than the prediction with them, and at least the certificate
+    assert largest.u_certified < figures["AD"].u_max < np.std(largest.predicted)
+    assert "AP" not in figures
+    assert figures["AP n"].maximum <= max(np.abs(p.residuals).max() for p in found.final.validation.planes)
+    assert figures["AP n"].words == "pose accuracy, component along the normal of the surface"
+    assert any("normal" in text for text in iso9283(found.basis).differs)
+
+
+def test_nothing_without_validation_rows(cycled):
+    role = np.full(80, "calibrate")
+    alone = replace(cycled, measurements=replace(cycled.measurements, role=role))
+    found = calibrated(Scene(alone, oriented=True), ("geometry",), robust=False)
+    assert iso9283(Basis(stated(found))) == iso9283(Basis(stated(found))).__class__((), ())
+
+
+# --- Principal directions of the fitted data, as of their scatter matrix, in memory linear in the rows.
+
+
+def model_of(normals: np.ndarray) -> SimpleNamespace:
+    """A stand-in for a model whose rows look along given directions (N, 3)."""
+    kind = SimpleNamespace(sd=np.zeros(0), linearise=lambda state, points: (None, normals.T[None], None))
+    block = SimpleNamespace(kind=kind, rows=np.arange(len(normals)))
+    return SimpleNamespace(states=(block,), scene=SimpleNamespace(points=np.zeros((len(normals), 3))))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 40])
+def test_axes_of_the_scatter_matrix(count):
+    normals = np.random.default_rng(count).normal(size=(count, 3)) * [3.0, 1.0, 0.2]
+    found = directions(model_of(normals))
+    values = np.linalg.eigvalsh(normals.T @ normals)[::-1]
+    np.testing.assert_allclose(found.share, np.sqrt(np.maximum(values / values[0], 0.0)), atol=1e-7)
+    np.testing.assert_allclose(found.axes @ found.axes.T, np.eye(3), atol=1e-12)
+    along = np.linalg.norm(normals @ found.axes.T, axis=0)
+    np.testing.assert_allclose(along, found.share * along[0], atol=1e-7 * along[0])
+
+
+def test_memory_is_linear_in_the_rows():
+    normals = np.random.default_rng(0).normal(size=(3000, 3))
+    tracemalloc.start()
+    directions(model_of(normals))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10 * normals.nbytes  # a square matrix of the rows would be 1000 times that

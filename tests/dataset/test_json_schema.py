@@ -2,10 +2,12 @@
 
 import json
 import re
-from pathlib import Path
 
+import foreign
+import jsonschema
 import pytest
 import yaml
+from cases import ROOT, cases
 from tiny_dataset import SETTINGS
 
 import bayescal as bc
@@ -18,9 +20,6 @@ from bayescal.preparing.artefacts import MODELS, UNITS, schema_text
 from bayescal.robots import schema as of_robots
 from bayescal.storage.files import stem_of
 
-jsonschema = pytest.importorskip("jsonschema")
-ROOT = Path(__file__).parents[2]
-SHARED = ROOT.parent / "shared" / "data"
 ROBOTS = sorted((ROOT / "bayescal" / "robots").glob("*.yaml"))
 CHECKED = (
     schema.DatasetFile, schema.ToolEntry, schema.NoiseEntry, schema.Loose, *map(entry_of, KINDS.values()),
@@ -77,9 +76,9 @@ def test_datasets_are_valid(valid):
     assert valid("dataset", load((ROOT / "data" / "lrmate200ic-cube" / "dataset.yaml").read_text()))
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="no shared data")
+@foreign.needs()
 def test_shared_datasets_are_valid(valid):
-    found = [*SHARED.glob("real/*/dataset.yaml"), *SHARED.glob("worlds-dev*/*0/dataset.yaml")]
+    found = [*foreign.DATA.glob("real/*/dataset.yaml"), *foreign.DATA.glob("worlds-dev*/*0/dataset.yaml")]
     assert found
     assert [str(path) for path in found if not valid("dataset", load(path.read_text(encoding="utf-8")))] == []
     robots = [p.with_name("robot.yaml") for p in found if p.with_name("robot.yaml").is_file()]
@@ -88,18 +87,7 @@ def test_shared_datasets_are_valid(valid):
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [
-        ("ball_radius_mm", "ball_radius"),
-        ("readings: encoder", "readings: decoder"),
-        ("name: tiny\n", ""),
-        ("kind: sphere", "kind: spere"),
-        ("diameter_mm: 50.8", "diameter_mm: -50.8"),
-        ("centre_mm: [60, 0, 120]", "centre_mm: [60, 0]"),
-        ("centre_mm: [60, 0, 120]", "centre_mm: !FILL_IN ''"),
-        ("faces: [top, bottom]", "faces: [top]"),
-        ("cone_deg: 45", "cone_deg: 95"),
-        ("date: 2026-03-04", "date: 4.3.2026"),
-    ],
+    cases("schema_refusals"),
 )
 def test_what_the_reader_refuses_is_not_valid(old, new, valid):
     assert old in SETTINGS

@@ -1,21 +1,30 @@
 """An added mass acts on every compliant site: against a heavier tool, which the statics know."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from bayescal.arm.chain import link_angles
+from bayescal.arm.chain import Robot, chain_of, link_angles
 from bayescal.arm.statics import Stance, gravity_loads
-from bayescal.effects import parameters_of
+from bayescal.effects import EFFECTS, Circumstances, location, parameters_of
+from bayescal.effects.location import ARM, CONSTANT, KINDS, PLAIN, PROBE, Driver, Site, face, joint, link
+from bayescal.effects.location import BASE as BASE_SITE
 from bayescal.effects.masses import MASS_SHARE, masses
+from bayescal.effects.thermal_drift import PAUSES, heated
 from bayescal.errors import BayescalError
-from bayescal.estimate import calibrated
+from bayescal.estimate import calibrated, linearise, unit_weights
+from bayescal.gap.search.cells import cells
+from bayescal.gap.search.unknown import Pool
+from bayescal.model import build
+from bayescal.model.block import Part
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
 from bayescal.simulation.touch import World
 
-EFFECTS = ("geometry", "compliance", "bending", "base-compliance")
+YIELDING = ("geometry", "compliance", "bending", "base-compliance")
 MORE = 0.4  # kg
 
 
@@ -48,8 +57,8 @@ def test_a_payload_error_is_a_heavier_tool(cube, convention, stated):
     dataset = replace(dataset, robot=replace(dataset.robot, convention=convention, compliance=known))
     (tool,) = dataset.tools
     heavier = replace(dataset, tools=(replace(tool, mass=tool.mass + MORE),))
-    before, moved = ball(dataset, EFFECTS), ball(dataset, (*EFFECTS, "payload"), MORE)
-    expected = ball(heavier, EFFECTS)
+    before, moved = ball(dataset, YIELDING), ball(dataset, (*YIELDING, "payload"), MORE)
+    expected = ball(heavier, YIELDING)
     assert np.max(np.linalg.norm(expected - before, axis=0)) > 1e-4
     np.testing.assert_allclose(moved, expected, atol=2e-7 if stated else 1e-9)
 
@@ -68,12 +77,12 @@ def test_a_payload_that_hangs_elsewhere_is_a_tool_with_another_centre_of_mass(cu
         out = values(model, 0.0)
         return np.array([given.get(p.name, v) for p, v in zip(model.parameters, out, strict=True)])
 
-    world = World((*EFFECTS, "payload@elsewhere"), found, dataset.targets)
+    world = World((*YIELDING, "payload@elsewhere"), found, dataset.targets)
     model = world.model(dataset)
     moved = model.motion(np.arange(24)).points(found(model))
     assert set(given) <= set(model.names)
-    assert np.max(np.linalg.norm(moved - ball(dataset, (*EFFECTS, "payload"), MORE), axis=0)) > 2e-5
-    np.testing.assert_allclose(moved, ball(replace(dataset, tools=(other,)), EFFECTS), atol=1e-9)
+    assert np.max(np.linalg.norm(moved - ball(dataset, (*YIELDING, "payload"), MORE), axis=0)) > 2e-5
+    np.testing.assert_allclose(moved, ball(replace(dataset, tools=(other,)), YIELDING), atol=1e-9)
 
 
 def test_the_centre_of_an_added_load_acts_in_the_rows_that_carry_it(cube):
@@ -161,3 +170,277 @@ def test_a_fit_finds_a_mass_heavier_than_the_stated_tool():
     sd = found.sd[k] * found.model.sd[k]
     assert abs(found.model.physical(found.z)[k] - 0.5) < 4 * sd < 0.5
     assert found.weights.scale["contact"] < 1.15
+
+
+# --- Which parameters exist, and that what is left of them the contacts can tell.
+
+LOOSE = {
+    *(f"a{i}" for i in range(1, 6)), *(f"alpha{i}" for i in range(1, 6)), *(f"theta{i}" for i in range(2, 6)),
+    *(f"d{i}" for i in range(2, 6)), "beta2",
+}  # fmt: skip
+BASE = {"base x", "base y", "base z", "base rx", "base ry", "base rz"}
+WRIST = {"theta6", "d6"}
+TOOL = {"ball x", "ball y", "ball z"}
+
+
+def stating(dataset, target=None, angle=None, tool=None):
+    """The session with a stated uncertainty of its first target and of its tool."""
+    first = replace(dataset.targets[0], u=target, u_angle=angle)
+    return replace(
+        dataset, targets=(first, *dataset.targets[1:]), tools=tuple(replace(t, u=tool) for t in dataset.tools)
+    )
+
+
+def names_of(dataset, effects=("geometry",)):
+    scene = Scene(dataset)
+    return {p.name for p in parameters_of(effects, scene.circumstances(scene.rows("calibrate")))}
+
+
+@pytest.mark.parametrize(
+    ("stated", "expected"),
+    [
+        ({}, LOOSE | TOOL),
+        ({"target": 1e-3}, LOOSE | TOOL | BASE),
+        ({"angle": 1e-3}, LOOSE | TOOL | BASE),
+        ({"target": 0.0, "angle": 0.0}, LOOSE | TOOL | BASE),
+        ({"tool": 1e-3}, LOOSE | TOOL | WRIST),
+        ({"tool": 0.0}, LOOSE | WRIST),
+        ({"target": 1e-3, "tool": 1e-3}, LOOSE | TOOL | BASE | WRIST),
+    ],
+)
+def test_lrmate(cube, stated, expected):
+    assert names_of(stating(cube(seed=1).dataset, **stated)) == expected
+    assert len(LOOSE) == 19  # eighteen, and d3 beside d2
+
+
+def test_stated_width_is_the_prior(cube):
+    scene = Scene(stating(cube(seed=1).dataset, target=2e-4, angle=3e-4, tool=1e-4))
+    model = build(scene, ("geometry",))
+    sd = {p.name: p.sd for p in model.parameters}
+    assert sd["ball x"] == 1e-4
+    assert (sd["a1"], sd["alpha1"], sd["theta2"], sd["d2"], sd["beta2"]) == (3e-4, 1e-3, 2e-3, 3e-4, 1e-3)
+    np.testing.assert_array_equal(model.blocks[0].kind.sd, [3e-4, 3e-4, 2e-4])
+    np.testing.assert_array_equal(model.blocks[1].kind.sd, [0.2, 0.2, 0.05])
+    wide = build(scene, ("geometry",), prior_width=10.0)
+    assert {p.name: p.sd for p in wide.parameters}["a1"] == pytest.approx(3e-3)
+    np.testing.assert_array_equal(wide.blocks[0].kind.sd, [3e-4, 3e-4, 2e-4])
+
+
+def test_a_target_or_tool_that_is_not_fitted_ties_nothing(cube):
+    """Stated by `validate` rows alone, a place says nothing of the base."""
+    dataset = stating(cube(seed=1).dataset, target=1e-3)
+    role = np.where(dataset.measurements.target == 0, "validate", "calibrate")
+    assert names_of(replace(dataset, measurements=replace(dataset.measurements, role=role))) == LOOSE | TOOL
+
+
+def test_one_direction_is_left_to_the_prior(cube):
+    """Of a LR Mate by four loose planes: d2 and d3 are told only as a sum, all else is told."""
+    model = build(Scene(cube(seed=1, count=300).dataset), ("geometry", "compliance"))
+    z = np.zeros(model.size)
+    _, size, directions = np.linalg.svd(
+        linearise(model, z, unit_weights(model, z)).jacobian, full_matrices=False
+    )
+    assert size[-1] < 1e-9 * size[0]
+    assert size[-2] > 1.0  # one standard deviation of the prior or better
+    left = dict(zip(model.names, directions[-1], strict=True))
+    assert abs(left["d2"]) == pytest.approx(np.sqrt(0.5))
+    assert left["d2"] == pytest.approx(-left["d3"])
+
+
+def test_beta_where_axes_are_parallel():
+    """A UR-like table, in standard DH: axes 2, 3 and 4 are parallel, 1 and 2 are not."""
+    robot = Robot(
+        "ur", "dh", tuple(f"J{i}" for i in range(1, 7)), np.radians([90.0, 0, 0, 90, -90, 0]),
+        np.array([0, -0.425, -0.392, 0, 0, 0]), np.array([0.089, 0, 0, 0.109, 0.095, 0.082]), np.zeros(6),
+        np.zeros(6), np.tile([-6.0, 6.0], (6, 1)), np.eye(6),
+    )  # fmt: skip
+    circumstances = Circumstances(
+        robot, chain_of(robot), np.zeros((1, 6)), None, np.zeros(1, int), ("t",), np.zeros((1, 3)), (None,),
+        (0,), np.zeros(1, int), False, False, np.zeros((1, 6)), np.zeros(3), np.zeros(1), np.zeros((1, 3)),
+        np.full((1, 3), np.nan), (None,),
+    )  # fmt: skip
+    found = {p.name: p.nominal for p in EFFECTS["geometry"].parameters(circumstances)}
+    assert {name for name in found if name.startswith("beta")} == {"beta2", "beta3"}
+    # named by the link that joint i moves, whatever the convention
+    assert (found["a2"], found["a3"], found["d4"], found["alpha1"]) == (-0.425, -0.392, 0.109, np.pi / 2)
+
+
+def test_craig_names(cube):
+    """In modified DH a_i and alpha_i stand in row i + 1: the LR Mate's upper arm of 300 mm is a2."""
+    model = build(Scene(cube(seed=1).dataset), ("geometry",))
+    nominal = {p.name: p.nominal for p in model.parameters}
+    assert [nominal[f"a{i}"] for i in range(1, 6)] == pytest.approx([0.075, 0.3, 0.075, 0, 0])
+    assert [nominal[f"alpha{i}"] for i in range(1, 6)] == pytest.approx(np.radians([-90, 0, -90, 90, -90]))
+    assert [nominal[f"d{i}"] for i in range(2, 6)] == pytest.approx([0, 0, 0.32, 0])
+    assert nominal["theta2"] == pytest.approx(-np.pi / 2)
+
+
+# --- Sites and drivers: their words in files, their text, what counts as one coordinate, and its values.
+
+DRIVERS = [
+    (CONSTANT, "1", "constant"),
+    (Driver("angle", 4), "angle 4", "angle of J4"),
+    (Driver("angle", 4, 1.0), "angle 4, once a turn", "angle of J4, once per revolution"),
+    (Driver("angle", 4, 2.0), "angle 4, twice a turn", "angle of J4, twice per revolution"),
+    (Driver("angle", 4, 77.0), "angle 4, 77 times a turn", "angle of J4, 77 times per revolution"),
+    (Driver("angle", 4, form="one place"), "angle 4, one place", "angle of J4, local"),
+    (Driver("angle", 4, form="beyond"), "angle 4, beyond one place", "angle of J4 beyond a threshold"),
+    (Driver("torque", 4), "torque 4", "gravity torque of J4"),
+    (Driver("torque", 4, form="sign"), "sign of torque 4", "sign of the gravity torque of J4"),
+    (Driver("torque", 4, form="past"), "past torque 4", "earlier gravity torque of J4"),
+    (
+        Driver("torque", 4, form="own angle"),
+        "torque 4, by its angle",
+        "gravity torque of J4 times a function of its angle",
+    ),
+    (
+        Driver("torque", 4, form="other angle"),
+        "torque 4, by another angle",
+        "gravity torque of J4 times a function of another angle",
+    ),
+    (
+        Driver("torque", 4, form="and angle"),
+        "torque 4, and its angle",
+        "gravity torque of J4 and angle together",
+    ),
+    (
+        Driver("angle", 4, form="waves"),
+        "angle 4, 3 to 20 waves a turn",
+        "angle of J4, 3 to 20 periods per revolution",
+    ),
+    (Driver("two angles"), "two angles", "angles of two joints"),
+    (Driver("travel", 4), "travel 4", "earlier travel of J4"),
+    (Driver("reading", 4), "reading 4", "each new reading of J4"),
+    (Driver("base moment", form="sign"), "sign of base moment", "sign of the gravity moment on the base"),
+    (Driver("torque"), "torque", "gravity torque"),
+    (Driver("direction", 4), "approach 4", "direction of motion of J4"),
+    (Driver("joint speed", 4), "speed 4", "speed of J4"),
+    (Driver("contact speed"), "speed", "speed of contact"),
+    (Driver("contact direction"), "direction of contact", "contact direction"),
+    (Driver("time"), "time", "time"),
+    (Driver("time", form="to and fro"), "time, to and fro", "time, oscillating"),
+    (Driver("temperature"), "temperature", "temperature"),
+    (Driver("event"), "moment", "row of the event"),
+    (Driver("base moment"), "base moment", "gravity moment on the base"),
+    (Driver("bending moment"), "bending moment", "bending moment of the link"),
+    (Driver("face"), "place on the face", "position on the face"),
+    (Driver("face", form="one spot"), "place on the face, one spot", "position on the face, local"),
+    (Driver("workspace"), "place in the workspace", "position in the workspace"),
+    (Driver("mass"), "mass", "payload mass"),
+    (Driver("certificate"), "certificate", "certified value"),
+    (Driver("humidity"), "humidity", "humidity"),  # a user's own
+]
+
+
+@pytest.fixture
+def circumstances(cube):
+    scene = Scene(cube(seed=1).dataset)
+    return scene.circumstances(scene.rows("calibrate"))
+
+
+@pytest.mark.parametrize(("driver", "words", "text"), DRIVERS)
+def test_words_of_files_and_text_for_people(driver, words, text):
+    assert (str(driver), driver.text) == (words, text)
+
+
+def test_sites_are_read_as_they_are_written():
+    for site in (*map(Site, PLAIN), joint(4), link(11), face("cube.+y"), face("joint"), face("joint x")):
+        assert Site.read(str(site)) == site
+    assert [site.text for site in (joint(4), BASE_SITE, face("cube.+y"))] == [
+        "joint 4",
+        "the base",
+        "cube.+y",
+    ]
+    assert link(2).also == (joint(2), link(2))
+
+
+@pytest.mark.parametrize(
+    ("driver", "course"),
+    [
+        (Driver("angle", 4, 2.0), Driver("angle", 4)),
+        (Driver("torque", 4, form="sign"), Driver("torque", 4)),
+        (Driver("torque", 4, form="past"), Driver("torque", 4, form="past")),
+        (Driver("time", form="to and fro"), Driver("time")),
+        (Driver("contact speed"), Driver("contact speed")),
+    ],
+)
+def test_forms_of_one_coordinate(driver, course):
+    assert driver.course == course
+
+
+def test_coordinates_are_those_of_the_session(circumstances):
+    c = circumstances
+    row = np.arange(1.0, len(c.q) + 1)
+    for driver, site, label, values in (
+        (Driver("angle", 4, 2.0), joint(4), "reading of joint 4 (deg)", np.degrees(c.readings[:, 3])),
+        (Driver("direction", 2), joint(2), "speed of joint 2 (deg/s)", np.degrees(c.velocity[:, 1])),
+        (Driver("torque", 3, form="sign"), joint(3), "gravity torque on joint 3 (N m)", c.moments[:, 3, 2]),
+        (Driver("torque", 3, form="past"), joint(3), "", row),
+        (Driver("torque"), ARM, "", row),  # it was called that of joint 0
+        (Driver("contact speed"), PROBE, "speed of contact (mm/s)", 1e3 * c.speed),
+        (Driver("face", form="one spot"), face(c.faces[1].name), "place along the face (-1 to 1)",
+         c.faces[1].place[:, 0]),
+        (Driver("humidity"), ARM, "", row),
+    ):  # fmt: skip
+        found = driver.coordinate(site, c)
+        assert found.label == label
+        np.testing.assert_array_equal(found.values, values)
+
+
+def test_effects_and_cells_are_told_in_known_kinds(circumstances):
+    """A misspelt kind would have neither text nor a coordinate."""
+    lacking = {name for name, effect in EFFECTS.items() if effect.missing(circumstances)}
+    places = [(p.site, p.driver) for p in parameters_of(tuple(set(EFFECTS) - lacking), circumstances)]
+    places += [(cell.site, cell.driver) for cell in cells(circumstances)]
+    for site, driver in places:
+        assert driver.kind in KINDS
+        assert site.kind in (*PLAIN, *location.NUMBERED, "face")
+
+
+def test_a_face_that_is_called_like_a_joint_is_a_face(circumstances):
+    """Cells are weighed by the kind of their site, whatever the user's targets are called."""
+    of = [cell for cell in cells(circumstances) if cell.site.kind in ("joint", "face")]
+    renamed = [
+        type(cell)(face(f"joint {cell.site.name}"), cell.driver, cell.sets, cell.known)
+        if cell.site.kind == "face" else cell
+        for cell in of
+    ]  # fmt: skip
+    weights = [Pool.of(some, np.zeros((3, 0)), 3).log_prior for some in (of, renamed)]
+    np.testing.assert_array_equal(*weights)
+
+
+def test_a_part_at_a_face_is_that_of_the_face(circumstances):
+    name = circumstances.faces[0].name
+    own = parameters_of(("plane-form",), circumstances)
+    part = Part.of(f"plane-form at {name}")
+    assert {str(p.site) for p in own if part.holds(p)} == {name}
+
+
+# --- Drift of an arm that cools for a while: its course against an integration in small steps.
+
+
+def test_a_body_that_is_heated_cools_and_is_heated_again():
+    """Newton's law, integrated in 200,000 steps."""
+    begin, end, constant = 0.4, 0.7, 0.3
+    time = np.linspace(0.0, 1.0, 200_001)
+    state, course = 0.0, []
+    for t in time:
+        course.append(state)
+        goal = 0.0 if begin <= t < end else 1.0
+        state += (goal - state) / constant * (time[1] - time[0])
+    some = slice(None, None, 4000)
+    np.testing.assert_allclose(heated(time, begin, end, constant)[some], np.array(course)[some], atol=2e-5)
+
+
+@pytest.mark.parametrize("pause", PAUSES[::5])
+def test_a_paused_drift_covers_the_session(cube, pause):
+    scene = Scene(cube(seed=1).dataset)
+    c = scene.circumstances(scene.rows("calibrate"))
+    name = f"thermal-drift@paused-{pause[0]}-{pause[1]}-{pause[2]}"
+    own = [p for p in parameters_of((name,), c) if p.effect == "thermal-drift"]
+    assert [(p.name, p.sd) for p in own] == [(p.name, p.sd) for p in EFFECTS["thermal-drift"].at(c, 600.0)]
+    base = next(p for p in own if p.name.startswith("thermal-drift base"))
+    (term,) = base.terms
+    assert (np.min(term.driver), np.max(term.driver)) == (-1.0, 1.0)
+    assert np.any(np.diff(term.driver) < 0)
+    assert np.any(np.diff(term.driver) > 0)

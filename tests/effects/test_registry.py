@@ -8,13 +8,23 @@ from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
+from cases import cases
+from scipy.spatial.transform import Rotation
 
 from bayescal import effects
+from bayescal.arm.chain import frames, link_angles, points
+from bayescal.arm.transforms import AXES, rigid, rpy_matrix
 from bayescal.effects import EFFECTS, MODELS, Effect, Parameter, Term, confusable, parameters_of, registry
-from bayescal.effects.location import Driver, joint
+from bayescal.effects.deflection import compliances
+from bayescal.effects.location import Driver, joint, link
+from bayescal.effects.selection import Selection, shortest
+from bayescal.effects.vocabulary import same_terms
 from bayescal.errors import BayescalError
+from bayescal.estimate import calibrated
+from bayescal.exporting.robot import calibrated_robot
+from bayescal.gap.diagnose import diagnose
 from bayescal.gap.search.candidates import candidates
-from bayescal.model import build
+from bayescal.model import build, check_asked
 from bayescal.model.scene import Scene
 
 OWN = Effect(
@@ -161,3 +171,341 @@ def test_an_entry_point_that_offers_no_effect_is_refused_each_time(monkeypatch, 
     for _ in range(2):
         with pytest.raises(BayescalError, match=words):
             len(table)
+
+
+# --- Names of effects in a model: what a text selects, and what is refused.
+
+
+@pytest.fixture(scope="module")
+def c(cube):
+    scene = Scene(cube(seed=1).dataset)
+    return scene.circumstances(scene.rows("calibrate"))
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        Selection("backlash"),
+        Selection("step", "212"),
+        Selection("backlash", "reading", (joint(3),), factor=4.0),
+        Selection("bending", None, (link(2), joint(4)), factor=0.125),
+        Selection(
+            "gear-mesh",
+            "50",
+            (joint(3),),
+            ("angle 3 100 times a turn", "angle 3 200 times a turn"),
+            factor=0.1 + 0.2,
+        ),
+        Selection("compliance", together=True, factor=1.0),
+    ],
+)
+def test_a_name_reads_as_it_is_written(asked):
+    assert Selection.read(str(asked)) == asked
+    assert "," not in str(asked)
+
+
+def test_sites_drivers_and_priors(c):
+    whole = {p.name: p for p in parameters_of(("backlash",), c) if p.effect == "backlash"}
+    (one,) = (p for p in parameters_of(("backlash  at joint 3 x4",), c) if p.effect == "backlash")
+    usual = whole[one.name]
+    assert (one.site, one.sd, one.mean) == (joint(3), 4 * usual.sd, 0.0)
+    assert same_terms(one.terms, usual.terms)
+    both = parameters_of(("backlash at joint 3 and joint 4",), c)
+    assert [p.site for p in both if p.effect == "backlash"] == [joint(3), joint(4)]
+    of_angle = [p for p in parameters_of(("coupling at joint 5 by angle 4",), c) if p.effect == "coupling"]
+    assert [(str(p.site), str(p.driver)) for p in of_angle] == [("joint 5", "angle 4")]
+    own = [p for p in parameters_of(("compliance at joint 2",), c) if p.effect == "compliance"]
+    assert own[0].mean > 0  # the usual prior
+    (wide,) = (p for p in parameters_of(("compliance at joint 2 x1",), c) if p.effect == "compliance")
+    assert (wide.sd, wide.mean) == (own[0].sd, own[0].nominal)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    cases("selection_refusals"),
+)
+def test_names_that_cannot_be(name, words, c):
+    with pytest.raises(BayescalError) as caught:
+        parameters_of((name,), c)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_effect_is_named_once():
+    with pytest.raises(BayescalError, match=r"named twice.*'backlash at joint 2 and joint 3'"):
+        check_asked(("backlash at joint 2", "backlash at joint 3"), 1.0)
+
+
+@pytest.mark.parametrize("value", [0.125, 8.0, 1.0, 1234.5625, 1 / 3, 212.0])
+def test_numbers_are_not_rounded(value):
+    assert float(shortest(value)) == value
+
+
+def test_compliance_in_proportion_is_the_same_stiffness_everywhere(cube):
+    """Statics and robot.yaml have the compliances that the common factor stands for."""
+    found = calibrated(Scene(cube(seed=1).dataset), ("geometry", "compliance in proportion"))
+    model = found.model
+    k = next(k for k, p in enumerate(model.parameters) if p.effect == "compliance")
+    factor = model.deviations(found.z[: len(model.parameters)])[k]
+    usual = {p.site.number: p.centre for p in model.parameters[k].stands_for}
+    assert factor > 0.2
+    robot = calibrated_robot(found.model, found.arm)
+    assert {j: robot.compliance[j - 1] for j in usual} == pytest.approx(
+        {j: factor * v for j, v in usual.items()}
+    )
+    known = compliances(model.parameters, model.deviations(found.z[: len(model.parameters)]))
+    np.testing.assert_allclose(list(known.values()), [factor * v for v in usual.values()])
+
+
+# --- Stands that yield under arms on the floor, a wall, a ceiling, a slope: finite rotation about the hinge.
+
+PLACE = np.array([0.2, -0.1, 0.3])
+MOUNTS = {
+    "floor": ((0, 0, 0), (0, 0, -9.81)),
+    "turned floor": ((0, 0, 30), (0, 0, -9.81)),
+    "ceiling": ((180, 0, 0), (0, 0, -9.81)),
+    "wall": ((0, 90, 0), (0, 0, -9.81)),
+    "wall by gravity": ((0, 0, 0), (-9.81, 0, 0)),
+    "ceiling by gravity": ((0, 0, 0), (0, 0, 9.81)),
+    "slope": ((0, 40, 0), (0, 0, -9.81)),
+}
+
+
+def mounted(dataset, mount):
+    """The session with its arm and its instrument turned as one, under the gravity of a mount."""
+    rpy, gravity = MOUNTS[mount]
+    turn = rigid(rpy_matrix(np.radians(rpy)), PLACE)
+    (target,) = dataset.targets
+    frame = turn @ rigid(rpy_matrix(np.asarray(target.values["rpy"])), np.asarray(target.values["xyz"]))
+    rpy = Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
+    target = replace(target, values={"xyz": frame[:3, 3], "rpy": rpy})
+    robot = replace(dataset.robot, base=turn)
+    return replace(dataset, robot=robot, gravity=np.array(gravity, float), targets=(target,))
+
+
+def weights(scene):
+    """Every body's weight (N, 3), N, and where it acts (N, 3) in F0: links in their frames, the load."""
+    robot, pose = scene.dataset.robot, frames(scene.chain, scene.q)
+    tool, count = scene.dataset.tools[0], len(scene.q)
+    bodies = [(pose[:, i], robot.masses[i - 1], robot.centres_of_mass[i - 1]) for i in range(1, robot.n + 1)]
+    bodies.append((pose[:, -1], tool.mass, tool.centre_of_mass))
+    gravity = scene.dataset.gravity
+    return [
+        (np.tile(mass * gravity, (count, 1)), place[:, :3, :3] @ centre + place[:, :3, 3])
+        for place, mass, centre in bodies
+    ]
+
+
+def moment_about(scene, point):
+    return sum(np.cross(where - point, weight) for weight, where in weights(scene))
+
+
+def turned_about(point, turn, x):
+    """Points (N, 3) after finite rotations by vectors (N, 3) about a point."""
+    return Rotation.from_rotvec(turn).apply(x - point) + point
+
+
+def yielding(dataset, yields, form=None):
+    """Displaced ball centres by the parameters of the effect, or of a form of it, at some values."""
+    scene = Scene(dataset)
+    c = scene.circumstances(scene.rows("calibrate"))
+    parameters = EFFECTS["base-compliance"].at(c, form)
+    assert set(yields) <= {p.name for p in parameters}
+    delta = np.zeros((len(scene.q), scene.chain.n + 2, 6))
+    for p in parameters:
+        for t in p.terms:
+            delta[:, t.frame, AXES.index(t.axis)] += yields.get(p.name, 0.0) * t.driver
+    return points(scene.chain, scene.q, scene.tools, delta)
+
+
+def horizontal(gravity):
+    """Axes of F0 across gravity, and their names, where gravity is along an axis of F0."""
+    return [("xyz"[k], np.eye(3)[k]) for k in range(3) if not gravity[k]]
+
+
+@pytest.fixture(scope="module")
+def session(tracker):
+    return tracker(seed=1).dataset
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_a_stand_turns_about_a_hinge_below_it(session, mount):
+    """By the arm's moment about the hinge, half as much one way as the other, however the arm hangs on it."""
+    dataset = mounted(session, mount)
+    scene, depth = Scene(dataset), 0.35
+    down = dataset.gravity / 9.81
+    hinge = PLACE + depth * down
+    (a, first), (b, second) = horizontal(dataset.gravity)
+    compliance = {a: 2e-6, b: 1e-6}
+    moment = moment_about(scene, hinge)
+    turn = sum(compliance[k] * np.outer(moment @ axis, axis) for k, axis in ((a, first), (b, second)))
+    expected = turned_about(hinge, turn, scene.points)
+    values = {f"base-compliance {k}": value for k, value in compliance.items()}
+    for k, axis, across in ((a, first, second), (b, second, first)):
+        slide = np.cross(axis, -depth * down) @ across  # of the base's origin, a turn about the hinge
+        values[f"base-compliance slide {k}"] = slide * compliance[k]
+    np.testing.assert_allclose(yielding(dataset, values), expected, atol=2e-8)
+    assert np.max(np.abs(expected - scene.points)) > 5e-6
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_a_stand_with_axes_of_its_own(session, mount):
+    """Its stiffest axis is at 30 degrees to the axes of F0."""
+    dataset = mounted(session, mount)
+    scene, depth, angle = Scene(dataset), 0.35, np.radians(30)
+    down = dataset.gravity / 9.81
+    (a, first), (b, second) = horizontal(dataset.gravity)
+    own = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    give = own.T @ np.diag([2e-6, 5e-7]) @ own
+    plane = np.stack([first, second])
+    turn = moment_about(scene, PLACE) @ plane.T @ give @ plane
+    expected = turned_about(PLACE + depth * down, turn, scene.points)
+    values = {
+        f"base-compliance {a}": give[0, 0],
+        f"base-compliance {b}": give[1, 1],
+        "base-compliance cross": give[0, 1],
+    }
+    for k, (axis, across) in enumerate(((first, second), (second, first))):
+        values[f"base-compliance slide {(a, b)[k]}"] = np.cross(axis, -depth * down) @ across * give[k, k]
+    lever = np.cross(second, -depth * down) @ first  # of the first axis' moment, by the turn about the second
+    values["base-compliance slide cross"] = lever * give[0, 1]
+    np.testing.assert_allclose(yielding(dataset, values, "turned"), expected, atol=2e-8)
+    assert (
+        np.max(np.abs(expected - yielding(dataset, values | {"base-compliance cross": 0.0}, "turned"))) > 1e-6
+    )
+
+
+@pytest.mark.parametrize("mount", ["wall", "wall by gravity", "slope"])
+def test_a_bracket_turns_about_a_hinge_behind_its_plate(session, mount):
+    """By the moment about the plate: what is missing to that about the hinge is the same in every pose."""
+    dataset = mounted(session, mount)
+    scene, depth = Scene(dataset), 0.2
+    behind = -dataset.robot.base[:3, 2]
+    hinge = PLACE + depth * behind
+    names = dict(horizontal(dataset.gravity))
+    axis = names["y"]  # across the wall
+    turn = 2e-6 * np.outer(moment_about(scene, PLACE) @ axis, axis)
+    expected = turned_about(hinge, turn, scene.points)
+    (other,) = (v for k, v in names.items() if k != "y")
+    moved = np.cross(axis, -depth * behind)
+    values = {
+        "base-compliance y": 2e-6,
+        "base-compliance slide y": 2e-6 * (moved @ other),
+        "base-compliance rise y": 2e-6 * (moved @ (-dataset.gravity / 9.81)),
+    }
+    np.testing.assert_allclose(yielding(dataset, values), expected, atol=2e-8)
+    assert abs(values["base-compliance rise y"]) > 1e-7
+
+
+@pytest.mark.parametrize(
+    ("mount", "names"),
+    [
+        ("floor", {"x", "slide x", "y", "slide y"}),
+        ("ceiling", {"x", "slide x", "y", "slide y"}),
+        ("wall", {"x", "slide x", "y", "slide y", "rise y"}),
+        ("wall by gravity", {"y", "slide y", "rise y", "z", "slide z"}),
+    ],
+)
+def test_no_parameter_without_a_moment(session, mount, names):
+    """None about the vertical, and none that raises the base of an upright arm."""
+    scene = Scene(mounted(session, mount))
+    c = scene.circumstances(scene.rows("calibrate"))
+    found = EFFECTS["base-compliance"].parameters(c)
+    assert {p.name.removeprefix("base-compliance ") for p in found} == names
+    assert not EFFECTS["base-compliance"].parameters(replace(c, gravity=np.zeros(3)))
+
+
+def test_the_first_bearing_bends_where_its_axis_neither_stands_nor_lies(session):
+    for mount in MOUNTS:
+        scene = Scene(mounted(session, mount))
+        c = scene.circumstances(scene.rows("calibrate"))
+        names = {p.name for p in EFFECTS["bending"].parameters(c)}
+        assert ("bending J1 bearing" in names) == (mount == "slope"), mount
+
+
+@pytest.mark.parametrize("mount", ["floor", "wall"])
+def test_a_payload_loads_the_stand_and_the_bearings(session, mount):
+    """A kilogram more does what its own weight does at every place that yields, not at the joints alone."""
+    dataset = mounted(session, mount)
+    scene = Scene(dataset)
+    c = scene.circumstances(scene.rows("calibrate"))
+    rigid = {f"compliance {name}": 0.0 for name in dataset.robot.joint_names}
+    (a, first), (b, second) = horizontal(dataset.gravity)
+    c = replace(c, compliances=rigid | {f"base-compliance {a}": 2e-6, f"base-compliance {b}": 1e-6})
+    pose = frames(scene.chain, scene.q)[:, -1]
+    where = pose[:, :3, :3] @ dataset.tools[0].centre_of_mass + pose[:, :3, 3]
+    moment = np.cross(where - PLACE, dataset.gravity)
+    turn = sum(y * np.outer(moment @ axis, axis) for y, axis in ((2e-6, first), (1e-6, second)))
+    expected = turned_about(PLACE, turn, scene.points)
+    (p,) = EFFECTS["payload"].parameters(c)
+    delta = np.zeros((len(scene.q), scene.chain.n + 2, 6))
+    for t in p.terms:
+        delta[:, t.frame, AXES.index(t.axis)] += t.driver
+    np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), expected, atol=1e-9)
+    bearing = np.zeros_like(delta)
+    (p,) = EFFECTS["payload"].parameters(replace(c, compliances=rigid | {"bending J2 bearing": 3e-6}))
+    for t in p.terms:
+        bearing[:, t.frame, AXES.index(t.axis)] += t.driver
+    frame = frames(scene.chain, scene.q)[:, 2]
+    moment = np.cross(where - frame[:, :3, 3], dataset.gravity)
+    along = np.sum(moment * frame[:, :3, 2], axis=1)[:, None] * frame[:, :3, 2]
+    expected = turned_about(frame[:, :3, 3], 3e-6 * (moment - along), scene.points)
+    np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, bearing), expected, atol=1e-9)
+
+
+def measured(dataset, arm, depth, compliance, noise, seed=0):
+    """The session as an instrument saw it, of an arm on a stand that yields: by frames alone."""
+    scene = Scene(dataset)
+    gravity, m = dataset.gravity, dataset.measurements
+    q = scene.q
+    pose, bodies = frames(scene.chain, q), weights(scene)
+    sag = np.zeros_like(q)
+    for j in range(1, arm.robot.n + 1):  # of what a joint carries: the links from its own on, and the load
+        about = sum(np.cross(where - pose[:, j, :3, 3], weight) for weight, where in bodies[j - 1 :])
+        sag[:, j - 1] = arm.compliance[j - 1] * np.sum(about * pose[:, j, :3, 2], axis=1)
+    robot = replace(arm.robot, base=dataset.robot.base)
+    still = Scene(replace(dataset, robot=robot))
+    ball = points(still.chain, link_angles(robot, m.readings) + sag, arm.tool)
+    hinge = dataset.robot.base[:3, 3] + depth * gravity / 9.81
+    moment = moment_about(scene, hinge)
+    turn = sum(compliance[k] * np.outer(moment @ axis, axis) for k, axis in horizontal(gravity))
+    ball = turned_about(hinge, turn, ball)
+    target = dataset.targets[0]
+    frame = rigid(rpy_matrix(np.asarray(target.values["rpy"])), np.asarray(target.values["xyz"]))
+    xyz = (ball - frame[:3, 3]) @ frame[:3, :3]
+    xyz = xyz + noise * np.random.default_rng(seed).standard_normal(xyz.shape)
+    return replace(dataset, measurements=replace(m, xyz=xyz, torque=None, temperature=None))
+
+
+@pytest.fixture(scope="module", params=["wall", "ceiling"])
+def hanging(request, tracker):
+    """An arm on a wall, or at a ceiling, whose stand yields half as much one way as the other."""
+    session = tracker(seed=2, count=160, noise=5e-6)
+    truth = {"x": 2e-5, "y": 4e-5}
+    return measured(mounted(session.dataset, request.param), session.arm, 0.35, truth, 5e-6), truth
+
+
+def test_a_fit_finds_how_far_a_stand_yields(hanging):
+    dataset, truth = hanging
+    found = calibrated(Scene(dataset), ("geometry", "compliance", "base-compliance"))
+    names = list(found.model.names)
+    values = found.model.physical(found.z)
+    wide = {name: float(s) for name, s in zip(names, found.sd * _scale(found.model), strict=True)}
+    for axis, value in truth.items():
+        k = names.index(f"base-compliance {axis}")
+        assert abs(values[k] - value) < 4 * wide[names[k]], axis
+    assert wide["base-compliance y"] < 4e-6
+
+
+def _scale(model):
+    z = np.zeros(model.size)
+    return np.array(
+        [model.physical(z + e)[k] - model.physical(z)[k] for k, e in enumerate(np.eye(model.size))]
+    )
+
+
+def test_a_diagnosis_names_the_stand(hanging):
+    dataset, _ = hanging
+    gap = diagnose(dataset)
+    assert "base-compliance" in [n.effect for n in gap.verdict.named], gap.verdict
+    assert "bending" not in [n.effect for n in gap.verdict.named]

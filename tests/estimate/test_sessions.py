@@ -12,8 +12,10 @@ from bayescal.dataset.join import joined
 from bayescal.effects import EFFECTS, parameters_of
 from bayescal.effects.location import BASE
 from bayescal.errors import BayescalError
-from bayescal.estimate import estimate, unit_weights
+from bayescal.estimate import estimate, linearise, unit_weights
 from bayescal.estimate.discrepancy import stated
+from bayescal.estimate.families import poses
+from bayescal.estimate.solver import rescaled_weights
 from bayescal.estimate.unexplained import unexplained
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
@@ -310,3 +312,76 @@ def test_planes_of_one_session_and_points_of_another_are_one_arm(cube, tracker):
     assert len(score) > 20
     assert np.max(np.abs(score)) < 4.5
     assert np.all(compared.together[1] < 1.1 * np.min([sd for _, sd in compared.alone.values()], axis=0))
+
+
+# --- Which rows share a pose.
+
+
+def test_rows_of_one_stop_one_repeat_or_equal_readings_are_of_one_pose(cube):
+    m = cube(seed=3, count=24).dataset.measurements
+    n = len(m.ids)
+    rows = np.arange(n)
+    alone = replace(m, stop=None, repeat=None)
+    assert len(np.unique(poses(alone, rows))) == n
+
+    readings = m.readings.copy()
+    readings[4] = readings[3]
+    stop, repeat = np.full(n, ""), np.full(n, "")
+    stop[[4, 5]], repeat[[5, 9]] = "s", "r"
+    found = poses(replace(m, readings=readings, stop=stop, repeat=repeat), rows)
+    assert len(set(found[[3, 4, 5, 9]])) == 1  # a chain of three different reasons
+    assert len(np.unique(found)) == n - 3
+    # of other rows of the session the same, and rows may be given more than once
+    some = np.array([9, 3, 3, 7])
+    assert poses(replace(m, readings=readings, stop=stop, repeat=repeat), some).tolist() == [0, 1, 1, 2] or (
+        len(np.unique(poses(replace(m, readings=readings, stop=stop, repeat=repeat), some))) == 3
+    )
+
+
+# --- What each residual counts: the noise of the readings enters by the slopes of the residuals.
+
+
+def residuals(session):
+    """Residuals of every block at the nominal model, by name, m; and the model."""
+    model = build(Scene(session), ())
+    z = np.zeros(model.size)
+    values = model.deviations(z[model.slices[ARM]])
+    return {b.name: b.residual(values, z[model.slices[b.target]]).ravel() for b in model.blocks}, model
+
+
+@pytest.mark.parametrize("maker", ["cube", "tracker"])
+def test_noise_of_the_readings_adds_by_the_slopes(maker, request):
+    session = request.getfixturevalue(maker)(seed=1, count=40).dataset
+    m, joint, h = session.measurements, 20e-6, 1e-5
+    plain, model = residuals(session)
+    square = {name: np.zeros(len(r)) for name, r in plain.items()}
+    for axis in np.eye(6):
+        there, _ = residuals(replace(session, measurements=replace(m, readings=m.readings + h * axis)))
+        for name, r in plain.items():
+            square[name] += ((there[name] - r) / h) ** 2
+    noisy = replace(session, noise=replace(session.noise, joint=joint))
+    found = unit_weights(build(Scene(noisy), ()), np.zeros(model.size))
+    for block in model.blocks:
+        own = np.tile(block.sigma, block.kind.rows)
+        expected = np.sqrt(own**2 + joint**2 * square[block.name])
+        np.testing.assert_allclose(found.sigma[block.name], expected, rtol=1e-3)
+        assert expected.max() > 1.2 * own.max()
+
+
+# --- The noise scale of a fit, between its residuals and what was stated.
+
+
+def test_stated_noise_counts_as_eight_contacts_more(cube):
+    """The scale is the RMS of all residuals and of eight more of the stated noise."""
+    count = 60
+    model = build(Scene(cube(seed=1, count=count).dataset), ())
+    z = np.zeros(model.size)
+    weights = unit_weights(model, z)
+    linear, nothing = linearise(model, z, weights), np.zeros((model.size, model.size))
+    size = np.ones_like(linear.residual)
+    for factor in (0.0, 1.0, 2.0):
+        found, dof = rescaled_weights(model, weights, replace(linear, residual=factor * size), nothing)
+        (group,) = dof
+        assert dof[group] == pytest.approx(count)
+        every = np.concatenate([np.full(count, factor), np.ones(8)])
+        assert found.scale[group] == pytest.approx(np.sqrt(np.mean(every**2)))

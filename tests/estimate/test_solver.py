@@ -1,15 +1,30 @@
 """The factor graph against SciPy on the same whitened problem, and what it refuses."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import least_squares
+from scipy.stats import chi2 as chi2_distribution
 
+from bayescal.arm.statics import Stance
 from bayescal.errors import BayescalError
-from bayescal.estimate import estimate, linearise, solve, unit_weights
-from bayescal.model import build
-from bayescal.model.scene import Scene
+from bayescal.estimate import calibrated, estimate, linearise, settled, solve, unit_weights
+from bayescal.estimate.outliers import (
+    FALSE_REJECTIONS,
+    Judged,
+    freed,
+    quantile,
+    rejected,
+    scale,
+    student_weights,
+)
+from bayescal.estimate.solver import factored, halved, solved
+from bayescal.model import ARM, build, standing
+from bayescal.model.scene import POSED, UNPOSED, Scene
+from bayescal.simulation import Options, simulate
 
 BOTH = ("geometry", "compliance")
 
@@ -143,3 +158,261 @@ def test_nothing_to_fit(cube):
     idle = replace(dataset.measurements, role=np.full(len(dataset.measurements.ids), "validate"))
     with pytest.raises(BayescalError, match="calibrate"):
         build(Scene(replace(dataset, measurements=idle)), BOTH)
+
+
+# --- Outliers: clean measurements are lost at the promised rate, whatever their rows and their number.
+
+
+def session(rng, count, rows, unknowns, off=0.0):
+    """Slopes (C, k, D) and residuals (C, k) of a linear session; measurement 5 is `off` by so many sigma."""
+    slopes = rng.standard_normal((count, rows, unknowns))
+    y = slopes @ rng.standard_normal(unknowns) * 10 + rng.standard_normal((count, rows))
+    way = rng.standard_normal(rows)
+    y[5] += off * way / np.linalg.norm(way)
+    return slopes, y
+
+
+def solved_robustly(slopes, y, weight, size=1.0):
+    """Covariance of weighted least squares, and its residuals; a prior ten times as wide as the truth."""
+    gram = np.einsum("cki,c,ckj->ij", slopes, weight, slopes) / size**2
+    covariance = np.linalg.inv(gram + np.eye(len(gram)) / 1e4)
+    z = covariance @ np.einsum("cki,c,ck->i", slopes, weight, y) / size**2
+    return covariance, y - slopes @ z
+
+
+def left_out(slopes, y):
+    """Measurements that are left out in the end: the rounds of an estimate, on a linear model."""
+    weight, size = np.ones(len(y)), 1.0
+    for k in range(20):
+        covariance, r = solved_robustly(slopes, y, weight, size)
+        leverage = slopes @ covariance @ np.swapaxes(slopes, 1, 2) / size**2
+        found = Judged.of([(r, leverage, weight)])
+        size, before = found.robust, weight
+        weight = found.student_weights() if k < 8 else 1.0 - found.outliers()
+        if np.array_equal(weight, before):
+            break
+    return np.flatnonzero(weight == 0)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_false_rejections_of_known_noise_are_as_promised(rows):
+    """One hundredth of a measurement a session, of any number of rows."""
+    rng = np.random.default_rng(rows)
+    lost = [
+        np.sum(rejected(np.sum(rng.standard_normal((20, rows)) ** 2, axis=1), rows)) for _ in range(20000)
+    ]
+    assert np.mean(lost) == pytest.approx(FALSE_REJECTIONS, rel=0.35)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_robust_scale_is_that_of_the_noise(rows):
+    rng = np.random.default_rng(rows)
+    r = 3.0 * rng.standard_normal((20000, rows))
+    r[:1000] *= 50.0
+    assert scale(np.sum(r**2, axis=1), rows) == pytest.approx(3.0, rel=0.06)
+    assert scale(np.sum(r**2, axis=1) / 2, rows, taken=rows * 10000) == pytest.approx(3.0, rel=0.06)
+
+
+@pytest.mark.parametrize(("count", "rows", "unknowns"), [(60, 1, 12), (30, 2, 12), (20, 3, 12), (44, 1, 30)])
+def test_clean_sessions_keep_what_they_have(count, rows, unknowns):
+    """With few contacts over the unknowns too: a residual counts by its own variance, a scale by its dof."""
+    rng = np.random.default_rng(count + rows)
+    lost = [len(left_out(*session(rng, count, rows, unknowns))) for _ in range(150)]
+    assert sum(lost) <= 150 * FALSE_REJECTIONS + 4  # 1.5 are expected
+    assert max(lost) <= 2
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_ten_sigma_are_always_rejected(rows):
+    rng = np.random.default_rng(rows)
+    for _ in range(40):
+        assert 5 in left_out(*session(rng, 60, rows, 10, off=10.0))
+
+
+def test_a_scale_of_few_degrees_of_freedom_rejects_less():
+    chi2 = np.array([20.0, 1.0, 1.0, 1.0])
+    assert rejected(chi2, 1).tolist() == [True, False, False, False]
+    assert not np.any(rejected(chi2, 1, dof=4.0))
+    assert rejected(100 * chi2, 1, dof=4.0)[0]
+    assert rejected(100 * chi2, 1, 10.0)[0]
+    # nor is anything rejected by a scale that rests on it alone
+    assert not np.any(rejected(np.array([1e6, 1.0]), 1, 1e3, 0.5, True))
+
+
+def test_a_residual_counts_by_the_variance_that_the_fit_predicts_of_it():
+    """Of normal data all are chi-square, kept, half-weighted or left out, whatever their leverage."""
+    rng = np.random.default_rng(0)
+    slopes = rng.standard_normal((12, 2, 8))
+    slopes[0] *= 6.0  # of high leverage
+    for own in (0.0, 0.4, 1.0):
+        weight = np.ones(12)
+        weight[:2] = own
+        out = []
+        for _ in range(1500):
+            y = slopes @ rng.standard_normal(8) + rng.standard_normal((12, 2))
+            covariance, r = solved_robustly(slopes, y, weight)
+            out.append(freed(r, slopes @ covariance @ np.swapaxes(slopes, 1, 2), weight))
+        mean = np.mean(out, axis=0)
+        # a half-weighted contact has the weight of half a contact in the fit of the others
+        np.testing.assert_allclose(mean[:2] if own == 0.4 else mean, 2.0, rtol=0.15 if own == 0.4 else 0.1)
+        assert np.quantile(np.array(out)[:, 0], 0.9) == pytest.approx(chi2_distribution.ppf(0.9, 2), rel=0.12)
+
+
+def test_student_weights_are_those_of_its_likelihood():
+    """Of Student t noise, whose likelihood they maximise at its own scale: E w chi2 = rows."""
+    rng = np.random.default_rng(1)
+    for rows in (1, 2, 3):
+        t = rng.standard_normal((100000, rows)) / np.sqrt(rng.chisquare(4.0, (100000, 1)) / 4.0)
+        chi2 = np.sum(t**2, axis=1)
+        assert np.mean(chi2 * student_weights(chi2, rows, 1.0)) == pytest.approx(rows, rel=0.02)
+
+
+def test_few_contacts_are_not_fitted_beyond_their_noise():
+    """Hardly more rows than unknowns: the median of what is left is no measure of the noise."""
+    session = simulate(Options(seed=3, contacts=80, repeats=5, later=0, placements=0)).dataset
+    m = session.measurements
+    few = replace(session, measurements=replace(m, role=np.where(np.arange(80) < 14, m.role, "validate")))
+    found = estimate(build(Scene(few), ("geometry", "compliance")))
+    assert not len(found.rejected)
+    assert 0.6 < found.weights.scale["contact"] < 1.5
+    assert found.iterations < 60
+
+
+def test_stated_noise_that_the_scale_contradicts_does_not_count():
+    """An error that the model lacks makes all residuals larger: the largest of twenty is no outlier then."""
+    chi2 = 4.0**2 * np.array([8.5, *np.ones(19)])
+    assert not np.any(rejected(chi2, 1, 4.0, 20.0, True, worth=8.0))
+    chi2[0] = 4.0**2 * 14.0
+    assert rejected(chi2, 1, 4.0, 20.0, True, worth=8.0)[0]
+
+
+# --- Weights pull where an arm stands: a fit that is told so leaves less, and finds the arm.
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    """A session of exact statics, with two kilograms on half of its contacts."""
+    return simulate(Options(seed=2, contacts=160, repeats=0, later=0, placements=0, noise=2e-6, payload=2.0))
+
+
+def pulls(found, simulated):
+    """How far off the truth the compliances are, in posterior standard deviations."""
+    true = {p["name"]: 1e-6 * p["value_urad_per_nm"] for p in simulated.truth["parameters"]
+            if p["effect"] == "compliance"}  # fmt: skip
+    at = [k for k, p in enumerate(found.model.parameters) if p.effect == "compliance"]
+    off = [(found.model.physical(found.z)[k] - true[found.model.names[k]]) / found.model.sd[k] for k in at]
+    return np.array(off) / found.sd[at]
+
+
+def test_settled_moments_leave_less(loaded):
+    as_drawn = estimate(build(Scene(loaded.dataset), BOTH))
+    stands = estimate(build(settled(as_drawn), BOTH), start=as_drawn.z)
+    assert as_drawn.weights.scale["contact"] > 1.5  # of 2 um
+    assert stands.weights.scale["contact"] < 1.15
+    assert np.max(np.abs(pulls(as_drawn, loaded))) > 8
+    assert np.max(np.abs(pulls(stands, loaded))) < 4
+
+
+def test_moments_stand_where_the_true_arm_does(loaded):
+    """Where the fitted arm stands they are nearly the true one's; on the drawing they are not."""
+    true = loaded.world.model(loaded.dataset).scene.moments
+    as_drawn = estimate(build(Scene(loaded.dataset), BOTH))
+    off, left = as_drawn.model.scene.moments - true, settled(as_drawn).moments - true
+    assert np.max(np.abs(off)) > 0.02
+    assert np.max(np.abs(left)) < 0.2 * np.max(np.abs(off))
+
+
+def test_known_sag_is_sag(cube):
+    """Whether the robot file knows a compliance or a fit has found it, the arm stands at the same place."""
+    dataset = cube(seed=1).dataset
+    known = np.array([0.0, 3e-5, 2e-4, 1e-3, 2e-3, 3e-3])
+    drawn = Scene(replace(dataset, robot=replace(dataset.robot, compliance=known)))
+    found = build(Scene(dataset), BOTH)
+    values = found.deviations(np.zeros(found.size)[found.slices[ARM]])
+    for k, p in enumerate(found.parameters):
+        if p.effect == "compliance":
+            values[k] = known[dataset.robot.joint_names.index(p.name.split()[1])]
+    as_known = build(drawn, ("geometry",))
+    nothing = np.zeros(len(as_known.parameters))
+    moments = standing(found, values).moments
+    np.testing.assert_allclose(standing(as_known, nothing).moments, moments, atol=1e-12)
+    assert np.max(np.abs(moments - Scene(dataset).moments)) > 1e-3
+
+
+@pytest.mark.parametrize(("effects", "fits"), [(("joint",), 1), (("geometry",), 1), (BOTH, 3)])
+def test_only_a_model_that_gravity_acts_on_is_fitted_again(cube, monkeypatch, effects, fits):
+    """The single fit has the settled scene and agrees with a second fit there."""
+    count = []
+
+    def counted(*args, **kwargs):
+        count.append(args)
+        return estimate(*args, **kwargs)
+
+    module = sys.modules["bayescal.estimate.estimate"]  # the package has a function of this name
+    monkeypatch.setattr(module, "estimate", counted)
+    found = calibrated(Scene(cube().dataset), effects)
+    assert len(count) == fits
+    assert found.model.scene.stance is not None
+    again = estimate(build(found.model.scene, effects), start=found.z)
+    assert np.array_equal(again.rejected, found.rejected)
+    assert np.allclose(again.z, found.z, atol=2e-3 if fits == 1 else 0.05)
+
+
+@pytest.mark.parametrize("sag", [0.0, 1e-5])
+def test_scenes_of_several_poses_share_only_what_is_equal(cube, sag):
+    """Against a scene made afresh, also where the robot file's compliances bend the nominal arm."""
+    dataset = cube(seed=1, count=20).dataset
+    dataset = replace(dataset, robot=replace(dataset.robot, compliance=np.full(6, sag)))
+    scene, rows = Scene(dataset, oriented=True), np.arange(20)
+    for name in UNPOSED | POSED:
+        getattr(scene, name)
+    stance = Stance(*1e-2 * np.random.default_rng(0).standard_normal((2, 20, 8, 6)))
+    moved, fresh = scene.posed_at(stance, {"compliance J2": 1e-6}), Scene(dataset, stance, True)
+    for name in UNPOSED | POSED:
+        a, b = getattr(moved, name), getattr(fresh, name)
+        np.testing.assert_equal(*(vars(x) if name in ("chain", "loads") else x for x in (a, b)), name)
+    a, b = moved.circumstances(rows), fresh.circumstances(rows)
+    np.testing.assert_array_equal(a.moments, b.moments)
+    np.testing.assert_array_equal(a.q, b.q)
+    np.testing.assert_array_equal(a.approach, b.approach)
+    assert not np.array_equal(a.moments, scene.circumstances(rows).moments)
+    assert np.array_equal(a.q, scene.q) == (sag == 0.0)
+    assert (moved.points is scene.points) == (sag == 0.0)
+    assert a.stance is stance
+    assert a.compliances == {"compliance J2": 1e-6}
+
+
+# --- Factors and quantiles that are computed directly are those of SciPy and NumPy, to the bit.
+
+
+@pytest.mark.parametrize("size", [1, 4, 40])
+def test_as_scipy(size):
+    rng = np.random.default_rng(size)
+    design = rng.normal(size=(size + 5, size))
+    matrix, right = design.T @ design, rng.normal(size=(size, 7))
+    own, theirs = factored(matrix), cho_factor(matrix, lower=True)
+    np.testing.assert_array_equal(np.tril(own), np.tril(theirs[0]))
+    for b in (right, right[:, 0], right.copy(order="F")):
+        np.testing.assert_array_equal(solved(own, b), cho_solve(theirs, b))
+    np.testing.assert_array_equal(halved(own, right), solve_triangular(theirs[0], right, lower=True))
+
+
+@pytest.mark.parametrize("bad", [-1.0, np.nan, np.inf])
+def test_what_has_no_factor_is_refused(bad):
+    matrix = np.eye(3)
+    matrix[1, 1] = bad
+    with pytest.raises((np.linalg.LinAlgError, ValueError)):
+        solved(factored(matrix), np.ones(3))
+    if bad != -1.0:
+        for solve in (solved, halved):
+            with pytest.raises(ValueError, match="not finite"):
+                solve(factored(np.eye(3)), np.full((3, 2), bad))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 100, 101])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 1.0])
+def test_as_numpy(count, share):
+    x = np.random.default_rng(count).exponential(size=count)
+    assert quantile(x, share) == np.quantile(x, share)
+    x[count // 2] = np.nan
+    assert np.isnan(quantile(x, share))

@@ -2,9 +2,9 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
+import foreign
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -17,7 +17,6 @@ from bayescal.model import build
 from bayescal.model.scene import Scene
 
 BOTH = ("geometry", "compliance")
-SHARED = Path(__file__).parents[2].parent / "shared"
 SURE = 1e-4  # probability of a false alarm, where a seed had not been chosen
 
 
@@ -359,12 +358,11 @@ def in_our_gauge(model, robot, tool) -> tuple[np.ndarray, list[int]]:
     return z[: len(rigid)], rigid
 
 
+@foreign.needs()
 @pytest.mark.parametrize("world", ["000", "001"])
 def test_worlds(world):
     """Worlds of a simulator that shares no code with this package; these two hide no effect."""
-    folder = SHARED / "data" / "worlds-dev"
-    if not (folder / world).is_dir():
-        pytest.skip("the simulated worlds are not here")
+    folder = foreign.WORLDS
     truth = json.loads((folder / "truth" / f"{world}.json").read_text(encoding="utf-8"))
     assert not truth["effects"]
     dataset = read_dataset(folder / world)

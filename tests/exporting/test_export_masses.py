@@ -5,20 +5,27 @@ import re
 from dataclasses import replace
 from xml.etree import ElementTree as ET
 
+import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 from export_arms import fake, robot_of, session_of, with_robot
 
-from bayescal.arm.chain import chain_of
+from bayescal import effects
+from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
+from bayescal.dataset import Measurements, Target, read_dataset, write_dataset
+from bayescal.effects import Effect, Parameter, Site, Term
+from bayescal.estimate import calibrated, estimate
 from bayescal.exporting.export import FORMATS, export
 from bayescal.exporting.geometry import constant_displacements, joint_angles
+from bayescal.exporting.robot import calibrated_robot
+from bayescal.model import ARM, build
+from bayescal.model.scene import Scene
 from bayescal.robots import load_robot
 from bayescal.robots.schema import robot_to_yaml
 
-pin = pytest.importorskip("pinocchio")
-mujoco = pytest.importorskip("mujoco")
 HALF = 0.5 * np.pi
 
 
@@ -190,3 +197,247 @@ def test_limits_of_coupled_and_inverted_joints(tmp_path):
     assert not re.search(r'(effort|velocity)="0(\.0)?"', urdf)
     (tmp_path / "arm.urdf").write_text(urdf)
     assert robot_of("arm.urdf", tmp_path).velocities is None
+
+
+# --- SDF exports: read by the rules of the format and put into MuJoCo: where the tool comes to rest.
+
+STEPS = 12
+
+
+def pose(text: str) -> np.ndarray:
+    x = np.array(text.split(), float)
+    return rigid(rpy_matrix(x[3:]), x[:3])
+
+
+def quat(matrix: np.ndarray) -> str:
+    out = np.zeros(4)
+    mujoco.mju_mat2Quat(out, matrix[:3, :3].ravel())
+    return " ".join(map(repr, out.tolist()))
+
+
+def words(values) -> str:
+    return " ".join(repr(float(v)) for v in values)
+
+
+def resting(text: str, angles: dict[str, float], gravity: np.ndarray) -> np.ndarray:
+    """Pose (4, 4) of the flange in the model's frame, with commanded joints at some angles, rad."""
+    model = ET.fromstring(text).find("model")
+    links = {link.get("name"): link for link in model.findall("link")}
+    root = ET.Element("mujoco")
+    ET.SubElement(root, "compiler", angle="radian")
+    ET.SubElement(root, "option", integrator="discrete", timestep="1", gravity=words(gravity))
+    bodies = {"world": ET.SubElement(root, "worldbody")}
+    for joint in model.findall("joint"):
+        parent, child = joint.findtext("parent"), joint.findtext("child")
+        own = links[child].find("pose")
+        assert own.get("relative_to", "world") == parent
+        at, axis = pose(own.text), joint.find("axis")
+        spring = None if axis is None else axis.findtext("dynamics/spring_stiffness")
+        if axis is not None and spring is None:
+            assert pose(joint.findtext("pose"))[:3, 3].tolist() == [0, 0, 0]
+            assert axis.findtext("xyz").split() == ["0.0", "0.0", "1.0"]
+            at = at @ rigid(rotation(2, angles[joint.get("name")]))
+        body = ET.SubElement(bodies[parent], "body", name=child, pos=words(at[:3, 3]), quat=quat(at))
+        inertial = links[child].find("inertial")
+        if links[child].findtext("gravity") == "false":
+            body.set("gravcomp", "1")
+        ET.SubElement(
+            body, "inertial", mass=inertial.findtext("mass"),
+            pos=words(pose(inertial.findtext("pose"))[:3, 3]),
+            diaginertia=" ".join(inertial.findtext(f"inertia/{k}") for k in ("ixx", "iyy", "izz")),
+        )  # fmt: skip
+        if spring is not None:
+            ET.SubElement(
+                body, "joint", type="hinge", axis=axis.findtext("xyz"), stiffness=spring,
+                pos=words(pose(joint.findtext("pose"))[:3, 3]), damping=axis.findtext("dynamics/damping"),
+                springref=axis.findtext("dynamics/spring_reference"),
+            )  # fmt: skip
+        bodies[child] = body
+    built = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
+    data = mujoco.MjData(built)
+    for _ in range(STEPS if built.nv else 0):
+        mujoco.mj_step(built, data)
+    mujoco.mj_forward(built, data)
+    k = mujoco.mj_name2id(built, mujoco.mjtObj.mjOBJ_BODY, "flange")
+    return rigid(data.xmat[k].reshape(3, 3), data.xpos[k])
+
+
+ELASTIC = ("compliance",), ("compliance", "bending"), ("compliance", "base-compliance")
+
+
+@pytest.mark.parametrize("effects", ELASTIC, ids=lambda e: e[-1])
+@pytest.mark.parametrize("name", ["fanuc-lrmate200ic", "universal-robots-ur5e"])
+def test_the_tool_rests_where_the_model_has_it(name, effects):
+    arm = fake(session_of(name), ("geometry", *effects), scale=0.4)
+    out = export(arm, "sdf", name="arm", force=True)
+    record = out.record("arm.sdf")
+    readings, names = arm.dataset.measurements.readings[:4], arm.dataset.robot.joint_names
+    poses = arm.at(readings)
+    point = np.linalg.solve(poses.flange[0], np.append(poses.points[0], 1.0))
+    for k, reading in enumerate(readings):
+        turns = dict(zip(names, np.array(record["joint_from_reading"]) @ reading, strict=True))
+        found = resting(out.written.content, turns, arm.dataset.gravity) @ point
+        # the second order of bending: the same limit as of tests/statics
+        assert np.linalg.norm(found[:3] - poses.points[k]) < (0.6e-6 if "bending" in effects else 0.15e-6)
+    assert not out.missing
+
+
+def test_names_are_unique_and_other_effects_are_told():
+    arm = fake(session_of(), ("geometry", "compliance", "backlash", "hardening"))
+    out = export(arm, "sdf", name="arm")
+    model = ET.fromstring(out.written.content).find("model")
+    for tag in ("link", "joint"):
+        each = [element.get("name") for element in model.findall(tag)]
+        assert len(set(each)) == len(each)
+    assert {m.effect for m in out.missing} == {"backlash", "hardening"}
+    springs = {j.get("name"): j.findtext("axis/dynamics/spring_stiffness") for j in model.findall("joint")}
+    values = dict(zip(arm.model.names, arm.model.shift * 0 + arm.values, strict=False))
+    assert float(springs["J3_flex"]) == pytest.approx(1.0 / values["compliance J3"], rel=1e-9)
+    assert springs["J3"] is None
+
+
+# --- The calibrated robot as DH rows moves exactly as the displaced chain does.
+
+
+@pytest.mark.parametrize("tied", [False, True])
+@pytest.mark.parametrize("convention", ["mdh", "dh"])
+def test_rows_move_as_the_model(cube, convention, tied):
+    session = cube(seed=1, count=60).dataset
+    if convention == "dh":  # any rows will do: the same numbers read the other way
+        session = replace(session, robot=replace(session.robot, convention="dh"))
+    if tied:
+        targets = tuple(replace(t, u=1e-3, u_angle=1e-3) for t in session.targets)
+        tools = tuple(replace(t, u=1e-3) for t in session.tools)
+        session = replace(session, targets=targets, tools=tools)
+    scene = Scene(session)
+    model = build(scene, ("geometry",))
+    found = estimate(build(Scene(cube(seed=1, count=60).dataset), ("geometry",)))
+    rng = np.random.default_rng(0)
+    fake = replace(found, model=model, z=2.0 * rng.standard_normal(model.size))
+    robot = calibrated_robot(fake.model, fake.arm)
+    values = model.deviations(fake.z[model.slices[ARM]])
+    tool = scene.tools[0].copy()
+    for value, p in zip(values, model.parameters, strict=True):
+        if p.effect == "tool":
+            tool["xyz".index(p.name[-1])] += value
+    rows = np.arange(len(scene.q))
+    expected = model.motion(rows).points_reference(values).T
+    q = link_angles(robot, session.measurements.readings)
+    np.testing.assert_allclose(points(chain_of(robot), q, tool), expected, atol=1e-12)
+
+
+def test_compliance_goes_along(cube):
+    found = estimate(build(Scene(cube(seed=1, count=120).dataset), ("geometry", "compliance")))
+    robot = calibrated_robot(found.model, found.arm)
+    named = {p.name: v for p, v in zip(found.model.parameters, found.model.physical(found.z), strict=False)}
+    assert robot.compliance is not None
+    assert robot.compliance[1] == pytest.approx(named["compliance J2"], rel=1e-12)
+    assert robot.name.endswith("-calibrated")
+
+
+@pytest.mark.parametrize("effect", ["encoder-scale", "encoder-scale@link", "encoder-scale@reading", "joint"])
+@pytest.mark.parametrize("coupling", ["display", "mechanical"])
+def test_scales_go_along(cube, effect, coupling):
+    """On whichever side of the coupled axes the encoders sit."""
+    session = cube(seed=1, count=60).dataset
+    session = replace(session, robot=replace(session.robot, coupling=coupling))
+    scene = Scene(session)
+    model = build(scene, (effect,))
+    rng = np.random.default_rng(0)
+    for j in range(1, 7):  # one at a time: scales of two joints multiply, which the model does not know
+        z = np.zeros(model.size)
+        own = [k for k, p in enumerate(model.parameters) if p.name == f"encoder-scale J{j}"]
+        z[own] = 3.0 * rng.standard_normal()
+        robot = calibrated_robot(model, model.deviations(z[model.slices[ARM]]))
+        expected = (
+            model.motion(np.arange(len(scene.q))).points_reference(model.deviations(z[model.slices[ARM]])).T
+        )
+        q = link_angles(robot, session.measurements.readings)
+        np.testing.assert_allclose(points(chain_of(robot), q, scene.tools), expected, atol=1e-12)
+        assert np.max(np.abs(expected - scene.points)) > 1e-6
+        assert robot.coupling == coupling
+
+
+def test_a_registered_effect_of_a_similar_name_is_no_scale(cube):
+    """Its parameter displaces the base; the ratios of the encoders stay nominal."""
+    shift = Parameter("encoder-scale-drift x", "m", (Term(0, "tx"),), 1e-3, site=Site("joint", 1))
+    effects.register(Effect("encoder-scale-drift", "the base shifts", lambda c: [shift]))
+    try:
+        scene = Scene(cube(seed=1, count=60).dataset)
+        model = build(scene, ("encoder-scale-drift",))
+        z = np.zeros(model.size)
+        z[0] = 2.0
+        robot = calibrated_robot(model, model.deviations(z[model.slices[ARM]]))
+    finally:
+        effects.unregister("encoder-scale-drift")
+    np.testing.assert_array_equal(robot.link_from_reading, scene.dataset.robot.link_from_reading)
+    np.testing.assert_allclose(robot.base[:3, 3], scene.dataset.robot.base[:3, 3] + [2e-3, 0, 0], atol=1e-12)
+
+
+# --- An exported arm as the robot of the next session: the fit finds nothing to correct.
+
+COUNT = 120
+
+
+def measured(arm, robot, by_reading):
+    """A session of the arm under an exact laser tracker; its readings are as the exported robot has them."""
+    rng = np.random.default_rng(4)
+    low, high = np.quantile(arm.dataset.measurements.readings, [0.0, 1.0], axis=0)
+    readings = rng.uniform(low, high, (COUNT, len(low)))
+    points = arm.at(readings).points
+    tool = replace(arm.dataset.tools[0], u=1e-3)
+    shift = [arm.values[arm.model.names.index(f"{tool.name} {axis}")] for axis in "xyz"]
+    tracker = Target("tracker", "instrument", {"xyz": np.zeros(3), "rpy": np.zeros(3)}, u=0.0, u_angle=0.0)
+    rows = Measurements(
+        tuple(f"p{k}" for k in range(COUNT)), np.full(COUNT, "calibrate"), np.zeros(COUNT, int),
+        np.zeros(COUNT, int), readings @ by_reading.T, np.arange(COUNT) + 2, xyz=points,
+    )  # fmt: skip
+    return replace(
+        arm.dataset, name="next", robot=robot, robot_reference="arm", targets=(tracker,), certificates=(),
+        tools=(replace(tool, centre=tool.centre + shift, centre_of_mass=tool.centre_of_mass + shift),),
+        measurements=rows, temperature_of=None, source=None,
+        noise=replace(arm.dataset.noise, point=10e-6),
+    )  # fmt: skip
+
+
+def corrections(dataset, effects):
+    """Estimates of the arm's parameters, in prior standard deviations, by name."""
+    found = calibrated(Scene(dataset), effects)
+    return dict(zip(found.model.names, found.z[found.model.slices[ARM]], strict=False)), found
+
+
+@pytest.mark.parametrize("name", ["fanuc-lrmate200ic", "universal-robots-ur5e"])
+def test_robot_yaml(name, tmp_path):
+    arm = fake(session_of(name), ("geometry", "compliance"))
+    (tmp_path / "arm.yaml").write_text(export(arm, "robot.yaml").written.content)
+    robot = robot_of("arm.yaml", tmp_path)
+    z, _ = corrections(measured(arm, robot, np.eye(6)), ("geometry", "compliance"))
+    assert max(abs(value) for value in z.values()) < 0.1
+    known = {p.name: v for p, v in zip(arm.model.parameters, arm.values, strict=True)}
+    assert robot.compliance[2] == pytest.approx(known["compliance J3"], rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["fanuc-lrmate200ic", "universal-robots-ur5e"])
+def test_urdf(name, tmp_path):
+    """What it cannot hold, the compliance, is found again; the geometry needs no correction."""
+    arm = fake(session_of(name), ("geometry", "compliance"))
+    out = export(arm, "urdf", name="arm")
+    (tmp_path / "arm.urdf").write_text(out.written.content)
+    by_reading = np.array(out.record("arm.urdf")["joint_from_reading"])
+    robot = robot_of("arm.urdf", tmp_path)
+    z, found = corrections(measured(arm, robot, by_reading), ("geometry", "compliance"))
+    assert max(abs(value) for key, value in z.items() if not key.startswith("compliance")) < 0.1
+    fitted = dict(zip((p.name for p in found.model.parameters), found.arm, strict=True))
+    known = dict(zip((p.name for p in arm.model.parameters), arm.values, strict=True))
+    u = dict(zip((p.name for p in found.model.parameters), found.sd * found.model.sd, strict=False))
+    for name in ("compliance J2", "compliance J3"):
+        assert abs(fitted[name] - known[name]) < 0.1 * u[name]
+
+
+def test_through_the_files(tmp_path):
+    """The dataset with the exported robot is written and read as any other."""
+    arm = fake(session_of(), ("geometry", "compliance"))
+    (tmp_path / "arm.yaml").write_text(export(arm, "robot.yaml").written.content)
+    write_dataset(measured(arm, robot_of("arm.yaml", tmp_path), np.eye(6)), tmp_path / "next")
+    z, _ = corrections(read_dataset(tmp_path / "next"), ("geometry", "compliance"))
+    assert max(abs(value) for value in z.values()) < 0.1

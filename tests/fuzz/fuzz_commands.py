@@ -159,7 +159,7 @@ def _ur_yaml() -> bytes:
 
 
 def _certificate() -> Command:
-    from exporting.test_dcc import ENTRIES
+    from test_dcc import ENTRIES
 
     return _export("dcc", {"entries.yaml": ENTRIES.encode()}, "--certificate", "{in}/entries.yaml")
 
@@ -195,7 +195,7 @@ def _several() -> Command:
 
 def _controllers() -> dict[str, Callable[[], Command]]:
     """Listings of controllers, with the points of a tracker in a file of their own."""
-    from importing.test_makers import LISTED
+    from test_makers import LISTED
 
     from bayescal.dataset import read_dataset
 
@@ -268,7 +268,7 @@ COMMANDS: dict[str, tuple[float, Callable[[], Command]]] = {
     ),
     "into mjcf": (
         6.0,
-        lambda: _of_ur("mjcf", "arm.xml", (ROOT / "tests/exporting/mjcf/ur5e_scene.xml").read_bytes()),
+        lambda: _of_ur("mjcf", "arm.xml", (ROOT / "tests/data/ur5e_scene.xml").read_bytes()),
     ),
     "into ur-yaml": (1.0, lambda: _of_ur("ur-yaml", "mine.yaml", _ur_yaml())),
     "verify urdf": (0.6, lambda: _verify("urdf")),

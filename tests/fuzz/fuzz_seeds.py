@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-BESIDE = ("", "dataset", "compensate", "importing", "exporting")
+BESIDE = ("", "dataset", "programs", "importing", "exporting")
 sys.path[:0] = [str(ROOT), *(str(HERE.parent / name) for name in BESIDE)]
 EVERY = 14
 """Of the example session, the rows on planes that are kept, and all contacts of the first placement."""
@@ -153,7 +153,7 @@ def logs() -> dict[str, tuple[Files, tuple[str, ...]]]:
 @cache
 def runs() -> dict[str, tuple[Files, tuple[str, ...]]]:
     """A run folder of a fit, with targets; and the commands that read them."""
-    from programs import FANUC, KUKA
+    from program_texts import FANUC, KUKA
 
     import bayescal as bc
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import cases
 from fuzz_cases import CHECKED, FIT, Ran, case, judged, run
 from fuzz_mutations import PLAUSIBLE
 from fuzz_seeds import datasets
@@ -111,14 +112,7 @@ def test_rows_that_fit_two_places_are_refused_before_the_arm_is_fitted(tmp_path,
 
 @pytest.mark.parametrize(
     ("name", "text", "kind"),
-    [
-        ("dataset.yaml", "tools:\n  inf: {ball_radius_mm: 3}\n", "accepted"),
-        ("dataset.yaml", "name: inf\n", "accepted"),
-        ("arm.urdf", '<robot name="inf"/>', "accepted"),
-        ("dataset.yaml", "tools:\n  ball: {ball_radius_mm: inf}\n", "FAIL"),
-        ("dataset.yaml", "offset_mm: inf\n", "FAIL"),
-        ("arm.urdf", '<mass value="inf"/>', "FAIL"),
-    ],
+    cases("infinities"),
 )
 def test_infinity_in_an_output_is_a_failure_unless_it_is_a_name(tmp_path, name, text, kind):
     (tmp_path / "in").mkdir()

@@ -151,7 +151,8 @@ def rezipped(path, change) -> None:
 
 @pytest.fixture
 def book(tmp_path):
-    openpyxl = pytest.importorskip("openpyxl")
+    import openpyxl
+
     work = openpyxl.Workbook()
     for row in range(4):
         work.active.append([row, 2.5])

@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 from bayescal.errors import BayescalError
+from bayescal.estimate import estimate
+from bayescal.gap.outcome.magnitude import log_predictive
 from bayescal.gap.search.gate import confirmed, gain, share
-from bayescal.predict.crossvalidation import VALIDATED
+from bayescal.gap.settings import GATE
+from bayescal.model import build
+from bayescal.model.scene import Scene
+from bayescal.predict.crossvalidation import BLOCKED, VALIDATED, validation_errors
 from bayescal.predict.errors import CentreDistances, ValidationErrors
 
 NOISE, COUNT = 5e-6, 60
@@ -174,3 +179,45 @@ def test_gain_of_distances_heeds_their_correlation():
     """An error that two distances share by the arm's uncertainty is likely along it, and unlikely across."""
     near, far = (gain(errors(0.0), errors(0.0), errors(0.0, 20e-6, c)) for c in (20e-6, 0.0))
     assert near > far + 2
+
+
+# --- Names without validation measurements: blocks of poses and time that are left out judge them.
+
+FULL = ("geometry", "compliance")
+
+
+def judged_in_blocks(dataset, name):
+    """Nats of a name by rows left out one by one and by blocks, and the share of its change in blocks."""
+    fits = [estimate(build(Scene(dataset), own)) for own in (FULL, (*FULL, name))]
+    less, more = (validation_errors(fit) for fit in fits)
+    single = float(np.sum(log_predictive(more)[0] - log_predictive(less)[0]))
+    less, more = (validation_errors(fit, without=BLOCKED) for fit in fits)
+    return single, gain(less, less, more), share(less, more)
+
+
+def off(dataset, joint, error):
+    """The session with an error (N,), rad, of a joint (from 1)."""
+    m = dataset.measurements
+    readings = m.readings.copy()
+    readings[:, joint - 1] += error
+    return replace(dataset, measurements=replace(m, readings=readings))
+
+
+def test_an_error_of_a_joint_is_confirmed(cube):
+    d = cube(seed=1, count=150).dataset
+    wave = off(d, 4, 1e-3 * np.sin(d.measurements.readings[:, 3]))
+    _, nats, shown = judged_in_blocks(wave, "eccentricity at joint 4 x8")
+    assert nats > 100
+    assert shown.value == pytest.approx(1.0, abs=4 * shown.u)
+    assert shown.u < 0.05
+
+
+def test_errors_that_neighbours_share_do_not_confirm_a_name(cube):
+    """Joints that change their zeros every 25 rows: left out one by one, rows do not contradict a step."""
+    d, rng = cube(seed=1, count=150).dataset, np.random.default_rng(1)
+    for joint in range(1, 7):
+        d = off(d, joint, np.repeat(3e-4 * rng.standard_normal(6), 25))
+    single, nats, shown = judged_in_blocks(d, "step@80 x8")
+    assert single > -0.5
+    assert nats < -GATE.loss
+    assert shown.missing

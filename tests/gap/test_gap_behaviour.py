@@ -6,21 +6,30 @@ import numpy as np
 import pytest
 from gap_problems import Bench
 
-from bayescal.arm.motion import Term
+from bayescal.arm.motion import CONTACT, Term
+from bayescal.dataset import read_dataset, write_dataset
+from bayescal.effects import EFFECTS, Parameter
 from bayescal.effects import EFFECTS as VOCABULARY
-from bayescal.effects import Parameter
-from bayescal.effects.location import Driver
-from bayescal.gap.outcome.where import places
+from bayescal.effects.joints import waves
+from bayescal.effects.location import Driver, face
+from bayescal.effects.unsettled import remaining
+from bayescal.gap.diagnose import diagnose
+from bayescal.gap.linear.problem import without_nuisance
+from bayescal.gap.linear.state import fit_state, limited
+from bayescal.gap.outcome.where import places, visible
 from bayescal.gap.search import verdict
 from bayescal.gap.search.beam import Search
+from bayescal.gap.search.candidates import ALIASED, candidates, unaliased
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.unknown import with_set
 from bayescal.gap.search.verdict import decide
+from bayescal.model.scene import Scene
+from bayescal.simulation import Options, simulate
 
 STRONG = 150.0
 """Visible strength, lambda, at which an effect should be named."""
 COUNT = 160
-EFFECTS = (
+NAMED_EFFECTS = (
     "hardening", "bending", "base-compliance", "payload", "eccentricity", "second-harmonic", "gear-mesh",
     "backlash", "hysteresis", "encoder-scale", "coupling", "thermal-drift", "step", "lobing", "latency",
     "plane-form",
@@ -60,9 +69,9 @@ def test_gross_contacts_name_nothing(bench):
     assert np.mean(left_out) == pytest.approx(0.03 * COUNT, abs=1.0)
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize("effect", NAMED_EFFECTS)
 def test_every_effect_is_named(bench, effect):
-    k = EFFECTS.index(effect)
+    k = NAMED_EFFECTS.index(effect)
     decision, _ = bench.decided(bench.made_up(200 + k, bench.of_effect(effect, STRONG, seed=k)))
     assert (decision.kind, names(decision)) == ("named", [effect])
     assert effect in decision.credible
@@ -239,3 +248,178 @@ def test_probabilities_add_up(bench):
     assert sum(w.probability for w in decision.weighed) == pytest.approx(1.0)
     assert all(0.0 <= p <= 1.0 for p in decision.probability.values())
     assert set(decision.probability) >= {"null", "unknown", "backlash"}
+
+
+# --- A local defect looks like a few outliers: excluded contacts support what explains them.
+
+SPOT, WIDTH = np.array([0.22, -0.18]), 0.2
+"""Half extents of a face: between the centres that are tried."""
+
+
+@pytest.fixture(scope="module")
+def local_defects_bench(cube):
+    return Bench.of(cube(seed=7, count=300).dataset)
+
+
+def dent(bench, depth):
+    """Contribution (R,) of a dent of so many times the noise in the second face."""
+    own = bench.circumstances.faces[1]
+    spot = np.exp(-0.5 * np.sum(((own.place - SPOT) / WIDTH) ** 2, axis=1)) * own.rows
+    (column,) = bench.slopes.columns([Parameter("", "m", (Term(CONTACT, "normal", spot),), 1e-5)]).T
+    return depth * column / np.max(np.abs(column)), own.name
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_dent_is_found_beside_larger_outliers(local_defects_bench, seed):
+    there, name = dent(local_defects_bench, 12.0)
+    p = local_defects_bench.made_up(seed, there, gross=0.02)
+    null = fit_state(p, (), ())
+    hit = np.flatnonzero(np.abs(there[: p.count]) > 4.0)
+    assert np.sum(null.weight[hit] == 0) >= 2
+    decision, _ = local_defects_bench.decided(p)
+    assert decision.kind == "unknown"
+    first = places(
+        decision.hypothesis,
+        local_defects_bench.pool,
+        local_defects_bench.known.pool,
+        local_defects_bench.circumstances,
+        1e-10,
+        p.jacobian.shape[1],
+    )[0]
+    assert (first.site, first.driver) == (face(name), Driver("face", form="one spot"))
+    assert first.family_p_value < 1e-3
+    # the contacts that it explains count in its size, as far as the model does not absorb it
+    bare = fit_state(without_nuisance(p, p.jacobian.shape[1]), (), (), robust=False)
+    assert first.rms == pytest.approx(np.sqrt(np.mean(visible(bare, there) ** 2)), rel=0.12)
+    assert np.isin(p.rows[p.contact[hit]], first.curve.rows).all()
+    assert np.all(
+        local_defects_bench.circumstances.faces[1].rows[first.curve.rows]
+    )  # its curve is that of the face
+
+
+def test_an_outlier_of_any_size_counts_as_one_at_the_limit(local_defects_bench):
+    p = local_defects_bench.made_up(5)
+    found = []
+    for size in (30.0, 3000.0):
+        off = np.zeros(len(p.residual))
+        off[40] = size
+        state = fit_state(replace(p, residual=p.residual + off), (), ())
+        assert state.gross == 1
+        found.append(limited(state))
+    for one in found:
+        assert one.gross == 0
+        assert one.kappa == pytest.approx(found[0].kappa, rel=1e-6)
+        np.testing.assert_allclose(one.residual, found[0].residual, atol=1e-4)
+        assert abs(one.residual[40]) == np.max(np.abs(one.residual[: p.count]))
+        assert 3.0 < abs(one.residual[40]) < 5.0
+
+
+# --- Ripples and the raster of the poses: the sampling theorem, and what the candidates make of it.
+
+
+@pytest.fixture
+def c(cube):
+    scene = Scene(cube(seed=5, count=120).dataset)
+    return scene.circumstances(scene.rows("calibrate"))
+
+
+def at_angles(c, joint, degrees):
+    """The session with other angles of a joint, (N,)."""
+    q = c.q.copy()
+    q[:, joint - 1] = np.radians(degrees)
+    return replace(c, q=q)
+
+
+RASTER = 5.0 * (np.arange(120) % 47)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "order", "seen"),
+    [
+        (RASTER, 72, False),  # one period from each angle to the next: a constant
+        (RASTER, 73, False),  # once per revolution
+        (RASTER, 142, False),  # twice
+        (RASTER, 100, True),  # 28 times
+        (20.0 * (np.arange(120) % 5), 100, False),  # five angles show nothing but a slow function
+        (4.0 * np.linspace(0, 1, 120), 20, False),  # a quarter of a period
+        (90.0 * np.linspace(0, 1, 120), 20, True),
+        (RASTER, 2, True),  # no ripple
+    ],
+)
+def test_angles_on_a_raster_alias_ripples(c, degrees, order, seen):
+    moved = at_angles(c, 3, degrees)
+    assert unaliased(waves(moved, "gear-mesh", 3, float(order), 5e-5), moved) == [seen, seen]
+
+
+def test_an_aliased_ripple_is_not_assessed(c):
+    """A gear of 73 at a raster of 5 degrees: at joint 3 alone, and at every joint."""
+    geared = replace(c, robot=replace(c.robot, reductions=np.full(6, 73.0)))
+    one = candidates(at_angles(geared, 3, RASTER), ("geometry",))
+    assert one.missing["gear-mesh at joint 3"] == ALIASED
+    assert {v.site for v in one.variants["gear-mesh"]} == {"", *(f"joint {j}" for j in (1, 2, 4, 5, 6))}
+    for j in range(1, 7):
+        geared = at_angles(geared, j, RASTER)
+    every = candidates(geared, ("geometry",))
+    assert every.missing["gear-mesh"] == ALIASED
+    assert "gear-mesh" not in every.variants
+    assert {"eccentricity", "second-harmonic"} <= set(every.variants)
+    assert len(EFFECTS["gear-mesh"].at(geared)) == 24  # a model may still contain it
+
+
+# --- Readings before standstill are named `unsettled`, not backlash; backlash stays backlash.
+
+UNSETTLED_STRONG = 300.0
+
+
+def circumstances(dataset):
+    scene = Scene(dataset)
+    return scene.circumstances(scene.rows("calibrate"))
+
+
+def moving(dataset, seed=0):
+    """The session with commands ahead of the readings, by a random part of 30 ms of the motion."""
+    m = dataset.measurements
+    left = np.random.default_rng(seed).uniform(0.0, 0.03, (len(m.ids), 1)) * m.velocity
+    return replace(dataset, measurements=replace(m, command=m.readings + left))
+
+
+@pytest.fixture(scope="module", params=["commands", "speeds"])
+def unsettled_bench(request, cube):
+    dataset = cube(seed=5, count=160).dataset
+    return Bench.of(moving(dataset) if request.param == "commands" else dataset)
+
+
+@pytest.mark.parametrize("effect", ["unsettled", "backlash"])
+def test_each_is_named_as_what_it_is(unsettled_bench, effect):
+    decision, _ = unsettled_bench.decided(
+        unsettled_bench.made_up(1, unsettled_bench.of_effect(effect, UNSETTLED_STRONG, seed=1))
+    )
+    assert [m.effect for m in decision.members] == [effect]
+
+
+def test_what_remains_of_the_motion(cube):
+    """Commands where they differ from the readings, else the speeds; nothing of a session at rest."""
+    dataset = cube(seed=1, count=24).dataset
+    c = circumstances(dataset)
+    assert remaining(c) is None  # commands that equal the readings
+    assert {p.unit for p in EFFECTS["unsettled"].at(c)} == {"s"}
+    c = circumstances(moving(dataset))
+    left = c.command - c.readings
+    first = EFFECTS["unsettled"].at(c)[0]
+    assert first.unit == "1"
+    (term,) = first.terms
+    np.testing.assert_allclose(term.driver, left[:, 0])
+    assert str(first.driver) == "remaining motion 1"
+    assert first.driver.coordinate(first.site, c).name == "remaining motion of joint 1"
+    at_rest = replace(dataset, measurements=replace(dataset.measurements, velocity=None, command=None))
+    assert "j1_command_deg" in EFFECTS["unsettled"].missing(circumstances(at_rest))
+
+
+def test_a_session(tmp_path):
+    """From the file to the name; `test_play_is_named_and_removed` is the same of backlash."""
+    effects = ("geometry", "compliance", "unsettled")
+    session = simulate(Options(contacts=120, later=40, repeats=6, spheres=0, seed=3, effects=effects)).dataset
+    write_dataset(session, tmp_path / "session")
+    gap = diagnose(read_dataset(tmp_path / "session"))
+    assert gap.verdict.kind == "named"
+    assert [n.effect for n in gap.verdict.named] == ["unsettled"]

@@ -1,14 +1,21 @@
 """Files of one session that are joined: by time, by id with several reflectors, conditions; and refusals."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import cases
 from made_up_logs import said, table
+from scipy.spatial.transform import Rotation
 
+from bayescal.arm.transforms import rpy_matrix
+from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.consistency import nominal
 from bayescal.errors import BayescalError
-from bayescal.importing import Request, convert
+from bayescal.importing import Request, convert, write
+from bayescal.importing.orientations import flanges
+from bayescal.importing.roles import stops_of, with_roles
 
 ARM = "fanuc-lrmate200ic"
 USUAL = {"robot": ARM, "noise": "10 um"}
@@ -246,3 +253,237 @@ def test_rows_that_are_earlier_than_the_row_above(tracked, tmp_path):
     assert (
         "1 rows are earlier than the row above: the order of rows is taken as the order of time" in got.notes
     )
+
+
+# --- Measured orientations in the conventions of makers, written down apart from the code under test.
+
+
+@pytest.fixture(scope="module")
+def posed(tracker):
+    """Points with errors of the arm; orientations of a nominal arm, whose tool is turned on its flange."""
+    session = tracker(seed=3, count=40)
+    data = session.dataset
+    tool = rpy_matrix(np.array([0.2, -0.4, 1.0]))
+    flange = flanges(data.robot, data.measurements.readings)[:, :3, :3]
+    return data, session.frame[:3, :3].T @ flange @ tool
+
+
+def rx(a):
+    c, s = np.cos(a), np.sin(a)
+    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+
+
+def ry(a):
+    c, s = np.cos(a), np.sin(a)
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def rz(a):
+    c, s = np.cos(a), np.sin(a)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+MADE = {
+    "wpr deg": lambda w, p, r: rz(r) @ ry(p) @ rx(w),
+    "rpy deg": lambda w, p, r: rz(r) @ ry(p) @ rx(w),
+    "abc deg": lambda a, b, c: rz(a) @ ry(b) @ rx(c),
+    "zyx rad": lambda a, b, c: rz(a) @ ry(b) @ rx(c),
+    "xyz deg": lambda a, b, c: rx(a) @ ry(b) @ rz(c),
+    "oat deg": lambda o, a, t: rz(o) @ ry(a) @ rz(t),
+}
+"""Rotations of three angles."""
+
+
+@pytest.mark.parametrize("words", MADE)
+def test_angles(words):
+    from bayescal.importing.rotations import matrices
+
+    angles = np.random.default_rng(1).uniform(-1.5, 1.5, (5, 3))
+    made = [MADE[words](*row) for row in angles]
+    np.testing.assert_allclose(matrices(angles, words.split()[0]), made, atol=1e-12)
+
+
+def written(data, turns, path, words):
+    """A log with ids, joints, points, and orientations in columns o1, o2, ..."""
+    rotation = Rotation.from_matrix(turns)
+    kind = words.split()[0]
+    numbers = {
+        "wxyz": lambda: rotation.as_quat()[:, [3, 0, 1, 2]],
+        "xyzw": lambda: -rotation.as_quat(),
+        "rotvec": lambda: rotation.as_rotvec(),
+        "matrix": lambda: turns.reshape(-1, 9),
+        "matrix-columns": lambda: turns.transpose(0, 2, 1).reshape(-1, 9),
+        "abc": lambda: np.degrees(rotation.as_euler("ZYX")),
+        "wpr": lambda: np.degrees(rotation.as_euler("xyz")),
+        "xyz": lambda: np.degrees(rotation.as_euler("XYZ")),
+        "oat": lambda: np.degrees(rotation.as_euler("ZYZ")),
+    }[kind]()
+    m = data.measurements
+    rows = np.column_stack([np.degrees(m.readings), 1e3 * m.xyz, numbers])
+    width = numbers.shape[1]
+    header = ["n", *(f"A{j}" for j in range(1, 7)), "X", "Y", "Z", *(f"o{k + 1}" for k in range(width))]
+    lines = [",".join(header)] + [
+        ",".join([i, *map(repr, row)]) for i, row in zip(m.ids, rows.tolist(), strict=True)
+    ]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return f"id=n, j*=A* deg, x=X mm, y=Y mm, z=Z mm, rotation={' '.join(header[10:])} {words}"
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["wxyz", "xyzw", "rotvec rad", "matrix", "matrix-columns", "abc deg", "wpr deg", "xyz deg", "oat deg"],
+)
+def test_comes_back(posed, tmp_path, words):
+    data, turns = posed
+    map_ = written(data, turns, tmp_path / "log.csv", words)
+    got = convert(Request(tmp_path / "log.csv", map_, robot=ARM, noise="10 um, 0.01 deg"))
+    np.testing.assert_allclose(rpy_matrix(got.dataset.measurements.rpy), turns, atol=1e-9)
+    assert got.dataset.noise.orientation == pytest.approx(np.radians(0.01))
+    assert got.wrong == ""
+    assert any("of the nominal arm" in note and "orientations are read as" in note for note in got.notes)
+    write(got, tmp_path / "out")
+    again = read_dataset(tmp_path / "out").measurements
+    np.testing.assert_allclose(rpy_matrix(again.rpy), turns, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("made", "stated"),
+    [
+        ("wxyz", "xyzw"),
+        ("abc deg", "wpr deg"),
+        ("matrix", "matrix-columns"),
+        ("rotvec rad", "abc rad"),
+        ("xyz deg", "abc deg"),
+    ],
+)
+def test_another_convention_is_refused_and_the_right_one_named(posed, tmp_path, made, stated):
+    data, turns = posed
+    map_ = written(data, turns, tmp_path / "log.csv", made).replace(made, stated)
+    draft = convert(Request(tmp_path / "log.csv", map_, robot=ARM, noise="10 um"))
+    kind = made.split()[0]
+    with pytest.raises(
+        BayescalError, match=f"orientations as .* differ from the nominal arm by .* as {kind} by"
+    ):
+        write(draft, tmp_path / "out")
+    write(draft, tmp_path / "out", force=True)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    cases("orientation_refusals"),
+)
+def test_refused(posed, tmp_path, words, said):
+    data, turns = posed
+    map_ = written(data, turns, tmp_path / "log.csv", "wxyz").partition(", rotation")[0]
+    with pytest.raises(BayescalError, match=said):
+        convert(Request(tmp_path / "log.csv", f"{map_}, {words}", robot=ARM, noise="10 um"))
+
+
+def test_the_frame_of_a_tool(posed, tmp_path):
+    data, turns = posed
+    map_ = written(data, turns, tmp_path / "log.csv", "wxyz")
+    usual = {"robot": ARM, "noise": "10 um"}
+    tool = "60 0 120 mm; 0.2 -0.4 1 wpr rad"
+    got = convert(Request(tmp_path / "log.csv", map_, tool=tool, **usual))
+    np.testing.assert_allclose(got.dataset.tools[0].rpy, [0.2, -0.4, 1.0], atol=1e-12)
+    write(got, tmp_path / "out")
+    np.testing.assert_allclose(read_dataset(tmp_path / "out").tools[0].rpy, [0.2, -0.4, 1.0], atol=1e-8)
+    other = convert(Request(tmp_path / "log.csv", map_, tool=tool.replace("0.2", "1.2"), **usual))
+    assert "orientations as wxyz differ from the nominal arm by 57 deg" in other.wrong
+    for tool, words in (
+        ("0 0 31 mm; 0 0 90 wpr", "'0 0 90 wpr' is not an orientation; write"),
+        ("0 0 31 mm; 2 0 0 0 wxyz", "'2 0 0 0 wxyz' is not a unit quaternion"),
+        ("0 0 31 mm; 0 0 x abc deg", "has a word that is not a number"),
+    ):
+        with pytest.raises(BayescalError, match=words):
+            convert(Request(tmp_path / "log.csv", map_, tool=tool, **usual))
+
+
+# --- Validation measurements by rule: whole stops, the same at every call, and never all rows or none.
+
+
+@pytest.fixture(scope="module")
+def stopped(tracked):
+    """Three rows a stop, of 14 stops, the last of one row; named b0, b1, ..."""
+    stop = np.array([f"b{i // 3}" for i in range(40)])
+    return replace(tracked, measurements=replace(tracked.measurements, stop=stop))
+
+
+def test_rows_of_one_stop_repeat_or_reading_belong_together(tracked):
+    rows = tracked.measurements
+    stop, repeat = np.full(40, "", "<U3"), np.full(40, "", "<U3")
+    stop[[0, 3]], repeat[[3, 7]] = "s", "a"
+    readings = rows.readings.copy()
+    readings[9] = readings[7]
+    got = stops_of(replace(rows, stop=stop, repeat=repeat, readings=readings))
+    assert {got[i] for i in (0, 3, 7, 9)} == {0}
+    assert len(set(got)) == 37
+    assert np.all(np.diff(list(dict.fromkeys(got.tolist()))) == 1)  # numbered as they first come
+
+
+@pytest.mark.parametrize(
+    ("rule", "stops", "words"),
+    [
+        ("every:5", {4, 9}, "5 of 40|6 of 40"),
+        ("every 5", {4, 9}, "stop 5 of every 5, 14 stops"),
+        ("stop", {4, 9}, "stop 5 of every 5"),
+        ("last:20%", {11, 12, 13}, "7 of 40 rows (the last 3 of 14 stops)"),
+        ("stops 'b1?'", {10, 11, 12, 13}, "stops b1?"),
+        ("stops:b0, b13", {0, 13}, "4 of 40"),
+    ],
+)
+def test_rules(stopped, rule, stops, words):
+    got, note = with_roles(stopped, rule, "--validate")
+    chosen = np.isin(np.arange(40) // 3, list(stops))
+    np.testing.assert_array_equal(got.measurements.role == "validate", chosen)
+    assert re.search("|".join(map(re.escape, words.split("|"))), note)
+
+
+def test_targets(cube):
+    data = cube(seed=2, count=60).dataset
+    faces = np.array([t.name for t in data.targets])[data.measurements.target]
+    got, note = with_roles(data, "targets '*.+?'", "--validate")
+    np.testing.assert_array_equal(got.measurements.role == "validate", np.char.find(faces, "+") > 0)
+    assert "targets *.+?" in note
+    together = replace(data, measurements=replace(data.measurements, stop=np.full(60, "s")))
+    with pytest.raises(BayescalError, match="measured at the same stop; name the targets of whole stops"):
+        with_roles(together, "targets *.+?", "--validate")
+
+
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    cases("role_refusals"),
+)
+def test_roles_refused(tracked, rule, words):
+    with pytest.raises(BayescalError, match="^--validate: .*" + words):
+        with_roles(tracked, rule, "--validate")
+
+
+def test_of_an_import(tracked, tmp_path):
+    log = table(tracked, tmp_path / "log.csv", "deg", "mm")
+    map_ = said("deg", "mm").replace("role=role, ", "")
+    usual = {"robot": ARM, "noise": "10 um"}
+    none = convert(Request(log, map_, **usual))
+    assert none.notes[-1].startswith("validation data: none, all 40 rows are fitted; `--validate every:5`")
+    got = convert(Request(log, map_, validate="every:4", **usual))
+    assert np.flatnonzero(got.dataset.measurements.role == "validate").tolist() == list(range(3, 40, 4))
+    assert got.notes[-1] == "validation measurements: 10 of 40 rows (stop 4 of every 4, 40 stops)"
+    mapped = convert(Request(log, map_ + ", validate=every:4", **usual))
+    np.testing.assert_array_equal(mapped.dataset.measurements.role, got.dataset.measurements.role)
+    with pytest.raises(BayescalError, match="`validate` is stated by the map already"):
+        convert(Request(log, map_ + ", validate=every:4", validate="every:5", **usual))
+    with pytest.raises(BayescalError, match="a column states the role of each row already"):
+        convert(Request(log, said("deg", "mm"), validate="every:5", **usual))
+    stated = convert(Request(log, said("deg", "mm"), **usual))
+    count = int((tracked.measurements.role == "validate").sum())
+    assert (f"{count} of 40 rows, as stated" if count else "none") in stated.notes[-1]
+
+
+def test_roles_of_a_template_are_the_log_s(cube, tmp_path):
+    data = cube(seed=2, count=60).dataset
+    write_dataset(data, tmp_path / "template")
+    log = table(data, tmp_path / "log.csv")
+    map_ = "j*=A* deg, id=Point, target=face"
+    got = convert(Request(log, map_, template=tmp_path / "template", validate="targets cube.+z"))
+    names = np.array([t.name for t in got.dataset.targets])[got.dataset.measurements.target]
+    np.testing.assert_array_equal(got.dataset.measurements.role == "validate", names == "cube.+z")

@@ -255,7 +255,8 @@ def test_lengths_of_a_ball_bar(tracked, tmp_path):
 
 
 def book(path, sheets):
-    openpyxl = pytest.importorskip("openpyxl")
+    import openpyxl
+
     work = openpyxl.Workbook()
     work.remove(work.active)
     for name, rows in sheets.items():

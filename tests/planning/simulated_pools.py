@@ -6,8 +6,11 @@ from functools import cache
 import numpy as np
 
 from bayescal.dataset import Target
+from bayescal.estimate import Estimate
 from bayescal.model import Scene
+from bayescal.model.block import parts_of
 from bayescal.planning.pool import Linearised, Pool, Setup, linearised
+from bayescal.planning.projection import nominal as at_nominal
 from bayescal.robots import load_robot
 from bayescal.simulation import Options
 from bayescal.simulation.record import distance_certificates
@@ -56,3 +59,19 @@ def mixed() -> Pool:
     )
     noise = replace(dataset.noise, point=20e-6)
     return pool_of(replace(dataset, targets=(*dataset.targets, tracker), noise=noise, measurements=rows))
+
+
+# --- A small pool of candidates from a simulated session: half of the contacts with an additional payload.
+
+
+@cache
+def gap_pool(contacts: int = 150) -> Pool:
+    options = Options(contacts=contacts, payload=2.0, repeats=0, later=0, spheres=0)
+    session, _ = plan(options, load_robot(options.robot)[0])
+    return Pool(Setup(session, {}), session, 0, session.measurements.readings, {})
+
+
+@cache
+def nominal(without: tuple[str, ...] = ()) -> Estimate:
+    """The nominal arm at the pool's contacts."""
+    return at_nominal(gap_pool().session, MODEL, parts_of(without, MODEL))

@@ -1,27 +1,36 @@
 """Candidate contacts: they touch, are within limits, cone and reach of the tool, on all faces, and free."""
 
+import json
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import EXAMPLE
+from made_up_plans import made_up_plan
+from probing_cell import on_planes
+from simulated_pools import MODEL, linear, pool, pool_of
 
+import bayescal as bc
 from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.dataset import Box, Dataset, Patch, PlanSettings, Target, read_dataset
+from bayescal.dataset import Box, Certificate, Dataset, Noise, Patch, PlanSettings, Target, read_dataset
+from bayescal.dataset.consistency import CHANCE, planned
+from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
+from bayescal.model import ARM
 from bayescal.model.scene import Scene
 from bayescal.planning.candidates import candidates, session_of
+from bayescal.planning.goals import CERTIFIED, POSES, REGION, VOLUME, _at, certified, goals
 from bayescal.planning.place import scene
-from bayescal.planning.pool import Pool, Setup
+from bayescal.planning.pool import Pool, Setup, linearised
 from bayescal.planning.search import EACH, TILT
 from bayescal.planning.setup import LOWEST, continued, read_setup
+from bayescal.predict.targets import certified_diameters, located_target
 from bayescal.probing.approach import FASTEST
 from bayescal.probing.clearance import RETRACT, Clearance
 from bayescal.probing.reach import Arm
 
-EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 KG = 2.0
 
 
@@ -43,7 +52,7 @@ def setup() -> Setup:
 
 
 @pytest.fixture(scope="module")
-def pool(setup) -> Pool:
+def candidate_pool(setup) -> Pool:
     return candidates(setup, 400, seed=3)
 
 
@@ -63,21 +72,21 @@ def normals(pool: Pool) -> np.ndarray:
     return -Scene(pool.session)._inward
 
 
-def test_contacts_touch_their_targets(pool):
-    assert misses(pool).max() < 1e-8
+def test_contacts_touch_their_targets(candidate_pool):
+    assert misses(candidate_pool).max() < 1e-8
 
 
-def test_all_faces_have_equally_many(pool):
-    m, names = pool.session.measurements, [t.name for t in pool.session.targets]
-    counts = Counter(names[t] for t in m.target[pool.candidates])
+def test_all_faces_have_equally_many(candidate_pool):
+    m, names = candidate_pool.session.measurements, [t.name for t in candidate_pool.session.targets]
+    counts = Counter(names[t] for t in m.target[candidate_pool.candidates])
     assert counts == dict.fromkeys(FACES, 100)
-    counts = Counter(names[t] for t in m.target[pool.validation])
+    counts = Counter(names[t] for t in m.target[candidate_pool.validation])
     assert counts == dict.fromkeys(SPHERES, EACH)
 
 
-def test_contacts_are_all_over_a_face(pool, setup):
+def test_contacts_are_all_over_a_face(candidate_pool, setup):
     """Each quarter of every face has some; none is outside."""
-    scene_, m = Scene(pool.session), pool.session.measurements
+    scene_, m = Scene(candidate_pool.session), candidate_pool.session.measurements
     for name in FACES:
         k = [t.name for t in setup.dataset.targets].index(name)
         rows, region = np.flatnonzero(m.target == k), setup.regions[name]
@@ -88,18 +97,18 @@ def test_contacts_are_all_over_a_face(pool, setup):
         assert min(quarters.values()) >= 10
 
 
-def test_limits_are_kept_with_a_margin(pool):
-    arm = Arm(pool.session.robot, pool.session.tools[0].centre)
-    for readings in (pool.session.measurements.readings, pool.approach):
+def test_limits_are_kept_with_a_margin(candidate_pool):
+    arm = Arm(candidate_pool.session.robot, candidate_pool.session.tools[0].centre)
+    for readings in (candidate_pool.session.measurements.readings, candidate_pool.approach):
         angles = arm.angles_of(readings)
         assert np.all((angles >= arm.range[0] - 1e-9) & (angles <= arm.range[1] + 1e-9))
-    margin = np.minimum(arm.range[0] - pool.session.robot.limits[:, 0], 1)
+    margin = np.minimum(arm.range[0] - candidate_pool.session.robot.limits[:, 0], 1)
     assert np.all(margin >= np.radians(3.9))
 
 
-def test_the_tool_is_within_its_cone(pool, setup):
-    flange = Scene(pool.session).flange
-    cosine = np.sum(flange[:, :, 2] * -normals(pool), axis=1)
+def test_the_tool_is_within_its_cone(candidate_pool, setup):
+    flange = Scene(candidate_pool.session).flange
+    cosine = np.sum(flange[:, :, 2] * -normals(candidate_pool), axis=1)
     assert cosine.min() > np.cos(setup.cone) - 1e-6
     assert cosine.min() < np.cos(0.8 * setup.cone)  # and directions vary over it
     narrow = replace(setup, cone=np.radians(20.0))
@@ -108,57 +117,57 @@ def test_the_tool_is_within_its_cone(pool, setup):
     assert cosine.min() > np.cos(narrow.cone) - 1e-6
 
 
-def test_the_approach_is_straight_along_the_normal(pool):
-    arm = NominalArm(pool.session.robot, pool.session.tools[0].centre)
-    begin = arm.ball(arm.frames(pool.approach))
-    off = begin - Scene(pool.session).points
-    assert np.allclose(off, RETRACT * normals(pool), atol=1e-7)
-    half = 0.5 * (pool.approach + pool.session.measurements.readings)
-    middle = arm.ball(arm.frames(half)) - Scene(pool.session).points
+def test_the_approach_is_straight_along_the_normal(candidate_pool):
+    arm = NominalArm(candidate_pool.session.robot, candidate_pool.session.tools[0].centre)
+    begin = arm.ball(arm.frames(candidate_pool.approach))
+    off = begin - Scene(candidate_pool.session).points
+    assert np.allclose(off, RETRACT * normals(candidate_pool), atol=1e-7)
+    half = 0.5 * (candidate_pool.approach + candidate_pool.session.measurements.readings)
+    middle = arm.ball(arm.frames(half)) - Scene(candidate_pool.session).points
     assert np.linalg.norm(middle - 0.5 * off, axis=1).max() < 0.1 * RETRACT  # joints move evenly
 
 
-def test_velocities_are_those_of_the_approach_and_joints_come_from_both_sides(pool):
-    m = pool.session.measurements
-    way = m.readings - pool.approach
+def test_velocities_are_those_of_the_approach_and_joints_come_from_both_sides(candidate_pool):
+    m = candidate_pool.session.measurements
+    way = m.readings - candidate_pool.approach
     assert np.allclose(np.sign(way), np.sign(m.velocity))
     assert np.abs(m.velocity).max() <= FASTEST + 1e-9
-    share = (m.velocity[pool.candidates] > 0).mean(axis=0)
+    share = (m.velocity[candidate_pool.candidates] > 0).mean(axis=0)
     assert np.all((share > 0.1) & (share < 0.9)), share
 
 
-def test_nothing_collides_at_contact_and_approach(pool, setup):
+def test_nothing_collides_at_contact_and_approach(candidate_pool, setup):
     """The distances of all pairs; 20 mm off nothing is near, the ball included."""
-    around, m = scene(setup), pool.session.measurements
+    around, m = scene(setup), candidate_pool.session.measurements
     clearance = Clearance.of(setup.dataset.robot, setup.dataset.tools[0], around.solids)
     touched = around.touched([setup.dataset.targets[t].name for t in m.target])
     assert clearance.distances(m.readings, touched).min() > -1e-6
-    assert clearance.distances(pool.approach, touched).min() > -1e-6
-    away = clearance.distances(pool.approach, np.full(len(touched), -1))
+    assert clearance.distances(candidate_pool.approach, touched).min() > -1e-6
+    away = clearance.distances(candidate_pool.approach, np.full(len(touched), -1))
     assert away.min() > -1e-6  # 20 mm off nothing touches, the ball included
 
 
-def test_half_of_the_candidates_carry_the_payload(pool):
-    payload = pool.session.measurements.payload
+def test_half_of_the_candidates_carry_the_payload(candidate_pool):
+    payload = candidate_pool.session.measurements.payload
     assert set(payload) == {0.0, KG}
-    assert 0.4 < np.mean(payload[pool.candidates] > 0) < 0.6
-    assert np.all(payload[pool.validation] == 0)
+    assert 0.4 < np.mean(payload[candidate_pool.candidates] > 0) < 0.6
+    assert np.all(payload[candidate_pool.validation] == 0)
 
 
-def test_several_branches_of_the_arm_are_found(pool):
+def test_several_branches_of_the_arm_are_found(candidate_pool):
     """The wrist of the arm reaches most contacts with J5 of either sign."""
-    arm = NominalArm(pool.session.robot, pool.session.tools[0].centre)
-    wrist = arm.angles_of(pool.session.measurements.readings)[pool.candidates, 4]
+    arm = NominalArm(candidate_pool.session.robot, candidate_pool.session.tools[0].centre)
+    wrist = arm.angles_of(candidate_pool.session.measurements.readings)[candidate_pool.candidates, 4]
     assert 0.2 < np.mean(wrist > 0) < 0.8
 
 
-def test_a_sphere_is_located_in_one_configuration(pool, setup):
+def test_a_sphere_is_located_in_one_configuration(candidate_pool, setup):
     """The wrist does not flip, and the tool leaves one direction only as far as its cone makes it."""
-    m, flange = pool.session.measurements, Scene(pool.session).flange
-    arm = NominalArm(pool.session.robot, pool.session.tools[0].centre)
+    m, flange = candidate_pool.session.measurements, Scene(candidate_pool.session).flange
+    arm = NominalArm(candidate_pool.session.robot, candidate_pool.session.tools[0].centre)
     most = 2 * (LOWEST - 0.98 * setup.cone + TILT)
-    for t in np.unique(m.target[pool.validation]):
-        rows = pool.validation[m.target[pool.validation] == t]
+    for t in np.unique(m.target[candidate_pool.validation]):
+        rows = candidate_pool.validation[m.target[candidate_pool.validation] == t]
         wrist = arm.angles_of(m.readings[rows])[:, 4]
         assert np.all(wrist > 0) or np.all(wrist < 0)
         assert np.ptp(m.readings[rows, :3], axis=0).max() < np.radians(90)
@@ -175,18 +184,22 @@ def test_the_seed_decides(setup):
     assert readings[0].shape != readings[2].shape or not np.allclose(readings[0], readings[2])
 
 
-def test_times_are_not_along_anything(pool):
-    m = pool.session.measurements
-    own = m.time[pool.candidates]
+def test_times_are_not_along_anything(candidate_pool):
+    m = candidate_pool.session.measurements
+    own = m.time[candidate_pool.candidates]
     assert np.all(np.diff(np.sort(m.time)) > 0)
-    for column in (*m.readings[pool.candidates].T, m.target[pool.candidates], m.payload[pool.candidates]):
+    for column in (
+        *m.readings[candidate_pool.candidates].T,
+        m.target[candidate_pool.candidates],
+        m.payload[candidate_pool.candidates],
+    ):
         assert abs(np.corrcoef(own, column)[0, 1]) < 0.2
 
 
-def test_what_is_dropped_is_counted(pool):
-    assert sum(pool.dropped.values()) > len(pool.candidates)
-    assert any(reason.startswith("collision with cube") for reason in pool.dropped)
-    assert not pool.warnings
+def test_what_is_dropped_is_counted(candidate_pool):
+    assert sum(candidate_pool.dropped.values()) > len(candidate_pool.candidates)
+    assert any(reason.startswith("collision with cube") for reason in candidate_pool.dropped)
+    assert not candidate_pool.warnings
 
 
 def unreachable(dataset: Dataset) -> Dataset:
@@ -294,3 +307,206 @@ def test_compliances_of_the_robot_file_are_in_the_readings(setup):
     assert misses(pool).max() < 1e-8
     rigid_arm = replace(pool.session, robot=replace(robot, compliance=None))
     assert np.abs(misses(replace(pool, session=rigid_arm))).max() > 1e-4
+
+
+# --- Contacts that were never made: found whatever their share, and no measured contact is taken for one.
+
+ROWS = 110
+
+
+@pytest.fixture(scope="module")
+def measured(cube):
+    """A session, and the same with the readings of a plan, in the digits of plan.csv."""
+    dataset = cube(seed=2, count=130).dataset
+    at = on_planes(made_up_plan(dataset, count=ROWS, validation=0)).session.measurements.readings
+    session = made_up_plan(dataset, count=ROWS, validation=20).session
+    at = np.radians(np.round(np.degrees(at), 7))
+    return session, np.concatenate([at, session.measurements.readings[ROWS:]])
+
+
+def mixed(measured, rows):
+    session, plan = measured
+    readings = session.measurements.readings.copy()
+    readings[rows] = plan[rows]
+    return replace(session, measurements=replace(session.measurements, readings=readings))
+
+
+def test_a_single_contact_is_found(measured):
+    for row in range(0, ROWS, 10):
+        found = planned(mixed(measured, [row]))
+        assert found is not None
+        assert found.rows.tolist() == [row]
+        assert found.chance < CHANCE
+
+
+@pytest.mark.parametrize("count", [4, 40, ROWS])
+def test_and_so_are_many(measured, count):
+    rows = np.sort(np.random.default_rng(0).choice(ROWS, count, replace=False))
+    found = planned(mixed(measured, rows))
+    assert found.rows.tolist() == rows.tolist()
+
+
+def test_fewer_digits_need_more_contacts(measured):
+    """As a controller logs the poses of a program, in 1e-5 deg: one can be chance, six cannot."""
+    session, plan = measured
+    coarse = (session, np.radians(np.round(np.degrees(plan), 5)))
+    assert set(planned(mixed(coarse, np.arange(6))).rows) == set(range(6))
+
+
+@pytest.mark.parametrize("spread", [1e-3, 1e-5])
+def test_measured_contacts_are_not(measured, spread):
+    """Contacts that are off by chance: of an arm with errors of 0.5 mm, of one as good as its noise."""
+    session, plan = measured
+    rng = np.random.default_rng(3)
+    false = 0
+    for _ in range(300):
+        m = replace(session.measurements, readings=plan + spread * rng.standard_normal(plan.shape))
+        false += planned(replace(session, measurements=m)) is not None
+    assert false <= 3  # 0.3 expected
+
+
+def test_check_and_fit_say_it(measured, tmp_path, command):
+    dataset = mixed(measured, [17])
+    write_dataset(dataset, tmp_path / "cell")
+    code, said, _ = command("check", tmp_path / "cell", "--json")
+    assert code == 0
+    (found,) = [f for f in json.loads(said)["findings"] if f["code"] == "planned_pose"]
+    name = dataset.measurements.ids[17]
+    assert f"1 contact has the readings of a plan ({name})" in found["what"]
+    assert found["where"].startswith("measurements.csv:19")
+    result = bc.fit(tmp_path / "cell", model="geometry", samples=0)
+    verdict = result.record["verdict"]
+    assert verdict["words"].startswith("no calibration")
+    assert not verdict["explains"]
+    assert verdict["reasons"][0]["test"] == "planned_poses"
+    assert name in str(result)
+    assert "not valid" in str(result)
+
+
+def test_a_plan_as_measurements_is_no_calibration(cube, tmp_path):
+    """All contacts: residuals are nearly zero, and no other test of the fit fails."""
+    dataset = on_planes(made_up_plan(cube(seed=2, count=90).dataset, count=70, validation=20)).session
+    verdict = bc.fit(dataset, model="geometry", samples=0).record["verdict"]
+    assert verdict["words"].startswith("no calibration")
+    assert [r["test"] for r in verdict["reasons"]] == ["planned_poses"]
+
+
+# --- Slopes of distances against differences: spheres located anew, and TCP positions moved.
+
+
+def centres(found, names, z) -> dict[str, np.ndarray]:
+    """Centres of spheres located anew for an arm z."""
+    scene = found.model.scene
+    index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
+    known = certified_diameters(scene)
+    at = replace(found.estimate, z=z)
+    rows = scene.rows("validate")
+    return {
+        n: located_target(at, at.model.block(index[n], scene.rows_of(index[n], rows)), known[n]).centre
+        for n in names
+    }
+
+
+def test_certified_distances_follow_from_the_contacts_on_the_spheres():
+    # with noise of 1 mm no contact is an outlier of an arm with errors
+    d = replace(pool().session, noise=Noise(contact=1e-3))
+    found = linearised(pool_of(d), MODEL)
+    names = [t.name for t in d.targets if t.kind == "sphere"]
+    goal = certified(found)
+    assert goal.slopes.shape == (3, found.model.size)
+    pairs = [c.targets for c in d.certificates if c.kind == "distance"]
+
+    def lengths(z: np.ndarray) -> np.ndarray:
+        at = centres(found, names, z)
+        return np.array([np.linalg.norm(at[a] - at[b]) for a, b in pairs])
+
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        z = np.zeros(found.model.size)
+        z[found.model.slices[ARM]] = 0.01 * rng.standard_normal(len(found.model.parameters))
+        moved = lengths(found.z + z) - lengths(found.z)
+        assert goal.slopes @ z == pytest.approx(moved, rel=0.02, abs=0.02 * np.max(np.abs(moved)))
+    goal = certified(linear())
+    assert np.all(goal.certificate == 1e-12)
+    # 11 contacts of 5 µm on a sphere: some 2 to 4 µm a coordinate, of two centres
+    assert np.all((np.sqrt(goal.probing) > 2e-6) & (np.sqrt(goal.probing) < 8e-6))
+
+
+def test_distances_of_the_region_follow_from_the_tool_points():
+    found = linear()
+    goal = goals(pool(), found)[1]
+    assert goal.over == REGION
+    rows = pool().candidates[np.linspace(0, 599, 40).astype(int)]
+    model = _at(found.model, pool().session.measurements.readings[rows])
+    motion = model.motion(len(model.scene.q) - 40 + np.arange(40))
+    rng = np.random.default_rng(0)
+    z = 0.01 * rng.standard_normal(len(model.parameters))
+    here = found.z[found.model.slices[ARM]]
+    a, b = (motion.points(model.deviations(w)) for w in (here, here + z))
+    assert len(goal.slopes) > 600
+    pairs = np.stack(np.triu_indices(40, 1), axis=1)
+    before, after = (np.linalg.norm(p[:, pairs[:, 0]] - p[:, pairs[:, 1]], axis=0) for p in (a, b))
+    far = before > 0.2 * before.max()
+    moved = (after - before)[far]
+    assert np.allclose(goal.slopes[:, found.model.slices[ARM]] @ z, moved, atol=0.01 * np.abs(moved).max())
+
+
+def test_fitted_spheres_are_no_goal_where_the_fit_uses_the_distance():
+    d = pool().session
+    m = d.measurements
+    fitted = replace(d, measurements=replace(m, role=np.full(len(m.role), "calibrate")))
+    found = linearised(pool_of(fitted), MODEL)
+    assert certified(found) is None
+    assert [g.over for g in goals(pool_of(fitted), found)] == [REGION]
+
+
+def test_mixed_ends_and_certificates_without_rows():
+    d = pool().session
+    m = d.measurements
+    first = next(k for k, t in enumerate(d.targets) if t.kind == "sphere")
+    half = replace(d, measurements=replace(m, role=np.where(m.target == first, "calibrate", m.role)))
+    found = linearised(pool_of(half), MODEL)
+    goal = certified(found)
+    assert len(goal.slopes) == 3
+    own = found.model.slices[d.targets[first].name]
+    assert np.sum(np.any(goal.slopes[:, own] != 0, axis=1)) == 2
+    bare = replace(d, measurements=replace(m, role=np.where(m.role == "validate", "locate", m.role)))
+    assert certified(linearised(pool_of(bare), MODEL)) is None  # spheres are located by their validation data
+
+
+def test_volume_of_interest():
+    p = pool()
+    box = Box(np.array([0.45, 0.0, 0.45]), np.array([0.2, 0.3, 0.2]))
+    inside = replace(p, setup=replace(p.setup, volume=box))
+    goal = goals(inside, linear())[1]
+    assert goal.over == VOLUME
+    assert len(goal.slopes) > 400
+    assert goal.note == ""
+    assert goals(inside, linear())[1].slopes == pytest.approx(goal.slopes)
+    partly = replace(
+        p, setup=replace(p.setup, volume=Box(np.array([0.9, 0.0, 0.4]), np.array([0.5, 0.5, 0.5])))
+    )
+    assert "% of the volume" in goals(partly, linear())[1].note
+    away = replace(p, setup=replace(p.setup, volume=Box(np.array([5.0, 0, 0]), box.size)))
+    with pytest.raises(BayescalError, match="out of reach"):
+        goals(away, linear())
+
+
+def test_given_poses():
+    p, readings = pool(), pool().session.measurements.readings
+    asked = replace(p, setup=replace(p.setup, poses=readings[[0, 200, 400]]))
+    found = goals(asked, linear())
+    assert [g.over for g in found] == [CERTIFIED, REGION, POSES]
+    assert len(found[2].slopes) == 3
+    with pytest.raises(BayescalError, match="two positions"):
+        goals(replace(p, setup=replace(p.setup, poses=readings[[0, 0]])), linear())
+
+
+def test_a_certificate_of_uncertain_value_counts():
+    d = pool().session
+    wide = tuple(
+        replace(c, u_distance=1e-5) if isinstance(c, Certificate) and c.kind == "distance" else c
+        for c in d.certificates
+    )
+    goal = certified(linearised(pool_of(replace(d, certificates=wide)), MODEL))
+    assert np.sqrt(goal.known) > 1e-5

@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from cases import EXAMPLE, cases
+from made_up_plans import made_up_plan
 
+import bayescal as bc
+from bayescal.arm.motion import NominalArm
+from bayescal.arm.transforms import rpy_matrix
+from bayescal.calibration import fit
+from bayescal.compensating.compensation import read_targets
+from bayescal.dataset import read_dataset
 from bayescal.dataset.types import Box
+from bayescal.effects import UNITS
 from bayescal.errors import BayescalError
+from bayescal.exporting.plan import FORMATS, Probe, formats_of
+from bayescal.exporting.plan.format import motions
+from bayescal.exporting.plan.probing import guarded
 from bayescal.planning.plan import plan
 from bayescal.planning.pool import Setup
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.setup import continued, read_setup
-
-EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
+from bayescal.programs import PROGRAMS
+from bayescal.public.planning import _setup
+from bayescal.public.planning import plan as planned
+from bayescal.reporting.plan.record import write_plan
 
 
 @cache
@@ -31,14 +48,14 @@ def example() -> Setup:
 
 
 @pytest.fixture(scope="module")
-def planned() -> Plan:
+def planned_example() -> Plan:
     """100 contacts for distances and for the gap, of 300 candidates."""
     return plan(example(), 100, count=300)
 
 
-def test_rows(planned: Plan) -> None:
+def test_rows(planned_example: Plan) -> None:
     """Half of the contacts are for distances; both of a repeat share name and pose, apart in time."""
-    m, purpose = planned.session.measurements, np.array(planned.purpose)
+    m, purpose = planned_example.session.measurements, np.array(planned_example.purpose)
     assert {p: int(np.sum(purpose == p)) for p in (DISTANCES, GAP, REPEAT)} == {
         DISTANCES: 45,
         GAP: 45,
@@ -54,33 +71,37 @@ def test_rows(planned: Plan) -> None:
     assert np.all(np.diff(m.time) >= 0)  # type: ignore[arg-type]
 
 
-def test_ways_between_contacts(planned: Plan) -> None:
+def test_ways_between_contacts(planned_example: Plan) -> None:
     """Every row has a collision-free path, of which some pass further points."""
-    numbers = [-1 if way is None else len(way) for way in planned.via]
-    assert len(numbers) == len(planned.purpose)
+    numbers = [-1 if way is None else len(way) for way in planned_example.via]
+    assert len(numbers) == len(planned_example.purpose)
     assert min(numbers) >= 0
     assert 0 < sum(n > 0 for n in numbers) < 0.6 * len(numbers)
 
 
-def test_better_than_random(planned: Plan) -> None:
+def test_better_than_random(planned_example: Plan) -> None:
     """Distances and the detectability of effects are better than those of random selections."""
-    assert all(e.u < e.u_random for e in planned.expected)
-    assert planned.equals_random > 150
-    smaller = [np.log(d.smallest / d.smallest_random) for d in planned.detectable if np.isfinite(d.smallest)]
+    assert all(e.u < e.u_random for e in planned_example.expected)
+    assert planned_example.equals_random > 150
+    smaller = [
+        np.log(d.smallest / d.smallest_random) for d in planned_example.detectable if np.isfinite(d.smallest)
+    ]
     assert np.exp(np.nanmean(smaller)) < 0.75
-    for e in planned.expected:
+    for e in planned_example.expected:
         assert sum(e.shares.values()) == pytest.approx(1.0)
 
 
-def test_for_distances_is_more_accurate(planned: Plan) -> None:
+def test_for_distances_is_more_accurate(planned_example: Plan) -> None:
     """A plan for distances alone is more accurate than one for both, which shows effects better."""
     alone = plan(example(), 100, DISTANCES, count=300)
-    assert planned.aim == BOTH
+    assert planned_example.aim == BOTH
     assert set(alone.purpose) == {DISTANCES, VALIDATE}
-    assert alone.expected[0].u < planned.expected[0].u
+    assert alone.expected[0].u < planned_example.expected[0].u
     own = {(d.effect, d.site): d.smallest for d in alone.detectable}
     ratio = [
-        np.log(d.smallest / own[d.effect, d.site]) for d in planned.detectable if np.isfinite(d.smallest)
+        np.log(d.smallest / own[d.effect, d.site])
+        for d in planned_example.detectable
+        if np.isfinite(d.smallest)
     ]
     assert np.nanmean(ratio) < 0
 
@@ -109,3 +130,385 @@ def test_refusals(options: dict[str, object], words: str) -> None:
     """Options that are not possible, and fewer contacts than unknowns, are refused."""
     with pytest.raises(BayescalError, match=words):
         plan(example(), **{"count": 100, **options})  # type: ignore[arg-type]
+
+
+# --- `bayescal plan` and `bc.plan`: a folder that comes back, the same plan by seed, one-line refusals.
+
+SMALL = {"contacts": 60, "candidates": 200}
+
+
+@pytest.fixture(scope="module")
+def session():
+    return bc.simulate(effects="geometry", contacts=70, later=8, repeats=5, spheres=0, seed=1)
+
+
+@pytest.fixture(scope="module")
+def setup(session, tmp_path_factory):
+    """A dataset folder without measurements."""
+    folder = tmp_path_factory.mktemp("setup") / "cell"
+    session.save(folder)
+    (folder / "measurements.csv").unlink()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def result(setup):
+    return bc.plan(setup, purpose="distances", model="geometry", **SMALL)
+
+
+def test_the_folder_of_the_command_comes_back(setup, result, tmp_path, command):
+    out = tmp_path / "run"
+    options = ("--contacts", 60, "--candidates", 200, "--for", "distances", "--model", "geometry")
+    code, said, error = command("plan", setup, *options, "--to", "csv", "--to", "poses", "--out", out)
+    assert code == 0, error
+    assert "Expected U = " in said
+    assert "random contacts" in said
+    there = {p.name for p in out.iterdir() if not p.name.startswith(".")}
+    assert there >= {"plan.csv", "plan.json", "plan.html", "plan.png", "plan-joints.csv", "plan-poses.csv"}
+    assert not there & {"measurements.csv", "truth.json"}
+    saved = bc.load(out)
+    assert repr(saved) == repr(result)
+    assert len(saved.contacts) == 60
+    for table in ("contacts", "distances", "parameters", "detectable", "confusable", "curve"):
+        pd.testing.assert_frame_equal(getattr(saved, table), getattr(result, table))
+    record = json.loads((out / "plan.json").read_text())
+    assert record["dataset"]["sha256"] == read_setup(setup).dataset.sha256 != ""
+    (out / "note.txt").write_text("a note of the user")
+    code, _, error = command("plan", setup, *options, "--out", out)
+    assert code == 1
+    assert "did not write: note.txt" in error
+
+
+def test_a_result_prints_itself(result):
+    assert repr(result).startswith("<plan of simulated: 60 contacts; expected U ")
+    assert "Expected U = " in str(result)
+    assert "<table" in result._repr_html_()
+    assert (result.contacts["purpose"].isin(["distances", "repeat"])).all()
+    assert result.parameters["u"].le(result.parameters["prior_u"] * (1 + 1e-9)).all()
+    u = result.distances["distance_sd_um"].iloc[0]
+    assert result.curve["plan"].dropna().iloc[-1] <= u <= result.curve["plan"].dropna().iloc[0]
+
+
+def test_rows_in_memory_are_ignored(session, setup):
+    """A measured session is planned as its folder without measurements."""
+    memory, nothing = _setup(session, None, False)
+    folder, _ = _setup(setup, None, False)
+    assert nothing is None
+    assert memory.dataset.measurements.ids == folder.dataset.measurements.ids == ()
+    assert memory.regions.keys() == folder.regions.keys()
+    for name, region in folder.regions.items():
+        np.testing.assert_allclose(memory.regions[name].half, region.half)
+
+
+def test_measured_rows_count(session, setup, tmp_path):
+    """Continued, fewer contacts are enough, and the expected uncertainty is smaller than of them alone."""
+    session.save(tmp_path / "measured")
+    options = {"contacts": 20, "purpose": "distances", "model": "geometry", "candidates": 150}
+    more = bc.plan(setup, after=tmp_path / "measured", **options)
+    assert more.data.pool.measured == len(session.dataset.measurements.ids)
+    assert len(more.contacts) == 20
+    assert not set(more.contacts.index) & set(session.dataset.measurements.ids)
+    with pytest.raises(bc.BayescalError, match="20 contacts are not more than"):
+        bc.plan(setup, **options)
+
+
+def test_a_diagnosis_is_continued(session, setup, tmp_path):
+    """Its model is taken; its dataset is SETUP."""
+    session.save(tmp_path / "measured")
+    gap = bc.diagnose(tmp_path / "measured", "geometry")
+    gap.save(tmp_path / "gap", pictures=False)
+    by_path, by_result = (_setup(tmp_path / "measured", own, False) for own in (tmp_path / "gap", gap))
+    assert by_path[1] == by_result[1]
+    assert by_path[1].effects == ("geometry",)
+    assert len(by_path[0].dataset.measurements.ids) == len(session.dataset.measurements.ids)
+    assert by_path[0].dataset.measurements.ids == by_result[0].dataset.measurements.ids
+    session.save(tmp_path / "other")
+    table = tmp_path / "other" / "measurements.csv"
+    table.write_text("\n".join(table.read_text().splitlines()[:-1]) + "\n")
+    with pytest.raises(bc.BayescalError, match="no diagnosis of the present files"):
+        bc.plan(tmp_path / "other", 12, "gap", after=tmp_path / "gap")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    cases("plan_refusals"),
+)
+def test_refusals_are_one_line(setup, options, words, tmp_path, command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / "run"
+    code, _, error = command("plan", setup, "--candidates", 120, *options, "--out", out)
+    assert code == 1
+    assert words in error
+    assert "\n" not in error.strip()
+    assert not out.exists()
+
+
+def test_another_setup_is_not_continued(session, setup):
+    other = replace(session.dataset, targets=session.dataset.targets[1:])
+    with pytest.raises(bc.BayescalError, match="it has no target"):
+        planned(setup, after=other)
+    robot = replace(session.dataset, robot=bc.robots.load_robot("universal-robots-ur5")[0])
+    with pytest.raises(bc.BayescalError, match="its robot is"):
+        planned(setup, after=robot)
+
+
+# --- A plan for a controller: every motion, in order, where the nominal arm has it; other readers agree.
+
+CYCLE = ("approach", "contact", "retract")
+
+
+@pytest.fixture(scope="module")
+def exported_plan(cube):
+    return made_up_plan(cube(seed=1).dataset)
+
+
+def text_of(plan, name, probe=None):
+    """All files of a format, one behind the other."""
+    return "".join(FORMATS[name].files(plan, probe or Probe()).values())
+
+
+def table(plan, name):
+    return list(csv.DictReader(io.StringIO(text_of(plan, name))))
+
+
+def expected_readings(plan):
+    """Approach, contact, retract of every row, (3 N, n), rad."""
+    at = plan.session.measurements.readings
+    return np.stack([plan.approach, at, plan.approach], axis=1).reshape(-1, at.shape[1])
+
+
+def test_readings_of_the_controller(exported_plan):
+    rows = table(exported_plan, "csv")
+    assert [r["motion"] for r in rows] == list(CYCLE) * len(exported_plan.purpose)
+    assert [r["id"] for r in rows[::3]] == list(exported_plan.session.measurements.ids)
+    read = [[float(r[f"j{k}_deg"]) for k in range(1, 7)] for r in rows]
+    np.testing.assert_allclose(read, np.degrees(expected_readings(exported_plan)), atol=6e-6)
+    assert [float(r["payload_kg"]) for r in rows[1::3]] == exported_plan.session.measurements.payload.tolist()
+    assert {r["tool"] for r in rows} == {"ball"}
+
+
+def test_compensate_reads_the_programs_back(exported_plan):
+    """The readers of robot programs find the joints of the same motions."""
+    slots = PROGRAMS["robodk"].read(text_of(exported_plan, "robodk"), 6).slots
+    read = np.array([slot.target.readings for slot in slots])
+    np.testing.assert_allclose(read, expected_readings(exported_plan), atol=1.1e-7)
+    for name in ("fanuc", "kuka", "abb"):
+        program = PROGRAMS[name].read(text_of(exported_plan, name), 6)
+        read = np.array([slot.target.readings for slot in program.slots])
+        far = np.abs(exported_plan.approach[:, None] - read).max(axis=2).min(axis=1)
+        assert far.max() < 1.1e-7, name
+        assert not program.elsewhere
+
+
+@pytest.mark.parametrize("name", ["urscript", "fanuc", "kuka", "abb"])
+def test_programs_say_what_they_are_and_stop_for_changes(exported_plan, name):
+    leave = tuple(
+        exported_plan.approach[k : k + 1] if k in (0, 3) else np.empty((0, 6))
+        for k in range(len(exported_plan.purpose))
+    )
+    ways = [np.empty((0, 6))] * len(exported_plan.purpose)
+    ways[6] = None
+    words = tuple("jog manually to p007" if k == 6 else "" for k in range(len(ways)))
+    changes = {3: 'remove "it"; [all]', 5: "attach 0.5 kg"}
+    changes = tuple(
+        changes.get(k, "") for k in range(len(exported_plan.purpose))
+    )  # the second without a pose to wait
+    text = text_of(replace(exported_plan, leave=leave, via=tuple(ways), changes=changes, by_hand=words), name)
+    assert "not run on a" in " ".join(text.lower().replace("not been run", "not run").split())
+    assert "<<" not in text
+    assert text.count("attach 0.5 kg") == text.count("jog manually to") == 1
+    assert text.index("attach 0.5 kg") < text.index("jog manually to")
+    assert '"it"' not in text
+
+
+@pytest.mark.parametrize(
+    ("name", "probe", "words"),
+    [
+        ("urscript", Probe("tool:1"), "return get_tool_digital_in(1)"),
+        ("urscript", Probe(force=7.5), "return bc_force() > 7.5"),
+        ("fanuc", Probe("tool:2"), "SKIP CONDITION RI[2]=ON"),
+        ("kuka", Probe("measure:1"), "WHEN $MEAS_PULSE[1]==TRUE DO"),
+        ("abb", Probe("di_touch"), "SearchL\\Stop,di_touch,found"),
+    ],
+)
+def test_the_probe_of_a_program(exported_plan, name, probe, words):
+    assert words in text_of(exported_plan, name, probe)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("fanuc", {"force": 5.0}, "cannot measure a force"),
+        ("abb", {"input": "7"}, "`7` is no input of the format abb"),
+        ("urscript", {"input": "DI1"}, "no input of the format urscript"),
+        ("csv", {"beyond": 0.0}, "a search 0 mm beyond"),
+        ("csv", {"force": -1.0}, "a force of -1 N"),
+        ("csv", {"input": "0", "force": 1.0}, "either the input or the force"),
+    ],
+)
+def test_a_probe_that_cannot_be_is_refused_before_a_plan_is_made(name, options, words):
+    with pytest.raises(BayescalError, match=words) as refused:
+        formats_of([name], Probe(**options))
+    assert refused.value.where.startswith("--probe-")
+    assert refused.value.remedy
+
+
+def test_a_search_ends_where_the_arm_can_reach(exported_plan):
+    """Along the line of the approach; less beyond the surface at a limit of a joint."""
+    guard = guarded(exported_plan, 5e-3)
+    arm = NominalArm(exported_plan.session.robot, exported_plan.session.tools[0].centre)
+    at, away, end, begin = (
+        arm.ball(arm.frames(q))
+        for q in (
+            exported_plan.session.measurements.readings,
+            exported_plan.approach,
+            guard.end,
+            guard.begin,
+        )
+    )
+    way = (at - away) / np.linalg.norm(at - away, axis=1)[:, None]
+    np.testing.assert_allclose(end - at, guard.beyond[:, None] * way, atol=2e-8)
+    ahead = np.minimum(10e-3, np.linalg.norm(at - away, axis=1))
+    found = np.any(guard.begin != exported_plan.approach, axis=1)
+    assert found.mean() > 0.8  # of the others the line leaves the limits: the search begins at the approach
+    np.testing.assert_allclose((at - begin)[found], (ahead[:, None] * way)[found], atol=2e-8)
+    limits = np.stack(
+        [exported_plan.session.measurements.readings.min(axis=0), guard.end.max(axis=0)], axis=1
+    )
+    narrow = replace(exported_plan.session.robot, limits=limits, link_from_reading=np.eye(6))
+    short = guarded(replace(exported_plan, session=replace(exported_plan.session, robot=narrow)), 5e-3)
+    assert short.beyond.min() < 5e-3
+
+
+def test_points_that_are_passed_come_before_the_approach(exported_plan):
+    """A motion without a free way stops the program."""
+    ways = [np.empty((0, 6))] * len(exported_plan.purpose)
+    ways[2], ways[4] = exported_plan.approach[:2] + 0.1, None
+    words = tuple("move by hand: J1 first" if k == 4 else "" for k in range(len(ways)))
+    around = replace(exported_plan, via=tuple(ways), by_hand=words)
+    rows = table(around, "csv")
+    assert [r["motion"] for r in rows] == [
+        *CYCLE * 2,
+        "pass",
+        "pass",
+        *CYCLE * (len(exported_plan.purpose) - 2),
+    ]
+    assert {r["id"] for r in rows if r["motion"] == "pass"} == {"p003"}
+    assert text_of(around, "urscript").count("move by hand: J1 first") == 1
+
+
+def test_names_do_not_leave_their_comment_or_string(exported_plan):
+    m = exported_plan.session.measurements
+    ids = ('a"\n  movej([0,0,0,0,0,0])', *m.ids[1:])
+    hostile = replace(exported_plan, session=replace(exported_plan.session, measurements=replace(m, ids=ids)))
+    for name in ("urscript", "fanuc", "kuka", "abb"):
+        text, plain = text_of(hostile, name), text_of(exported_plan, name)
+        assert text.count("\n") == plain.count("\n")
+        assert text.count('"') == plain.count('"')
+
+
+def test_poses_are_those_of_the_nominal_arm(exported_plan, tmp_path):
+    """In F0, of the tool's frame with its stated orientation; `compensate` reads the table."""
+    turned = replace(exported_plan.session.tools[0], rpy=np.array([0.3, -0.2, 1.1]))
+    exported_plan = replace(exported_plan, session=replace(exported_plan.session, tools=(turned,)))
+    path = tmp_path / "poses.csv"
+    path.write_text(text_of(exported_plan, "poses"))
+    targets = read_targets(path, 6).targets
+    arm = NominalArm(exported_plan.session.robot, turned.centre, rpy_matrix(turned.rpy))
+    poses = arm.tool_poses(arm.frames(expected_readings(exported_plan)))
+    read = np.array([t.pose for t in targets])
+    np.testing.assert_allclose(read[:, :3, 3], poses[:, :3, 3], atol=6e-8)
+    np.testing.assert_allclose(read[:, :3, :3], poses[:, :3, :3], atol=3e-7)
+    np.testing.assert_allclose([t.readings for t in targets], expected_readings(exported_plan), atol=1.1e-7)
+
+
+def test_nothing_is_approached_where_nothing_is_touched(tracker):
+    plan = made_up_plan(tracker(seed=1).dataset)
+    plan = replace(plan, approach=plan.session.measurements.readings)
+    assert [m.kind for m in motions(plan)] == ["measure"] * len(plan.purpose)
+    text = text_of(plan, "urscript")
+    assert "bc_contact([" not in text
+    assert "press and release" not in text
+    assert text.count("sleep(2.00)") == len(plan.purpose)  # the instrument reads an arm at rest
+
+
+def test_an_arm_without_six_joints_has_no_urscript(exported_plan):
+    short = replace(
+        exported_plan.session, robot=replace(exported_plan.session.robot, joint_names=("J1", "J2"))
+    )
+    with pytest.raises(BayescalError, match="arms of 6 joints"):
+        text_of(replace(exported_plan, session=short), "urscript")
+
+
+def test_formats_are_written_beside_the_plan(exported_plan, tmp_path):
+    names = write_plan(exported_plan, tmp_path / "run", ("poses", "csv", "poses"))
+    assert {"plan-poses.csv", "plan-joints.csv"} <= set(names)
+    assert (tmp_path / "run" / "plan-joints.csv").read_text() == text_of(exported_plan, "csv")
+    with pytest.raises(BayescalError, match="there is no format `rapid`"):
+        formats_of(["csv", "rapid"])
+    with pytest.raises(BayescalError, match="there is no format"):
+        write_plan(exported_plan, tmp_path / "other", ("rapid",))
+    assert not (tmp_path / "other").exists()
+
+
+# --- Practice sessions of set-ups: what `init` writes can be simulated, fitted, and compared with its truth.
+
+OPTIONS = {"contacts": 60, "later": 8, "repeats": 2, "seed": 1}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Maker of the set-up of an artefact, as `init` writes it, once for each."""
+
+    @cache
+    def made(artefact):
+        path = tmp_path_factory.mktemp("setups") / artefact.replace(",", "-")
+        bc.init(path, "lrmate200ic", artefact, tool="60 0 120 mm")
+        return path
+
+    return made
+
+
+@pytest.mark.parametrize("artefact", ["cube", "bar", "tracker"])
+def test_a_fit_finds_the_true_arm(folder, artefact, tmp_path):
+    simulated = bc.simulate(setup=folder(artefact), **OPTIONS)
+    simulated.save(tmp_path / "session")
+    session = read_dataset(tmp_path / "session")
+    assert not session.unfilled
+    found = fit(session, samples=0)
+    assert found.acceptance.explains
+    left = found.final.unexplained
+    assert 0.6 < left.fitted / left.stated < 1.5
+    estimate = found.final.estimate
+    values = dict(zip(estimate.model.names, estimate.model.physical(estimate.z), strict=True))
+    off = []
+    for k, p in enumerate(estimate.model.parameters):
+        entry = next(t for t in simulated.truth["parameters"] if t["name"] == p.name)
+        true = next(v for key, v in entry.items() if key.startswith("value")) / UNITS[p.unit][1]
+        off.append((values[p.name] - true) / (estimate.sd[k] * p.sd))
+    assert np.sqrt(np.mean(np.square(off))) < 1.5
+    assert max(map(abs, off)) < 4.0
+
+
+def test_the_same_seed_is_the_same_session(folder):
+    path = folder("tracker")
+    one, same = (bc.simulate(setup=path, **OPTIONS).dataset.measurements for _ in range(2))
+    other = bc.simulate(setup=path, **OPTIONS | {"seed": 2}).dataset.measurements
+    np.testing.assert_array_equal(one.xyz, same.xyz)
+    assert not np.allclose(one.readings, other.readings)
+
+
+def test_what_a_setup_states_is_refused_as_an_option(folder, tmp_path, command):
+    path = folder("cube")
+    with pytest.raises(BayescalError, match="a set-up states noise itself"):
+        bc.simulate(setup=path, noise=1e-6)
+    code, _, error = command("simulate", "--setup", path, "--spheres", 2, "--out", tmp_path / "x")
+    assert code == 1
+    assert error.startswith("bayescal: --spheres: a set-up states it itself")
+    assert not (tmp_path / "x").exists()
+    code, out, _ = command(
+        "simulate", "--setup", path, "--contacts", 40, "--repeats", 0, "--later", 4, "--out", tmp_path / "y"
+    )
+    assert code == 0
+    assert (tmp_path / "y" / "truth.json").is_file()
+    assert "cube.+z: 10 contacts to calibrate, 1 to validate" in out

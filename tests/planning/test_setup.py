@@ -1,18 +1,33 @@
 """Setups of a session: regions of targets, what validates, refusals."""
 
 from dataclasses import replace
-from pathlib import Path
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from cases import EXAMPLE, cases
 
+from analysis.planning import ways as study
+from analysis.planning.sampled import Cell, Table
+from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Certificate, Patch, PlanSettings, Target, read_dataset
+from bayescal.dataset.read import read_settings
+from bayescal.dataset.solids import hull_stl
+from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
-from bayescal.planning.place import scene
+from bayescal.planning import order as orders
+from bayescal.planning.candidates import candidates
+from bayescal.planning.hand import LINE
+from bayescal.planning.place import placements, scene, seconds_between
+from bayescal.planning.pool import CLEAR
 from bayescal.planning.setup import EDGE, connected, continued, read_setup, regions_of
+from bayescal.planning.transit import Transits
+from bayescal.probing.clearance import Clearance
+from bayescal.probing.scene import Solid
+from bayescal.probing.shapes import Box, Cylinder, Hull
+from bayescal.probing.sweep import distances
 
-EXAMPLE = Path(__file__).parents[2] / "data" / "lrmate200ic-cube"
 HALF = 0.1143  # m, of the cube's edge
 
 
@@ -199,3 +214,235 @@ def test_what_is_probed_is_an_obstacle(example):
     assert np.allclose(np.linalg.det(wall.pose[:3, :3]), 1)
     post = around.solids[around.of["seat"]].shapes[0]
     assert 0 < post.distance(seat.values["centre"]) < 0.02
+
+
+# --- Motions between contacts: collisions are seen, ways around them are free, and orders avoid them.
+
+FINE = np.radians(0.2)
+
+
+@pytest.fixture(scope="module")
+def pool():
+    dataset = read_setup(EXAMPLE).dataset
+    targets = tuple(t for t in dataset.targets if t.kind == "plane")
+    certificates = tuple(c for c in dataset.certificates if c.targets[0].startswith("cube"))
+    return candidates(continued(replace(dataset, targets=targets, certificates=certificates)), 32, seed=5)
+
+
+@pytest.fixture(scope="module")
+def ordered(pool):
+    """Rows in sweeps without and with regard to collisions, and the transits."""
+    moves = Transits(pool)
+    blind = orders.ordered(pool, pool.candidates, "sweeps", np.random.default_rng(0))
+    seeing = orders.ordered(pool, pool.candidates, "sweeps", np.random.default_rng(0), moves.blocked)
+    return moves, pool.candidates[blind], pool.candidates[seeing]
+
+
+def depths(pool, points):
+    """Smallest distance, m, of anything on straight motions through readings (P, n)."""
+    setup = pool.setup
+    clearance = Clearance.of(setup.dataset.robot, setup.dataset.tools[0], scene(setup).solids)
+    out = []
+    for a, b in pairwise(points):
+        number = int(np.ceil(np.abs(b - a).max() / FINE)) + 1
+        out.append(clearance.distances(a + np.linspace(0, 1, number)[:, None] * (b - a)).min())
+    return np.array(out)
+
+
+def test_collisions_between_contacts_are_seen(pool, ordered):
+    """Against distances at many configurations on each motion."""
+    moves, blind, _ = ordered
+    blocked = moves.blocked(blind[:-1], blind[1:])
+    depth = depths(pool, pool.approach[blind])
+    assert 3 < blocked.sum() < len(blind) - 3
+    assert np.all(depth[blocked] < CLEAR + 1e-3)
+    assert depth[~blocked].min() > CLEAR
+
+
+def test_orders_avoid_collisions(ordered):
+    moves, blind, seeing = ordered
+    before, after = (moves.blocked(rows[:-1], rows[1:]).sum() for rows in (blind, seeing))
+    assert after < 0.9 * before
+
+
+def test_ways_around_are_free(pool, ordered):
+    moves, _, seeing = ordered
+    ways = moves.ways(seeing)
+    via = ways.via
+    same = np.array([not text for text in ways.changes[1:]])
+    blocked = moves.blocked(seeing[:-1], seeing[1:])
+    assert [len(way) > 0 for way in via[1:]] == (blocked & same).tolist()
+    assert [len(way) for way in ways.leave[:1]] == [1]
+    points = [
+        p
+        for *both, row in zip(ways.leave, via, seeing, strict=True)
+        for p in (*both[0], *both[1], pool.approach[row])
+    ]
+    found = depths(pool, np.array(points))
+    assert found.min() > CLEAR
+    assert ways.clearance.min() <= found.min() + 1e-6
+    assert ways.clearance.min() > min(CLEAR, LINE)
+    times = orders.travel(pool, seeing, via), orders.travel(pool, seeing)
+    assert times[1] < times[0] < times[1] + 10.0 * blocked.sum()
+
+
+def test_no_way_is_said(pool, ordered):
+    """An approach inside of the cube cannot be left."""
+    inside = pool.approach.copy()
+    row = int(pool.candidates[0])
+    inside[row] = pool.session.measurements.readings[row] - 2 * (
+        inside[row] - pool.session.measurements.readings[row]
+    )
+    moves = Transits(replace(pool, approach=inside))
+    other = int(pool.candidates[1])
+    found = moves.ways(np.array([other, row, other]))
+    first, *others = found.via
+    assert len(first) == 0
+    assert others == [None, None]
+    assert [bool(words) for words in found.by_hand] == [False, True, True]
+    assert orders.travel(moves.pool, np.array([other, row]), [first, None]) > 0
+
+
+def test_placements_that_come_one_after_the_other_are_not_between_each_other():
+    assert placements(["cube.+x", "ball.A@1", "ball.B@2"]) == ["", "1", "2"]
+    assert placements(["cube.+x", "ball.A@1", "ball.B@1"]) == ["", "", ""]
+    setup = read_setup(EXAMPLE)
+    names = ("cube.+y", "cube.-y", "cube.-x", "cube.+z", "ball.B@1", "ball.B@3")
+    dataset = replace(
+        setup.dataset, targets=tuple(t for t in setup.dataset.targets if t.name in names), certificates=()
+    )
+    pool = candidates(replace(continued(dataset), validated=frozenset(names[4:])), 8, seed=0)
+    m, moves = pool.session.measurements, Transits(pool)
+    one, other = (np.flatnonzero(m.target == names.index(name))[0] for name in names[4:])
+    there = {key: sum(bool(s.shapes) for s in moves._place(0, key).clearance.solids) for key in ("1", "")}
+    assert there == {"1": 3, "": 2}  # cube, one sphere, table
+    assert not moves.blocked(np.array([one]), np.array([other])).any()  # the artefact is moved between them
+    ways = moves.ways(np.array([one, pool.candidates[0], other]))
+    assert ways.changes == ("move the artefact to placement 1", "", "move the artefact to placement 3")
+    assert [len(way) > 0 for way in ways.leave] == [True, False, True]
+
+
+def test_times_between_readings():
+    assert seconds_between(np.zeros(3), np.array([0.1, -np.pi / 4, 0])) == pytest.approx(1.0)
+
+
+# --- Planned motions by a sampling of 0.05 degrees that shares no code with the check; own solids.
+
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+
+
+def test_sampled_motions_are_as_free_as_stated(monkeypatch):
+    """Spheres that are moved on the way; two probes would take twice the time."""
+    monkeypatch.setattr(study, "CONTACTS", 5)
+    monkeypatch.setattr(study, "CANDIDATES", 16)
+    found = study.checked(13)
+    assert found["motions"] > 9
+    assert found["by_hand"] == 0
+    assert found["nearest_mm"] > 1.9
+    assert found["overstated_mm"] < 1e3 * study.ROUNDING
+
+
+def test_bounds_hold_on_random_motions():
+    """Free by the bound: nothing nearer in the samples. Not free: something nearer than a little more."""
+    setup = study.setup_of(0)
+    cell, solids = study.cell_of(setup, 0, "1"), scene(setup).solids
+    there = [replace(s, placement="", shapes=s.shapes if s.placement in ("", "1") else ()) for s in solids]
+    check = Clearance.of(setup.dataset.robot, setup.dataset.tools[0], there)
+    rng = np.random.default_rng(1)
+    limits = setup.dataset.robot.limits
+    begin = check.arm.readings_of(rng.uniform(*(0.7 * limits.T), (400, 6)))
+    begin = begin[check.distances(begin) > 0.005]
+    end = begin + rng.normal(0, 0.8, begin.shape)
+    floor, number = 0.005, 40
+    free = check.hits(begin, end, floor) == 0
+    bound = check.closest(begin, end, 1e-3)
+    sampled = np.array([cell.motion(a, b) for a, b in zip(begin[:number], end[:number], strict=True)])
+    free, bound = free[:number], bound[:number]
+    assert 5 < free.sum() < number - 5
+    assert sampled[free].min() > floor - 1e-6
+    assert sampled[~free].max() < floor + 1e-3
+    near = sampled < 0.05  # the sampler does not look farther
+    assert np.all(bound[near] <= sampled[near] + 1e-6)
+    assert np.all(sampled[near] - bound[near] < np.maximum(1.2e-3, 0.12 * np.abs(sampled[near])))
+
+
+def test_solids_by_their_points():
+    """Cylinder and hull against points inside and on them; the hull of a box is the box."""
+    rng = np.random.default_rng(0)
+    turn = rpy_matrix(rng.uniform(-3, 3, 3))
+    box = Box(rigid(turn, np.array([0.1, 0.2, 0.3])), np.array([0.2, 0.1, 0.05]))
+    hull = Hull((CORNERS * box.half) @ turn.T + box.pose[:3, 3])
+    a, b = rng.uniform(-1, 1, (2, 200, 3))
+    far, near = distances(box, a, b), distances(hull, a, b)
+    assert np.all(near <= far + 1e-6)
+    assert np.all(near[far > 0] > 0.85 * far[far > 0] - 1e-6)
+    assert np.array_equal(near < 0, far < 0)
+    axis = turn[:, 2]
+    rod = Cylinder(np.array([0.1, 0.2, 0.3]), axis, 0.3, 0.1)
+    angle, high = rng.uniform(0, 2 * np.pi, 40_000), rng.uniform(-0.3, 0.3, 40_000)
+    size = 0.1 * np.sqrt(rng.uniform(0, 1, 40_000))
+    inside = rod.centre + np.stack([size * np.cos(angle), size * np.sin(angle), high], axis=1) @ turn.T
+    assert rod.distance(inside).max() < 1e-12
+    for start in a[:20]:
+        cloud = np.linalg.norm(inside - start, axis=1).min()
+        assert distances(rod, start[None], start[None])[0] == pytest.approx(cloud, abs=0.02)
+    assert rod.lowest(axis) == pytest.approx(rod.centre @ axis - 0.3)
+    assert hull.lowest(axis) == pytest.approx(box.lowest(axis))
+
+
+def stated(tmp_path, text):
+    """The example's set-up with own solids."""
+    lines = (EXAMPLE / "dataset.yaml").read_text().replace("temperature_of: arm\n", text)
+    (tmp_path / "dataset.yaml").write_text(lines)
+    return read_settings(tmp_path / "dataset.yaml")[0]
+
+
+def test_own_solids_are_read_written_and_avoided(tmp_path):
+    mesh = hull_stl(0.05 * CORNERS)
+    (tmp_path / "block.stl").write_bytes(mesh)
+    text = (
+        "solids:\n"
+        "  vice: {kind: box, centre_mm: [450, 200, -40], size_mm: [120, 80, 60], rpy_deg: [0, 0, 30]}\n"
+        "  post: {kind: cylinder, centre_mm: [300, -350, 100], diameter_mm: 60, length_mm: 400}\n"
+        '  block: {kind: mesh, file: block.stl, xyz_mm: [400, 0, 500], placement: "2"}\n'
+    )
+    dataset = stated(tmp_path, text)
+    assert [s.kind for s in dataset.solids] == ["box", "cylinder", "mesh"]
+    np.testing.assert_allclose(np.ptp(dataset.solids[2].points, axis=0), 0.1, atol=1e-9)
+    session = replace(read_dataset(EXAMPLE), solids=dataset.solids)
+    write_dataset(session, tmp_path / "copy")
+    again = read_dataset(tmp_path / "copy")
+    for one, other in zip(dataset.solids, again.solids, strict=True):
+        np.testing.assert_allclose(one.pose, other.pose, atol=1e-9)
+        np.testing.assert_allclose(one.size, other.size)
+        assert (one.name, one.placement, one.file) == (other.name, other.placement, other.file)
+    around = scene(continued(replace(read_setup(EXAMPLE).dataset, solids=dataset.solids)))
+    assert [s.placement for s in around.solids[-3:]] == ["", "", "2"]
+    hit = Clearance.of(dataset.robot, dataset.tools[0], [replace(around.solids[-1], placement="")])
+    arm = hit.arm
+    inside = arm.readings_of(np.random.default_rng(0).uniform(*arm.robot.limits.T, (60_000, 6)))
+    deep = np.linalg.norm(arm.ball(arm.frames(inside)) - [0.4, 0, 0.5], axis=1) < 0.05
+    assert deep.any()
+    assert np.all(hit.collides(inside[deep]) > 0)
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    cases("solid_refusals"),
+)
+def test_solids_that_are_refused(entry, words, tmp_path):
+    with pytest.raises(BayescalError) as error:
+        stated(tmp_path, f"solids:\n  a: {entry}\n")
+    assert words in str(error.value)
+
+
+def test_the_sampler_sees_an_overlap():
+    """A point arm of one joint that turns through a thin wall."""
+    table = Table(np.array([[0.0, 0.0, 0.0, 0.0]]), "mdh", np.eye(1), np.eye(4), np.eye(4))
+    tip = np.array([1.0, 0, 0])
+    wall = ("box", np.eye(3), np.array([0.7, 0.7, 0.0]), np.array([0.01, 0.01, 0.5]))
+    cell = Cell(table, [(1, tip, tip, 0.05, False)], [], {(0, 0)}, [[wall]])
+    assert cell.motion(np.array([0.0]), np.array([1.5])) < -0.03
+    assert cell.motion(np.array([0.0]), np.array([0.6])) > 0.05
+    solid = Solid("wall", (Box(rigid(None, wall[2]), wall[3]),))
+    assert solid.shapes[0].distance(tip) > 0.5

@@ -1,10 +1,36 @@
 """Targets found from their own rows, draw by draw: where they are, and how sure that is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from cases import EXAMPLE
+from scipy.special import polygamma
 
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.predict.locate import robust_rows, search
+from bayescal.dataset import Dataset, Tool, read_dataset
+from bayescal.effects.tool import LOOSE as tool_LOOSE
+from bayescal.errors import BayescalError
+from bayescal.estimate import Estimate, calibrated, estimate
+from bayescal.model import ARM, build
+from bayescal.model.scene import Scene
+from bayescal.posterior import gaussian
+from bayescal.predict import Validation, forecast, validate
+from bayescal.predict.crossvalidation import (
+    BLOCKS,
+    blocks,
+    bootstrap_interval95,
+    inside95,
+    interval95,
+    resampled,
+    resampled_distances,
+    validation_errors,
+)
+from bayescal.predict.errors import CentreDistances
+from bayescal.predict.locate import States, _check, locate, robust_rows, search
+from bayescal.predict.targets import unknown_tool
+from factors.cylinder import Cylinder
+from factors.distance import Distance
 from factors.fixed_point import FixedPoint
 from factors.instrument import Instrument
 from factors.sphere import Sphere
@@ -82,3 +108,370 @@ def test_known_target_stays_where_it_is():
     kind = FixedPoint(CENTRE, np.zeros(3))
     found = search(kind, np.ones((2, 3, 5)), np.ones((3, 5)))
     assert np.all(found.x == 0.0)
+
+
+# --- Targets whose stated place is far off: located all the same, or refused by name.
+
+LOCATE_STARTS_DIAMETER, LOCATE_STARTS_RADIUS, SIGMA = 50.8e-3, 3e-3, 5e-6
+LOOSE = np.array([0.05, 0.05, 0.05, 1e-3])
+TRUE = np.array([0.4, -0.1, 0.2])
+
+
+def touched(directions, noise=0.0, rng=None):
+    """Ball centres (3, C) that touch the true sphere from some directions (3, C)."""
+    u = directions / np.linalg.norm(directions, axis=0)
+    off = noise * rng.standard_normal(u.shape[1]) if noise else 0.0
+    return TRUE[:, None] + u * (LOCATE_STARTS_DIAMETER / 2 + LOCATE_STARTS_RADIUS + off)
+
+
+def from_above(rng, count=11, low=0.0):
+    u = rng.standard_normal((3, count))
+    u[2] = low * np.linalg.norm(u[:2], axis=0) + np.abs(u[2])
+    return u
+
+
+@pytest.fixture(scope="module")
+def example():
+    """The example's calibration, of its fitted contacts alone: they do not see where a sphere is stated."""
+    return calibrated(Scene(read_dataset(EXAMPLE)), ("geometry", "compliance"))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_sphere_stated_30_mm_off_is_located(example, axis, sign):
+    """With no certified diameter: distances, and what is predicted of them, are as with its true place."""
+    d = example.model.scene.dataset
+    off = sign * 0.03 * np.eye(3)[axis]
+    targets = tuple(
+        replace(t, values={**t.values, "centre": np.asarray(t.values["centre"]) + off})
+        if t.name == "ball.A@1"
+        else t
+        for t in d.targets
+    )
+    certificates = tuple(c for c in d.certificates if c.kind != "diameter")
+    moved = replace(d, targets=targets, certificates=certificates)
+    h = validation_errors(replace(example, model=replace(example.model, scene=Scene(moved)))).distances
+    known = validation_errors(
+        replace(example, model=replace(example.model, scene=Scene(replace(d, certificates=certificates))))
+    ).distances
+    np.testing.assert_allclose(h.error, known.error, atol=0.2e-6)
+    np.testing.assert_allclose(h.predicted_sd(), known.predicted_sd(), rtol=0.01)
+    assert np.max(np.abs(h.error) / h.predicted_sd()) < 4
+
+
+def test_fit_locates_it_too(example):
+    d = example.model.scene.dataset
+    targets = tuple(
+        replace(t, values={**t.values, "centre": np.add(t.values["centre"], [0, 0, -0.03])})
+        if t.name == "ball.A@1"
+        else t
+        for t in d.targets
+    )
+    certificates = tuple(c for c in d.certificates if c.kind != "diameter")
+    scene = Scene(replace(d, targets=targets, certificates=certificates))
+    z = np.tile(example.z, (2, 1))
+    scale = np.full((2, 1), example.weights.scale["contact"])
+    found = validate(replace(example, model=replace(example.model, scene=scene)), z, scale)
+    assert found.maximum_distance_error < 50e-6
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_any_start_leads_to_the_same_place(seed):
+    """Spheres stated up to 50 mm off, touched from above, with an unknown diameter."""
+    rng = np.random.default_rng(seed)
+    stated = TRUE + 0.05 * rng.uniform(-1, 1, 3)
+    kind = Sphere(stated, LOCATE_STARTS_DIAMETER, np.full(11, LOCATE_STARTS_RADIUS), LOOSE)
+    at, keep = locate("ball", kind, touched(from_above(rng), SIGMA, rng), np.full((1, 11), SIGMA))
+    assert keep.sum() >= 10
+    sd = LOOSE * np.sqrt(np.diag(np.linalg.inv(at.information[0])))
+    assert np.all(np.abs(stated + at.x[0, :3] - TRUE) < 5 * sd[:3])
+    assert np.all(sd[:3] < 0.1e-3)
+
+
+def test_two_mirrored_places_are_refused_by_name():
+    """Contacts round one circle do not say on which side of it the centre lies; a close enough place does."""
+    turn = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    ring = np.stack([np.cos(turn), np.sin(turn), np.full(12, 0.6)])
+    p, height = touched(ring), 0.6 / np.hypot(1, 0.6) * (LOCATE_STARTS_DIAMETER / 2 + LOCATE_STARTS_RADIUS)
+    stated = np.add(TRUE, [0, 0, height])  # in the plane of the circle
+    sharp = np.append(LOOSE[:3], 1e-6)
+    kind = Sphere(stated, LOCATE_STARTS_DIAMETER, np.full(12, LOCATE_STARTS_RADIUS), sharp)
+    with pytest.raises(BayescalError, match=r"ball\.A@1.* two places .*u_mm"):
+        locate("ball.A@1", kind, p, np.full((1, 12), SIGMA))
+    # a model level that only serves for comparison takes one of the two
+    at, _ = locate("ball.A@1", kind, p, np.full((1, 12), SIGMA), strict=False)
+    assert np.linalg.norm(stated + at.x[0, :3] - TRUE) == pytest.approx(2 * height, abs=1e-5) or np.allclose(
+        stated + at.x[0, :3], TRUE, atol=1e-5
+    )
+    near = replace(kind, centre=np.add(TRUE, [0, 0, 2e-3]), sd=np.array([2e-3, 2e-3, 2e-3, 1e-6]))
+    at, _ = locate("ball.A@1", near, p, np.full((1, 12), SIGMA))
+    np.testing.assert_allclose(near.centre + at.x[0, :3], TRUE, atol=1e-5)
+
+
+def test_what_does_not_converge_is_refused_by_name(monkeypatch):
+    rng = np.random.default_rng(3)
+    kind = Sphere(TRUE + 0.04, LOCATE_STARTS_DIAMETER, np.full(11, LOCATE_STARTS_RADIUS), LOOSE)
+    monkeypatch.setattr("bayescal.predict.locate.ITERATIONS", 1)
+    monkeypatch.setattr("bayescal.predict.locate.starts", lambda kind, p: np.zeros((1, 4)))
+    with pytest.raises(BayescalError, match=r"target ball\.B@2 .*did not reach an optimum.*; state its pos"):
+        locate("ball.B@2", kind, touched(from_above(rng)), np.full((1, 11), SIGMA))
+
+
+def test_a_slip_and_a_wrong_place_at_once():
+    rng = np.random.default_rng(5)
+    p = touched(from_above(rng), SIGMA, rng)
+    p[:, 4] += 0.5e-3 * (p[:, 4] - TRUE) / np.linalg.norm(p[:, 4] - TRUE)
+    kind = Sphere(
+        np.add(TRUE, [0.03, 0, 0.02]), LOCATE_STARTS_DIAMETER, np.full(11, LOCATE_STARTS_RADIUS), LOOSE
+    )
+    at, keep = locate("ball", kind, p, np.full((1, 11), SIGMA))
+    assert keep[4] == 0.0
+    assert np.linalg.norm(kind.centre + at.x[0, :3] - TRUE) < 0.1e-3
+
+
+def test_an_instrument_stated_with_its_axes_turned():
+    """By 0.5 rad, 0.3 m off: far beyond its prior, and back by what it read."""
+    rng = np.random.default_rng(2)
+    nominal = rigid(rpy_matrix(np.array([0.1, -0.2, 1.0])), np.array([2.0, 0.5, 0.3]))
+    true = rigid(rpy_matrix(np.array([0.4, 0.1, 1.3])), np.array([2.2, 0.3, 0.4]))
+    p = np.array([0.4, 0, 0.3]) + rng.uniform(-0.2, 0.2, (12, 3))
+    xyz = (p - true[:3, 3]) @ true[:3, :3]
+    kind = Instrument(nominal, p.mean(axis=0), xyz, np.array([0.2] * 3 + [0.05] * 3))
+    at, keep = locate("tracker", kind, p.T, np.full((3, 12), 1e-5))
+    assert keep.all()
+    np.testing.assert_allclose(kind.describe(at.x[0])["frame"], true, atol=1e-5)
+
+
+def test_a_ball_bar_and_a_pin_stated_far_off():
+    rng = np.random.default_rng(4)
+    u = rng.standard_normal((3, 20))
+    u /= np.linalg.norm(u, axis=0)
+    u[2] = np.abs(u[2])
+    bar = Distance(np.add(TRUE, [0.04, -0.03, 0.02]), np.full(20, 0.3), np.full(3, 0.05))
+    at, _ = locate("bar", bar, TRUE[:, None] + 0.3 * u, np.full((1, 20), SIGMA))
+    np.testing.assert_allclose(bar.centre + at.x[0], TRUE, atol=1e-6)
+    turn, height = rng.uniform(-2, 2, 20), rng.uniform(-0.03, 0.03, 20)
+    p = TRUE[:, None] + np.stack([13e-3 * np.cos(turn), 13e-3 * np.sin(turn), height])
+    sd = np.array([0.2, 0.2, 0.05, 0.05, 1e-3])
+    pin = Cylinder(
+        np.add(TRUE, [0.03, 0.02, 0]), np.array([0, 0, 1.0]), 20e-3, np.full(20, LOCATE_STARTS_RADIUS), sd
+    )
+    at, _ = locate("pin", pin, p, np.full((1, 20), SIGMA))
+    np.testing.assert_allclose(pin.describe(at.x[0])["point"][:2], TRUE[:2], atol=1e-5)
+
+
+def test_a_closely_stated_place_has_no_rivals(monkeypatch):
+    """Other starts count only where the prior lets a second place compete; all are searched from at once."""
+    rng, counted = np.random.default_rng(7), []
+    p, sigma = touched(from_above(rng), SIGMA, rng), np.full((1, 11), SIGMA)
+
+    def check(name, found, *others):
+        counted.append(len(found.x))
+
+    monkeypatch.setattr("bayescal.predict.locate._check", check)
+    for prior in (np.full(4, 1e-4), LOOSE):
+        at, _ = locate(
+            "ball",
+            Sphere(TRUE + 5e-5, LOCATE_STARTS_DIAMETER, np.full(11, LOCATE_STARTS_RADIUS), prior),
+            p,
+            sigma,
+        )
+        assert np.linalg.norm(TRUE + 5e-5 + at.x[0, :3] - TRUE) < 0.1e-3
+    assert counted[0] == 1 < counted[1]
+
+
+# --- What is predicted of rows of a located target: linear propagation against draws, and what counts how.
+
+
+@pytest.fixture(scope="module")
+def arm_alone(tracker):
+    """The arm as fitted to an instrument, and its session with other roles, as if no row was fitted."""
+    session = tracker(seed=1, count=45).dataset
+    found = estimate(build(Scene(session), ("geometry",)), robust=False)
+    own = found.model.slices[ARM]
+
+    def of(role: np.ndarray):
+        scene = Scene(replace(session, measurements=replace(session.measurements, role=role)))
+        return replace(
+            found,
+            model=replace(found.model, scene=scene, blocks=(), constraints=()),
+            z=found.z[own],
+            covariance=100.0 * found.covariance[own, own],  # far more uncertain than the noise
+            weights=replace(found.weights, scale={}),
+        )
+
+    return of
+
+
+@pytest.mark.parametrize("located_by", ["other rows", "the same rows"])
+def test_rows_of_a_located_instrument_scatter_as_predicted(arm_alone, located_by):
+    """The instrument follows the arm, and is drawn towards the noise of the rows that located it."""
+    role = np.where(np.arange(45) < (12 if located_by == "other rows" else 0), "locate", "validate")
+    found = arm_alone(role)
+    rng = np.random.default_rng(0)
+    z = rng.multivariate_normal(found.z, found.covariance, 4000, method="eigh")
+    (points,) = validate(found, z, np.ones(4000)).points
+    h = validation_errors(found)
+    spread = {row: [] for row in h.rows}
+    for row, drawn in zip(found.model.scene.rows("validate"), points.predicted.std(axis=0).T, strict=True):
+        spread[row] = list(drawn)
+    for row, sd in spread.items():
+        np.testing.assert_allclose(np.sort(h.sd[h.rows == row]), np.sort(sd), rtol=0.08)
+    noise = found.model.scene.dataset.noise.point
+    if located_by == "the same rows":  # 45 x 3 coordinates, which determine the instrument and its reflector
+        assert np.mean(h.noise**2) == pytest.approx(noise**2 * (1 - (6 + 3) / (3 * 45)), rel=1e-3)
+    else:
+        np.testing.assert_allclose(h.noise, noise)
+
+
+def test_a_tool_is_unknown_where_no_fitted_row_used_it(cube):
+    """Its prior is the uncertainty that is stated of it; loose where none is."""
+    d = cube(seed=1, count=60).dataset
+    m = d.measurements
+    role, tool = np.where(np.arange(60) < 40, "calibrate", "validate"), np.where(np.arange(60) < 50, 0, 1)
+    for u, expected in ((1e-3, 1e-3), (0.0, 0.0), (None, tool_LOOSE)):
+        tools = (d.tools[0], Tool("second", np.array([0.0, 0.0, 0.1]), 3e-3, u=u))
+        scene = Scene(replace(d, tools=tools, measurements=replace(m, role=role, tool=tool)))
+        assert unknown_tool(scene, np.arange(50, 60)) == expected
+        assert unknown_tool(scene, np.arange(40, 50)) == 0.0  # of the tool that was fitted
+        assert unknown_tool(scene, np.arange(45, 55)) == 0.0  # of both
+
+
+@pytest.mark.parametrize(("alike", "refused"), [(0.999, False), (0.0, True)])
+def test_two_places_that_the_tool_makes_up_for_are_one(alike, refused):
+    """Apart are solutions by the uncertainty that an unknown tool leaves to the target."""
+    size = 100.0  # posterior standard deviations of one unknown with all others known: 0.01
+    information = size**2 * np.block([[np.eye(3), alike * np.eye(3)], [alike * np.eye(3), np.eye(3)]])
+    x = np.array([[0.0, 0.0, 0.0], [0.08, 0.0, 0.0]])  # 8 of these standard deviations apart, or 0.4
+    found = States(x, np.zeros((2, 3)), np.zeros(2), np.zeros(2), np.stack([information] * 2))
+    kind = FixedPoint(np.zeros(3), np.ones(3))
+    if refused:
+        with pytest.raises(BayescalError, match=r"two places 80 mm apart"):
+            _check("socket", found, found.some([0]), kind, strict=True)
+    else:
+        _check("socket", found, found.some([0]), kind, strict=True)
+    _check("socket", found, found.some([0]), kind, strict=False)  # a level that only serves for comparison
+
+
+# --- Resampled mean squares: blocks of any size, and distances as the model that is simulated expects them.
+
+
+def distances(error, by_noise, u):
+    """Distances without a centre in common."""
+    count = len(error)
+    names = tuple((f"a{k}", f"b{k}") for k in range(count))
+    along = np.tile([0.0, 0.6, 0.8], (count, 1))
+    return CentreDistances(
+        names, error, np.zeros((count, 1)), by_noise * np.eye(count), u * np.ones(count), along
+    )
+
+
+def test_rows_of_one_pose_are_one_block_whatever_they_touch(cube):
+    """Three rows of one stop, two of equal readings, the others in blocks of neighbours in time."""
+    made = cube(seed=4).dataset
+    m = made.measurements
+    stop, readings = np.full(len(m.ids), "", object), m.readings.copy()
+    stop[[3, 40, 90]] = "s"
+    readings[60] = readings[10]
+    at = np.arange(len(m.ids))
+    found = blocks(
+        Scene(replace(made, measurements=replace(m, stop=stop, readings=readings, repeat=None))), at
+    )
+    assert len({found[3], found[40], found[90]}) == len({found[10], found[60]}) == 1
+    assert np.sum(found == found[3]) == 3
+    assert np.sum(found == found[10]) == 2
+    rest = np.delete(found, [3, 10, 40, 60, 90])
+    assert len(np.unique(rest)) == BLOCKS
+    assert np.all(np.diff(rest) >= 0)
+
+
+def test_a_mean_over_blocks_of_any_size_is_a_mean():
+    rng = np.random.default_rng(0)
+    block = np.repeat(np.arange(12), np.arange(1, 13))
+    ones, value = np.ones(len(block)), rng.uniform(size=len(block))
+    means = resampled(block, np.stack([ones, value]), rng)
+    np.testing.assert_allclose(means[:, 0], 1.0)
+    assert value.min() < means[:, 1].min() < value.mean() < means[:, 1].max() < value.max()
+
+
+@pytest.mark.parametrize(("by_noise", "u"), [(3e-6, 0.0), (0.0, 3e-6)])
+def test_many_distances_are_drawn_about_the_measured_mean_square(by_noise, u):
+    """What is simulated has the mean square that is expected of it: from centres, noise and certificates."""
+    rng = np.random.default_rng(1)
+    noise = 3e-6 * rng.standard_normal(120)
+    before, after = (distances(size * rng.standard_normal(120) + noise, by_noise, u) for size in (5e-6, 2e-6))
+    draws = resampled_distances(before, after, rng)
+    measured = np.mean(np.stack([before.error, after.error]) ** 2, axis=1)
+    np.testing.assert_allclose(np.median(draws, axis=0), measured, rtol=0.05)
+
+
+def test_few_distances_widen_the_draws():
+    """A variance that was estimated from n values has a logarithm sqrt(n / (n - 1)) times as uncertain."""
+    found = distances(1e-5 * np.array([1.0, -1.2, 0.8]), 1e-8, 0.0)
+    draws = resampled_distances(found, found, np.random.default_rng(2))
+    of_chi_square = np.sqrt(polygamma(1, 3 / 2))
+    assert np.std(np.log(draws[:, 0])) == pytest.approx(np.sqrt(3 / 2) * of_chi_square, rel=0.06)
+
+
+# --- Predicted distance errors of the workspace: between which points, and what each part adds.
+
+NO_CHECKS = Validation((), (), (), (), ())
+
+
+def with_two_tools(d: Dataset) -> Dataset:
+    """The session with a tool of the same place, but another name, in the second half of its rows."""
+    tools = (*d.tools, replace(d.tools[0], name="second"))
+    tool = (np.arange(len(d.measurements.ids)) >= len(d.measurements.ids) // 2).astype(int)
+    return replace(d, tools=tools, measurements=replace(d.measurements, tool=tool))
+
+
+@pytest.fixture(scope="module")
+def fitted(cube) -> Estimate:
+    data = with_two_tools(cube(seed=6, count=60).dataset)
+    return estimate(build(Scene(data), ("geometry",)), robust=False)
+
+
+@pytest.fixture(scope="module")
+def draws(fitted) -> np.ndarray:
+    return gaussian(fitted, 0, 400).flat
+
+
+def test_pairs_are_of_one_tool_and_no_shorter_than_a_fifth_of_the_longest(fitted, draws):
+    found = forecast(fitted, draws, NO_CHECKS, 0.0).workspace
+    assert 100 < found.count <= 2 * (20 * 19 // 2)  # 40 rows, 20 of each tool
+    assert found.shortest > 0.2 * found.longest
+
+
+def test_an_unexplained_error_adds_twice_its_square_to_the_variance(fitted, draws):
+    """It moves both ends of a distance; its share is of the sum of all parts."""
+    plain = forecast(fitted, draws, NO_CHECKS, 0.0)
+    assert plain.unexplained_share == 0.0
+    excess = plain.workspace.rms / np.sqrt(2.0)
+    found = forecast(fitted, draws, NO_CHECKS, excess)
+    assert found.workspace.rms == pytest.approx(np.sqrt(2.0) * plain.workspace.rms, rel=0.08)
+    assert found.unexplained_share == pytest.approx(0.5, abs=0.08)
+    assert found.prior_share == pytest.approx((1 - found.unexplained_share) * plain.prior_share)
+    assert found.prior_rms == plain.prior_rms
+
+
+# --- Intervals hold what they say, 95 %.
+
+
+def test_interval_of_draws_is_of_95_percent():
+    low, high = interval95(np.linspace(0.0, 1.0, 1001))
+    assert (low, high) == (pytest.approx(0.025), pytest.approx(0.975))
+
+
+def test_interval_of_normal_draws_holds_95_percent_of_new_ones():
+    rng = np.random.default_rng(0)
+    inside = inside95(rng.standard_normal(4000), rng.standard_normal((4000, 4000)))
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.01)
+
+
+def test_bootstrap_interval_is_of_95_percent_and_wider_of_few_blocks():
+    draws = np.random.default_rng(1).standard_normal(200_000)
+    low, high = bootstrap_interval95(0.0, draws, 10_000)
+    assert (low, high) == (pytest.approx(-1.96, abs=0.02), pytest.approx(1.96, abs=0.02))
+    few = bootstrap_interval95(0.0, draws, 4)
+    assert few[1] == pytest.approx(3.182 * np.sqrt(4 / 3), rel=0.02)  # Student t of 3 degrees of freedom
+    assert np.isnan(bootstrap_interval95(0.0, draws, 1)).all()

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from cases import ROOT
 
 import bayescal as bc
 from bayescal.effects import Effect, Parameter, Term
 from bayescal.effects.location import Driver, joint
 
-ROOT = Path(__file__).parents[2]
 DOCUMENTED = (
     "bayescal",
     "bayescal.effects",

@@ -1,31 +1,43 @@
 """Outputs of a diagnosis: gap.json by the contract, a summary of one screen, four figures."""
 
 import json
+import re
 import shlex
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import typer
+from cases import EXAMPLE, cases
 from gap_diagnoses import SETS, bare, diagnosis, plane, seven
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rich.console import Console
 from typer.testing import CliRunner
 
+from bayescal.effects import EFFECTS
+from bayescal.effects.location import BASE, TOOL, Driver
 from bayescal.errors import BayescalError
+from bayescal.gap.explain import settled
 from bayescal.gap.result import (
     VERDICTS,
+    Amplitude,
+    Event,
     Gap,
+    Named,
+    Verdict,
 )
+from bayescal.gap.search.cells import cells
+from bayescal.model.scene import Scene
+from bayescal.reporting.gap.causes import CAUSES
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
+from bayescal.reporting.shared.origin import possible
 
-ROOT = Path(__file__).resolve().parents[2]
-CUBE = ROOT / "data" / "lrmate200ic-cube"
 PICTURES = {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}
 
 
@@ -212,7 +224,7 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
         return diagnosis(session, "named")
 
     monkeypatch.setitem(sys.modules, "bayescal.gap.diagnose", SimpleNamespace(diagnose=diagnose))
-    arguments = ["gap", str(CUBE), "--model", "geometry", "--seed", "7", "--no-robust", "--no-pictures"]
+    arguments = ["gap", str(EXAMPLE), "--model", "geometry", "--seed", "7", "--no-robust", "--no-pictures"]
     arguments += ["--without", "geometry at joint 4, geometry at link 2"]
     done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "run")])
     assert done.exit_code == 0, done.output
@@ -235,7 +247,7 @@ def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(sessi
         found = diagnosis(session, kind)
         module = SimpleNamespace(diagnose=lambda *_, found=found: found)
         monkeypatch.setitem(sys.modules, "bayescal.gap.diagnose", module)
-        done = CliRunner().invoke(app, ["gap", str(CUBE), "--no-pictures", "--out", str(out)])
+        done = CliRunner().invoke(app, ["gap", str(EXAMPLE), "--no-pictures", "--out", str(out)])
         assert done.exit_code == 0, done.output
         lines[kind] = [line for line in done.output.splitlines() if line.startswith("to discriminate")]
     assert lines["named"] == []
@@ -244,7 +256,7 @@ def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(sessi
     assert (program, command) == ("bayescal", "plan")
     plan = typer.main.get_command(app).commands["plan"]
     asked = plan.make_context("plan", arguments).params
-    assert (asked["setup"], asked["after"], asked["purpose"]) == (CUBE, out, "gap")
+    assert (asked["setup"], asked["after"], asked["purpose"]) == (EXAMPLE, out, "gap")
     assert (out / "gap.json").is_file()
 
 
@@ -252,7 +264,7 @@ def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(sessi
     ("arguments", "words"),
     [
         (["nowhere"], "no such folder"),
-        ([str(CUBE), "--model", "geometry,elasticity"], "no effect is called"),
+        ([str(EXAMPLE), "--model", "geometry,elasticity"], "no effect is called"),
     ],
 )
 def test_bad_input_is_one_line(arguments, words, tmp_path, command):
@@ -265,7 +277,162 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, command):
 
 def test_command_leaves_a_foreign_folder_alone(tmp_path, command):
     (tmp_path / "thesis.txt").write_text("mine")
-    code, _, errors = command("gap", CUBE, "--out", tmp_path)
+    code, _, errors = command("gap", EXAMPLE, "--out", tmp_path)
     assert code == 1
     assert "the folder contains files that bayescal did not write: thesis.txt" in errors
     assert len(errors.strip().splitlines()) == 1
+
+
+# --- Unmodelled locations that show what happens: the sentence, the row and size, and what to inspect.
+
+
+@pytest.fixture(scope="module")
+def causes_session(cube):
+    return cube(seed=7, count=240).dataset
+
+
+def shifted(dataset, family_p_value: float = 1e-9, *, explained_by: str = "") -> Gap:
+    """A gap whose first location is a tool that shifts at the 13th row."""
+    gap = diagnosis(dataset, "unknown")
+    values = zip("xyz", (10e-6, -4.6e-6, 120e-6), (1.4e-6, 2.1e-6, 3e-6), strict=True)
+    moved = tuple(
+        Amplitude("unknown", TOOL, Driver("event"), (), f"shift {a}", v, u, "m", None, v > 5e-6)
+        for a, v, u in values
+    )
+    place = replace(
+        gap.where[0], site=TOOL, driver=Driver("event"), family_p_value=family_p_value,
+        explained_by=explained_by, event=Event(12, (11, 13)), amplitudes=moved,
+    )  # fmt: skip
+    return replace(gap, where=(place, *gap.where[1:]))
+
+
+def test_an_unmodelled_location_says_what_happens_and_what_to_inspect(causes_session):
+    gap = shifted(causes_session)
+    name = causes_session.measurements.ids[12]
+    says = (
+        f"the tool shifted at row 13 ({name}), rows 12 to 14 at 95 %, by (x, y, z) = "
+        "(10.0(1.4), -4.6(2.1), 120.0(3.0)) µm"
+    )
+    flat = " ".join(printed(gap).split())
+    assert f"T{says[1:]}" in flat
+    assert "inspect Look at the log at this row: a stylus" in flat
+    place = gap_record(gap)["where"][0]
+    assert place["words"] == says
+    assert place["event"] == {"row": 13, "id": name, "interval95": [12, 14]}
+    assert place["amplitudes"][2] == {
+        "what": "shift z", "value": pytest.approx(120.0), "u": pytest.approx(3.0), "unit": "um",
+        "significant": True,
+    }  # fmt: skip
+    assert "another tool" in place["remedy"]
+
+
+@pytest.mark.parametrize("place", [{"family_p_value": 0.2}, {"explained_by": "step"}])
+def test_no_cause_of_a_location_that_is_not_significant_or_has_a_name(causes_session, place):
+    gap = shifted(causes_session, **place)
+    assert "words" not in gap_record(gap)["where"][0]
+    assert "shifted at row" not in printed(gap)
+
+
+def test_a_base_that_rocks_is_told_with_its_half_angle(causes_session):
+    gap = diagnosis(causes_session, "unknown")
+    driver = Driver("base moment", form="sign")
+    what = "half-angle about the horizontal axis at 45 deg from x"
+    angle = Amplitude("unknown", BASE, driver, (), what, 4e-4, 1e-5, "rad", None, True)
+    where = (replace(gap.where[0], site=BASE, driver=driver, amplitudes=(angle,)), *gap.where[1:])
+    flat = " ".join(printed(replace(gap, where=where)).split())
+    assert f"The base rocks with the sign of the base moment ({what} 0.02292(57) deg)" in flat
+    assert "clearance below the mounting plate" in flat
+
+
+def test_every_cause_is_of_a_cell_of_a_session(causes_session):
+    """No sentence for a location that no diagnosis finds."""
+    scene = Scene(causes_session)
+    found = {
+        (x.site.kind, x.driver.kind, x.driver.form)
+        for x in cells(scene.circumstances(scene.rows("calibrate")))
+    }
+    assert not set(CAUSES) - found
+
+
+# --- The headline, its footnotes, `effects` and the table of probabilities follow from one rule.
+
+NAMES = tuple(EFFECTS)
+LABEL = {"unmodelled effect": "unknown"}
+
+
+def stated(record):
+    """Effects that the headline or a footnote states; the latter begin with their effect."""
+    found = set()
+    for line in record["words"]:
+        found |= set(re.findall(r"\(([a-z-]+), probability", line))
+        found |= set(re.findall(r"found: ([a-z-]+) in .*; probability", line))
+        found |= {LABEL.get(n, n) for n in re.findall(r"not named: (.+?) \(probability", line)}
+        if line.startswith(("Ambiguous", "Also: ", "No effect")):
+            assert not any(re.search(rf"\b{name}\b", line) for name in NAMES), line
+    found |= {note.partition(" ")[0].rstrip(":") for note in record["footnotes"]} & set(NAMES)
+    return found
+
+
+def check(record):
+    """The rule, for a record of any diagnosis."""
+    p, kind = record["probability"], record["verdict"]
+    likely = {n for n in p if p[n] >= 0.5 and n not in ("null", "unknown")}
+    assert stated(record) - {"unknown"} == likely
+    assert set(record["effects"]) <= {n for n in p if p[n] >= 0.5}
+    assert bool(record["named"]) or not kind.startswith("named")
+    assert record["effects"] == (["unknown"] if kind == "unknown" else [n["effect"] for n in record["named"]])
+    if p["unknown"] >= 0.5:
+        said = any("nmodelled effect" in line or "further effect" in line for line in record["words"])
+        assert said
+    for n in record["named"]:
+        assert n["probability"] == pytest.approx(p[n["effect"]])
+
+
+@pytest.fixture(scope="module")
+def headline_session(cube):
+    return cube(seed=1, count=40).dataset
+
+
+probabilities = st.dictionaries(st.sampled_from(NAMES), st.floats(0.001, 0.999), min_size=1, max_size=6)
+
+
+@settings(deadline=None, max_examples=80)
+@given(probabilities, st.floats(0.001, 0.999), st.sampled_from(VERDICTS), st.data())
+def test_headline_effects_and_probabilities_are_of_one_rule(headline_session, p, unknown, kind, data):
+    likely = sorted(n for n in p if p[n] >= 0.5)
+    some = data.draw(st.lists(st.sampled_from(likely), unique=True)) if likely else []
+    names = [] if kind in ("null", "unknown") else some
+    small = [] if kind == "null" else [n for n in likely if n not in some][:1]
+    p = {"null": 0.2, "unknown": unknown, **p}
+    kind = settled(kind, bool(names), p)
+    verdict = Verdict(
+        kind, tuple(Named(n, n, (), "", p[n], 9.0) for n in names), p, (*p,), (),
+        tuple(f"{n}: RMS 1.0 µm, 2 % of the explained variance" for n in small), {}, (),
+    )  # fmt: skip
+    check(gap_record(replace(diagnosis(headline_session, kind), verdict=verdict)))
+
+
+@pytest.mark.parametrize(
+    ("kind", "named", "unknown", "expected"),
+    cases("verdicts"),
+)
+def test_a_verdict_is_one_that_its_probabilities_support(kind, named, unknown, expected):
+    assert settled(kind, named, {"unknown": unknown}) == expected
+
+
+# --- The further effect of a verdict `named+unexplained`: one of the vocabulary, or one outside it.
+
+
+@pytest.mark.parametrize(
+    ("unknown", "names"),
+    [(0.03, ("hardening", "hysteresis")), (0.4, ("hardening", "hysteresis")), (0.5, ())],
+)
+def test_the_further_effect_is_stated_by_name_where_names_are_more_probable(unknown, names):
+    probability = {"latency": 0.99, "hardening": 0.33, "hysteresis": 0.13, "null": 0.0, "unknown": unknown}
+    credible = ("latency", "hardening", "hysteresis", "unknown", "null")
+    assert possible(probability, credible, ("latency",)) == names
+
+
+def test_improbable_effects_are_not_proposed_for_inspection():
+    probability = {"latency": 0.99, "hardening": 0.33, "hysteresis": 0.04, "unknown": 0.03}
+    assert possible(probability, ("latency", "hardening", "hysteresis"), ("latency",)) == ("hardening",)

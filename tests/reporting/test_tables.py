@@ -1,11 +1,24 @@
 """Tables of the terminal: at any width every figure is there in full."""
 
-import io
+from __future__ import annotations
 
+import io
+import json
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 from rich.console import Console
 
-from bayescal.reporting.shared.text import FigureTable, plain_table, with_u
+from bayescal.estimate import calibrated
+from bayescal.gap.result import VALIDATION_POINTS, Verdict
+from bayescal.model.scene import Scene
+from bayescal.reporting.figures.where import drawn_curves
+from bayescal.reporting.gap.contacts import length
+from bayescal.reporting.gap.phrases import headline
+from bayescal.reporting.shared.origin import STANDSTILL, _signs, plain, rows_record
+from bayescal.reporting.shared.text import FigureTable, parameter_notes, plain_table, size, with_u
+from bayescal.storage.files import indented
 
 NAMES = ("nominal", "geometry + compliance + eccentricity of joint 3 + second-harmonic of joint 5", "x" * 90)
 FIGURES = ("+1234.56", "-0.071(12)", "-1733 .. +1698", "(> 0.99)", "98.7654 %", "17.125")
@@ -67,3 +80,145 @@ def test_a_table_that_fits_has_one_block_and_no_blank_line():
 )
 def test_two_digits_of_the_uncertainty(value, u, text):
     assert with_u(value, u) == text
+
+
+# --- Rows and arm of a record, against the residuals and frames that they come from.
+
+
+@pytest.fixture(scope="module")
+def found(cube):
+    return calibrated(Scene(cube(seed=1, count=80).dataset), ("geometry",))
+
+
+def test_rows_have_the_residuals_of_the_fit(found):
+    rows, scene = rows_record(found), found.model.scene
+    count = len(scene.dataset.measurements.ids)
+    assert all(len(v) == count for v in rows.values() if v is not None)
+    target, role = np.array(rows["target"]), np.array(rows["role"])
+    for k, face in enumerate(scene.dataset.targets):
+        for name in ("calibrate", "validate"):
+            own = scene.rows_of(k, scene.rows(name))
+            expected = 1e6 * found.residuals(found.model.block(k, own))[0]
+            got = np.array(rows["residual_um"], float)[(target == face.name) & (role == name)]
+            assert got == pytest.approx(expected, abs=1e-4)
+
+
+def test_points_are_those_of_the_nominal_arm(found):
+    scene = found.model.scene
+    assert np.array(rows_record(found)["point_mm"]) == pytest.approx(1e3 * scene.points, abs=1e-3)
+
+
+# --- Errors of points are lengths everywhere; figures are in the order of time and show what is significant.
+
+
+def test_the_length_of_points_is_that_of_their_vectors():
+    errors = np.random.default_rng(0).standard_normal((3, 40))
+    rms = float(np.sqrt(np.mean(errors**2)))
+    lengths = np.linalg.norm(errors, axis=0)
+    assert length(VALIDATION_POINTS, rms) == pytest.approx(np.sqrt(np.mean(lengths**2)))
+    assert length("planes", rms) == length("distances", rms) == rms
+
+
+def test_only_significant_curves_and_an_event_once():
+    def drawn(*cells):
+        curves = [
+            {"site": site, "driver": driver, "x": [0.0] * points, "event": driver == "moment"}
+            for site, driver, _, points in cells
+        ]
+        where = [{"site": s, "driver": d, "family_p_value": p} for s, d, p, _ in cells]
+        return [c["site"] for c in drawn_curves({"curves": curves, "where": where})]
+
+    first, again, angle = (
+        ("base", "moment", 0.0, 5),
+        ("tool", "moment", 0.0, 5),
+        ("joint 2", "angle", 1e-4, 5),
+    )
+    chance, none = ("probe", "moment", 0.5, 5), ("joint 3", "angle", 0.0, 0)
+    assert drawn(chance, first, again, none, angle) == ["base", "joint 2"]
+    assert drawn(chance) == []
+
+
+@pytest.mark.parametrize(
+    ("rms", "unknown", "words"),
+    [
+        (5e-6, 0.2, "explains these data"),
+        (9e-6, 0.2, "validation points are larger"),
+        (5e-6, 0.7, "noise only is possible (probability 0.25)"),
+    ],
+)
+def test_the_headline_is_that_of_the_table(rms, unknown, words):
+    measured = SimpleNamespace(
+        what=VALIDATION_POINTS, rms=rms, predicted_rms=5e-6, predicted_interval95=(3e-6, 7e-6)
+    )
+    gap = SimpleNamespace(
+        verdict=Verdict("null", (), {"null": 0.25, "unknown": unknown}, (), (), (), {}, ()),
+        where=(),
+        undetermined=(),
+        arm=None,
+        magnitude=SimpleNamespace(noise=5e-6, measured=(measured,)),
+    )
+    assert words in headline(gap)[0]
+
+
+# --- Records as JSON text: that of the standard library, and arrays as lists.
+
+RECORD = {
+    "a": [1, 2.5, -1e-300, True, None, 'µ "x"\n'],
+    "b": {"c": [], "d": {}, "e": [[1, 2], [], [3.0]], "f": [{"g": 1}, 2, ("h", [None])]},
+    "": {1: "one", None: 2, 2.5: [0.1 + 0.2]},
+    "text": "a, b",
+    "number": np.float64(0.1),
+}
+
+
+@pytest.mark.parametrize("value", [RECORD, [], {}, [1.0], "x", None, [[[0]]]])
+def test_text_is_that_of_the_standard_library(value):
+    assert indented(value) == json.dumps(value, indent=1, allow_nan=False)
+
+
+def test_a_number_that_is_not_finite_is_refused():
+    with pytest.raises(ValueError):
+        indented({"a": [1.0, float("nan")]})
+
+
+def test_arrays_become_lists_with_none_for_what_is_not_finite():
+    values = np.array([[1.5, np.nan], [np.inf, -2.0]])
+    assert plain({"v": values, "k": np.arange(2), "b": np.array([True]), "t": np.array(["a"])}) == {
+        "v": [[1.5, None], [None, -2.0]],
+        "k": [0, 1],
+        "b": [True],
+        "t": ["a"],
+    }
+    assert {type(v) for row in plain(values) for v in row} == {float, type(None)}
+    assert type(plain(np.arange(2))[0]) is int
+
+
+def test_signs_of_motion():
+    speed = 2 * STANDSTILL
+    assert _signs(np.array([[speed, -speed, 0.0], [STANDSTILL / 2, -STANDSTILL / 2, speed]])) == [
+        "+-0",
+        "00+",
+    ]
+
+
+# --- Numbers as text.
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "words"),
+    [
+        (99.6e-6, "m", "100 µm"),
+        (99.4e-6, "m", "99 µm"),
+        (0.0123e-6, "m", "0.012 µm"),
+        (4567e-6, "m", "4600 µm"),
+        (np.inf, "m", "-"),
+    ],
+)
+def test_size(value: float, unit: str, words: str) -> None:
+    """Two significant digits, without an exponent where that is readable."""
+    assert size(value, unit) == words
+
+
+def test_u_of_a_compliance_does_not_contain_that_of_masses():
+    assert len(parameter_notes(["geometry"])) == 1
+    assert "masses" in parameter_notes(["geometry", "compliance"])[-1]

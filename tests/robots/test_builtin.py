@@ -3,10 +3,9 @@
 Poses of the flange at random readings, in formulas of their own; nothing is read from the built-in files.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from cases import ROOT, cases
 
 from bayescal.arm.chain import Robot, chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
@@ -89,62 +88,7 @@ STANDARD = {
 }
 
 # origin xyz (mm), rpy (deg) and axis of each joint, then the flange's; where F0 stands in the root (mm)
-ORIGINS = {
-    # ros-industrial/fanuc, lrmate200id_macro.xacro; F0 is its link `base`
-    "fanuc-lrmate200id": (
-        [
-            ((0, 0, 330), (0, 0, 0), (0, 0, 1)),
-            ((50, 0, 0), (0, 0, 0), (0, 1, 0)),
-            ((0, 0, 330), (0, 0, 0), (0, -1, 0)),
-            ((0, 0, 35), (0, 0, 0), (-1, 0, 0)),
-            ((335, 0, 0), (0, 0, 0), (0, -1, 0)),
-            ((80, 0, 0), (0, 0, 0), (-1, 0, 0)),
-            ((0, 0, 0), (180, -90, 0), None),
-        ],
-        (0, 0, 330),
-    ),
-    # frankaemika/franka_description, robots/fer/kinematics.yaml
-    "franka-panda": (
-        [
-            ((0, 0, 333), (0, 0, 0), (0, 0, 1)),
-            ((0, 0, 0), (-90, 0, 0), (0, 0, 1)),
-            ((0, -316, 0), (90, 0, 0), (0, 0, 1)),
-            ((82.5, 0, 0), (90, 0, 0), (0, 0, 1)),
-            ((-82.5, 384, 0), (-90, 0, 0), (0, 0, 1)),
-            ((0, 0, 0), (90, 0, 0), (0, 0, 1)),
-            ((88, 0, 0), (90, 0, 0), (0, 0, 1)),
-            ((0, 0, 107), (0, 0, 0), None),
-        ],
-        (0, 0, 0),
-    ),
-    # IFL-CAMP/iiwa_stack, iiwa7.xacro
-    "kuka-iiwa7": (
-        [
-            ((0, 0, 150), (0, 0, 0), (0, 0, 1)),
-            ((0, 0, 190), (90, 0, 180), (0, 0, 1)),
-            ((0, 210, 0), (90, 0, 180), (0, 0, 1)),
-            ((0, 0, 190), (90, 0, 0), (0, 0, 1)),
-            ((0, 210, 0), (-90, 180, 0), (0, 0, 1)),
-            ((0, 60.7, 190), (90, 0, 0), (0, 0, 1)),
-            ((0, 81, 60.7), (-90, 180, 0), (0, 0, 1)),
-            ((0, 0, 45), (180, 180, 180), None),
-        ],
-        (0, 0, 0),
-    ),
-    # Vanderbilt meca500_ros2, meca500.xacro; the flange as ROS-Industrial's tool0
-    "mecademic-meca500": (
-        [
-            ((12.498, 0, 91), (0, 0, 0), (0, 0, 1)),
-            ((0, 0, 44), (0, 0, 0), (0, 1, 0)),
-            ((0, 0, 135), (0, 0, 0), (0, 1, 0)),
-            ((0, 0, 38), (0, 0, 0), (1, 0, 0)),
-            ((120, 0, 0), (0, 0, 0), (0, 1, 0)),
-            ((70, 0, 0), (0, 0, 0), (1, 0, 0)),
-            ((0, 0, 0), (0, 90, 0), None),
-        ],
-        (12.498, 0, 0),
-    ),
-}
+ORIGINS = cases("robot_origins")
 OWN_TEST = {"fanuc-lrmate200ic"}  # in tests/arm/test_pinocchio.py
 
 # Arms with a spherical wrist of four manufacturers: axes of a URDF and rpy (deg) of its tool0; then offsets
@@ -157,32 +101,7 @@ MAKERS = {
 }
 # x, z (mm) of the joint origins and of the flange in the URDF of ROS-Industrial, and the height of F0; then
 # d1, a1, a2, a3, d4, d6 (mm) of the catalogue
-WRISTED = {
-    "kuka-kr6r700": ((0, 400, 25, 0, 315, 0, 0, 35, 365, 0, 80, 0, 0, 0), 0, (400, 25, 315, 35, 365, 80)),
-    "kuka-kr6r900": ((0, 400, 25, 0, 455, 0, 0, 35, 420, 0, 80, 0, 0, 0), 0, (400, 25, 455, 35, 420, 80)),
-    "kuka-kr10r1100": ((0, 400, 25, 0, 560, 0, 0, 35, 515, 0, 80, 0, 0, 0), 0, (400, 25, 560, 35, 515, 80)),
-    "kuka-kr16-2": (
-        (0, 675, 260, 0, 680, 0, 670, -35, 0, 0, 0, 0, 158, 0), 0, (675, 260, 680, -35, 670, 158)),
-    "abb-irb1200-7-70": ((0, 399.1, 0, 0, 0, 350, 0, 42, 351, 0, 82, 0, 0, 0), 0, (399, 0, 350, 42, 351, 82)),
-    "abb-irb1600-10-145": (
-        (0, 0, 150, 486.5, 0, 700, 300, 0, 300, 0, 65, 0, 0, 0), 0, (486.5, 150, 700, 0, 600, 65)),
-    "abb-irb2600-12-185": (
-        (0, 445, 150, 0, 0, 900, 0, 115, 795, 0, 85, 0, 0, 0), 0, (445, 150, 900, 115, 795, 85)),
-    "abb-irb4600-60-205": (
-        (0, 495, 175, 0, 0, 900, 0, 175, 960, 0, 135, 0, 0, 0), 0, (495, 175, 900, 175, 960, 135)),
-    "fanuc-m10ia": (
-        (0, 450, 150, 0, 0, 600, 0, 200, 640, 0, 100, 0, 0, 0), 450, (0, 150, 600, 200, 640, 100)),
-    "fanuc-m20ia": (
-        (0, 525, 150, 0, 0, 790, 0, 250, 835, 0, 100, 0, 0, 0), 525, (0, 150, 790, 250, 835, 100)),
-    "fanuc-m710ic-50": (
-        (0, 565, 150, 0, 0, 870, 0, 170, 1016, 0, 175, 0, 0, 0), 565, (0, 150, 870, 170, 1016, 175)),
-    "yaskawa-gp7": ((0, 330, 40, 0, 0, 445, 440, 40, 0, 0, 0, 0, 80, 0), 330, (0, 40, 445, 40, 440, 80)),
-    "yaskawa-gp8": ((0, 330, 40, 0, 0, 345, 340, 40, 0, 0, 0, 0, 80, 0), 330, (0, 40, 345, 40, 340, 80)),
-    "yaskawa-gp12": (
-        (0, 450, 155, 0, 0, 614, 640, 200, 0, 0, 0, 0, 100, 0), 450, (0, 155, 614, 200, 640, 100)),
-    "yaskawa-gp25": (
-        (0, 505, 150, 0, 0, 760, 0, 200, 795, 0, 0, 0, 100, 0), 505, (0, 150, 760, 200, 795, 100)),
-}  # fmt: skip
+WRISTED = cases("robot_wrists")
 ROUNDED = {"abb-irb1200-7-70": 0.1}
 """mm: lengths that the catalogue has rounded."""
 
@@ -221,7 +140,7 @@ def flange(robot: Robot, readings: np.ndarray) -> np.ndarray:
 
 def test_each_has_a_second_source():
     assert set(builtin_robots()) == {*STANDARD, *ORIGINS, *WRISTED} | OWN_TEST
-    page = (Path(__file__).parents[2] / "docs/robots.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/robots.md").read_text(encoding="utf-8")
     assert all(f"| `{name}` |" in page for name in builtin_robots())
 
 
@@ -287,35 +206,7 @@ def test_other_tables_of_lengths():
 
 
 # masses (kg), centres (mm, in standard frames): robotics-toolbox-python, models/DH; UR16e: a model for it
-TOOLBOX = {
-    "universal-robots-ur3e": (
-        [1.98, 3.4445, 1.437, 0.871, 0.805, 0.261],
-        [(0, -20, 0), (130, 0, 115.7), (50, 0, 23.8), (0, 0, 10), (0, 0, 10), (0, 0, -20)],
-    ),
-    "universal-robots-ur10e": (
-        [7.369, 13.051, 3.989, 2.1, 1.98, 0.615],
-        [(21, 0, 27), (380, 0, 158), (240, 0, 68), (0, 7, 18), (0, 7, 18), (0, 0, -26)],
-    ),
-    "universal-robots-ur16e": (
-        [7.369, 10.45, 4.321, 2.18, 2.033, 0.907],
-        [(0, -16, 30), (302, 0, 160), (194, 0, 65), (0, -9, 11), (0, 18, 12), (0, 0, -44)],
-    ),
-    "universal-robots-ur5e": (
-        [3.761, 8.058, 2.846, 1.37, 1.3, 0.365],
-        [
-            (0, -25.61, 1.93),
-            (212.5, 0, 113.36),
-            (150, 0, 26.5),
-            (0, -1.8, 16.34),
-            (0, 1.8, 16.34),
-            (0, 0, -1.159),
-        ],
-    ),
-    "universal-robots-ur10": (
-        [7.1, 12.7, 4.27, 2.0, 2.0, 0.365],
-        [(21, 0, 27), (380, 0, 158), (240, 0, 68), (0, 7, 18), (0, 7, 18), (0, 0, -26)],
-    ),
-}
+TOOLBOX = cases("robot_masses")
 
 
 @pytest.mark.parametrize("name", TOOLBOX)

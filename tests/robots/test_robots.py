@@ -5,6 +5,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from cases import cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -92,22 +93,7 @@ def test_one_joint_a_line():
 
 VALID = robot_to_yaml(load_robot(NAME)[0])
 
-SPOILT = [
-    ("bayescal-robot/1", "bayescal-robot/7", 1, "another version"),
-    ("convention: mdh", "convention: hayati", 3, "'mdh' or 'dh'"),
-    ("a_mm: 75", "a_m: 0.075", 6, "write `a_mm`"),
-    ("alpha_deg: -90", "alpha: -90", 6, "no unit"),
-    ("limits_deg: [-60, 140]", "limits_deg: [140, -60]", 6, "not in order"),
-    (", limits_deg: [-60, 140]", "", 6, "missing `limits_deg`"),
-    ("name: J2", "name: J1", 6, "two joints"),
-    ("  - [0, -1, -1, 0, 0, 0]\n", "", 11, "`link_from_reading` has 5 entries, the robot 6"),
-    ("  - [0, -1, -1, 0, 0, 0]", "  - [0, -1, -1, 0, 0]", 14, "row 3"),
-    ("  - [0, -1, -1, 0, 0, 0]", "  - [0, 1, 0, 0, 0, 0]", 11, "inverted"),
-    ("mass_kg: 7.54", "mass_kg: -7.54", 19, "at least 0"),
-    ("links:", "reductions: [1, 2]\nlinks:", 18, "`reductions` has 2 entries"),
-    ("links:", "colour: yellow\nlinks:", 18, "unknown key `colour`"),
-    ("coupling: display", "coupling: hydraulic", 25, "'display' or 'mechanical'"),
-]
+SPOILT = cases("robot_refusals")
 
 
 @pytest.mark.parametrize(("old", "new", "line", "words"), SPOILT)

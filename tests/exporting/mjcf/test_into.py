@@ -1,22 +1,30 @@
 """A user's scene with the fitted arm in it: everything else stays, and what cannot be patched is refused."""
 
 import re
-import sys
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import mujoco
 import numpy as np
 import pytest
+from cases import DATA, cases
+from scipy.spatial.transform import Rotation
 
-sys.path.insert(0, str(Path(__file__).parents[3]))
-
-from analysis.simulators import BASE, differences, drawn, patched
+from analysis.simulators import BASE, CASES, differences, drawn, patched
+from bayescal.arm.motion import Term
+from bayescal.arm.transforms import rigid
+from bayescal.effects.location import joint
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
-from bayescal.verifying.levels import limit
+from bayescal.exporting.geometry import zero_frames
+from bayescal.exporting.mjcf.format import mjcf
+from bayescal.model import with_parameters
+from bayescal.simulation import Options, simulate
+from bayescal.verifying.levels import File, Machine, Place, limit, modelled, replayed
 
-SCENE = Path(__file__).with_name("ur5e_scene.xml")
+SCENE = DATA / "ur5e_scene.xml"
 EVERY = (*BASE, "base-compliance", "hysteresis", "coupling", "eccentricity", "backlash")
 
 
@@ -81,34 +89,7 @@ def test_script_leaves_errors_of_readings_out():
     assert "_error" not in text
 
 
-REFUSALS = {
-    "no include": ("<asset>", '<include file="other.xml"/><asset>', "other.xml.>: there is no such file"),
-    "included elsewhere": ("<asset>", '<include file="/etc/x.xml"/><asset>', "no relative path"),
-    "included itself": ("<asset>", '<include file="scene.xml"/><asset>', "included twice"),
-    "another arm": (
-        'pos="0 -0.131 0.425"',
-        'pos="0 -0.131 0.45"',
-        "shoulder_lift_joint and elbow_joint is 450",
-    ),
-    "zeros": (
-        '<body name="wrist_2_link"',
-        '<body name="wrist_2_link" quat="0.9 0 0.4 0"',
-        "the zero of wrist_1_joint is 47.91 deg off",
-    ),
-    "a second joint": ('<geom name="cube"', '<joint/><geom name="cube"', "MuJoCo refuses the file"),
-    "scaled masses": (
-        'autolimits="true"',
-        'autolimits="true" settotalmass="30"',
-        "settotalmass: MuJoCo changes",
-    ),
-    "a joint in a frame": (
-        '<joint name="elbow_joint" class="size3_limited"/>',
-        '<frame><joint name="elbow_joint" class="size3_limited"/></frame>',
-        "the joint of body forearm_link is in a <frame>",
-    ),
-    "doctype": ("<mujoco ", '<!DOCTYPE x [<!ENTITY a "b">]><mujoco ', "DOCTYPE"),
-    "name": ('name="table"', 'name="cube"', "MuJoCo refuses the file"),
-}
+REFUSALS = cases("mjcf_refusals")
 
 
 @pytest.mark.parametrize("name", REFUSALS)
@@ -127,3 +108,207 @@ def test_a_tip_that_fewer_joints_turn_is_refused():
     arm = drawn("universal-robots-ur5e", BASE)
     with pytest.raises(BayescalError, match="5 joints turn before the tip"):
         export(arm, "mjcf", into=f"{SCENE}#wrist_2_link", force=True)
+
+
+# --- Scenes of arms with arbitrary frames, axes, references and orientations: the patched arm is the model.
+
+EFFECTS = (*BASE, "base-compliance", "coupling", "backlash")
+
+
+def words(values) -> str:
+    return " ".join(repr(float(v)) for v in values)
+
+
+def turned(rng, rotation: np.ndarray, degrees: bool) -> dict[str, str]:
+    """One of the attributes that state an orientation."""
+    own, kind = Rotation.from_matrix(rotation), rng.integers(4)
+    if kind == 0:
+        x, y, z, w = own.as_quat()
+        return {"quat": words(3.0 * np.array([w, x, y, z]))}
+    if kind == 1:
+        return {"euler": words(own.as_euler("zyx", degrees=degrees))}
+    if kind == 2:
+        angle = own.magnitude()
+        return {
+            "axisangle": words(
+                [*own.as_rotvec() / max(angle, 1e-12), np.degrees(angle) if degrees else angle]
+            )
+        }
+    return {"xyaxes": words([*rotation[:, 0], *rotation[:, 1]])}
+
+
+def about(axis: np.ndarray, at: np.ndarray, angle: float) -> np.ndarray:
+    """A rotation (4, 4) about an axis through a point."""
+    turn = Rotation.from_rotvec(angle * axis).as_matrix()
+    return rigid(turn, at - turn @ at)
+
+
+def random_scene(robot, rng) -> str:
+    """An arm in a scene; its joints, at zero, are where those of the robot are."""
+    degrees = bool(rng.integers(2))
+    unit = np.degrees if degrees else float
+    root = ET.Element("mujoco")
+    ET.SubElement(
+        root, "compiler", angle="degree" if degrees else "radian", eulerseq="ZYX", autolimits="true"
+    )
+    ET.SubElement(root, "option", timestep="0.001")
+    world = ET.SubElement(root, "worldbody")
+    place = rigid(
+        Rotation.random(random_state=rng).as_matrix() if rng.integers(2) else np.eye(3), rng.normal(size=3)
+    )
+    down = place[:3, :3] @ (0.0, 0.0, -9.81)
+    root.find("option").set("gravity", words(down))
+    parent, before = (
+        ET.SubElement(
+            world, "body", name="foot", pos=words(place[:3, 3]), **turned(rng, place[:3, :3], degrees)
+        ),
+        np.eye(4),
+    )
+    ET.SubElement(parent, "geom", size=".1")
+    for k, frame in enumerate(zero_frames(robot)[:-1]):
+        own = frame @ rigid(Rotation.random(random_state=rng).as_matrix(), 0.1 * rng.normal(size=3))
+        inverse, sign = np.linalg.inv(own), rng.choice([-1.0, 1.0])
+        axis = inverse[:3, :3] @ (sign * frame[:3, 2])
+        anchor = (inverse @ (frame @ [0.0, 0.0, 0.1 * rng.normal(), 1.0]))[:3]
+        reference = float(rng.normal()) if rng.integers(2) else 0.0
+        local = np.linalg.inv(before) @ own @ about(axis, anchor, reference)
+        parent = ET.SubElement(
+            parent, "body", name=f"part{k}", pos=words(local[:3, 3]), **turned(rng, local[:3, :3], degrees)
+        )
+        ET.SubElement(parent, "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
+        ET.SubElement(
+            parent,
+            "joint",
+            name=f"turn{k}",
+            axis=words(2.0 * axis),
+            pos=words(anchor),
+            ref=words([unit(reference)]),
+        )
+        before = own
+    hand = ET.SubElement(parent, "body", name="hand")
+    for k in (1, 2):
+        finger = ET.SubElement(hand, "body", name=f"finger{k}")
+        ET.SubElement(finger, "joint", name=f"knuckle{k}", axis="0 1 0", stiffness="1")
+        ET.SubElement(finger, "geom", size=".01", mass="1e-6")
+    ET.indent(root, "\t")
+    return ET.tostring(root, encoding="unicode")
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(
+    "robot", ["fanuc-lrmate200ic", "universal-robots-ur5e", "franka-panda", "unimation-puma560"]
+)
+def test_an_arm_in_any_frames(tmp_path, robot, seed):
+    arm = drawn(robot, EFFECTS)
+    rng = np.random.default_rng(seed)
+    text = random_scene(arm.dataset.robot, rng)
+    (tmp_path / "scene.xml").write_text(text)
+    mujoco.MjModel.from_xml_string(text)
+    off, _ = differences(arm, 3, patched(arm, tmp_path / "scene.xml"))
+    assert np.max(off) < limit(EFFECTS)
+
+
+# --- Arms with drawn parameters in MuJoCo, an independent simulator, against our own model.
+
+POSES = 8
+
+
+@pytest.mark.parametrize("effects", CASES, ids=lambda case: f"{case[-1]} of {len(case)}")
+def test_every_effect_of_a_coupled_arm(effects):
+    off, size = differences(drawn("fanuc-lrmate200ic", effects), POSES)
+    assert np.max(off) < limit(effects)
+    assert size > 2e-6  # there is an effect to hold
+
+
+@pytest.mark.parametrize("robot", ["universal-robots-ur5e", "franka-panda", "unimation-puma560"])
+def test_other_arms(robot):
+    effects = (*BASE, "base-compliance", "hysteresis", "coupling", "eccentricity", "backlash")
+    off, _ = differences(drawn(robot, effects), POSES)
+    assert np.max(off) < limit(effects)
+
+
+def test_a_stand_with_axes_of_its_own():
+    """Two hinges along its principal axes, 0.4 m below the base."""
+    arm, depth = drawn("universal-robots-ur5e", (*BASE, "base-compliance@turned")), 0.4
+    xx, yy, cross = 1.2e-5, 6e-6, 4e-6
+    given = {"x": xx, "y": yy, "cross": cross}
+    given |= {"slide x": -depth * xx, "slide y": depth * yy, "slide cross": depth * cross}
+    at = {p.name: k for k, p in enumerate(arm.model.parameters)}
+    values = arm.values.copy()
+    for name, value in given.items():
+        values[at[f"base-compliance {name}"]] = value
+    off, size = differences(arm.valued(values), POSES)
+    assert np.max(off) < limit((*BASE, "base-compliance")) + 5e-8  # three times the tilt of other tests
+    assert size > 1e-4
+
+
+def test_an_added_load_elsewhere_is_a_further_mass(monkeypatch):
+    """The body of the further mass is moved, and its mass counts by a factor."""
+    counts = {"contacts": 60, "repeats": 0, "later": 10, "spheres": 0, "placements": 0}
+    loaded = simulate(Options(seed=2, payload=2.0, **counts)).dataset
+    monkeypatch.setattr("analysis.simulators.session", lambda robot, seed: loaded)
+    arm = drawn("fanuc-lrmate200ic", (*BASE, "payload@added"))
+    off, size = differences(arm, POSES)
+    assert np.max(off) < limit((*BASE, "payload"))
+    assert size > 2e-6
+
+
+@pytest.mark.parametrize("side", ["reading", "link"])
+def test_lost_motion_of_coupled_axes_is_at_its_gear(side):
+    off, size = differences(drawn("fanuc-lrmate200ic", (*BASE, f"backlash@{side}")), POSES)
+    assert np.max(off) < limit((*BASE, "backlash"))
+    assert size > 2e-6
+
+
+def test_a_difference_is_seen():
+    """Ten micrometres in the file are ten micrometres in the comparison."""
+    arm = drawn("universal-robots-ur5e", BASE)
+    text = mjcf(arm, len(arm.dataset.measurements.ids) - 1)
+    x = re.search(r'<body name="base" .*?pos="(\S+) ', text)
+    wrong = text[: x.start(1)] + repr(float(x[1]) + 1e-5) + text[x.end(1) :]
+    off, _ = differences(arm, POSES, File(wrong, Path(), "wrong", Place.of(arm, {})))
+    assert np.allclose(off, 1e-5, atol=1e-8)
+
+
+def test_leading_backlash_and_negative_compliance_are_refused():
+    arm = drawn("universal-robots-ur5e", (*BASE, "backlash"))
+    backlash = np.array([p.effect == "backlash" for p in arm.model.parameters])
+    compliance = np.array([p.effect == "compliance" for p in arm.model.parameters])
+    leading = arm.valued(np.where(backlash, -arm.values, arm.values))
+    with pytest.raises(BayescalError, match="backlash of J1 leads by"):
+        mjcf(leading, 0)
+    off, _ = differences(leading, POSES, File.new(leading, 0, script=True))
+    assert np.max(off) < 2e-8
+    with pytest.raises(BayescalError, match="J2 turns against its torque"):
+        mjcf(arm.valued(np.where(compliance, -arm.values, arm.values)), 0)
+
+
+def test_a_joint_without_torque_where_the_arm_stands_has_no_spring():
+    """A fit may have a compliance of a first joint that only a leaning base loads; a file then needs none."""
+    arm = drawn("universal-robots-ur5e", BASE)
+    scene, extra = arm.model.scene, next(p for p in arm.model.parameters if p.name == "compliance J2")
+    upright = replace(extra, name="compliance J1", site=joint(1), terms=(Term(1, "rz", 0.0),))
+    model = with_parameters(scene, arm.model.effects, (*arm.model.parameters, upright))
+    further = replace(arm, model=model, values=np.append(arm.values, 1e-4), covariance=np.zeros((1, 1)))
+    assert mjcf(further, 0) == mjcf(arm, 0)
+
+
+def test_springs_and_friction_hold_the_largest_moments_of_the_session():
+    """At the poses of the largest torques, and friction of twice the largest torque of any joint."""
+    arm = drawn("universal-robots-ur5e", (*BASE, "hardening", "backlash"))
+    torques = np.abs(arm.model.scene.moments[:, 1:, 2])
+    rows = np.unique(np.argmax(torques, axis=0))
+    state = len(torques) - 1
+    text = mjcf(arm, state)
+    machine = Machine.of(arm, state)
+    reached, points = replayed(machine.simulator(text, Path(), "arm"), machine, arm, rows)
+    off = np.linalg.norm(points - modelled(arm, rows, reached, state), axis=1)
+    assert np.max(off) < limit((*BASE, "hardening", "backlash"))
+    model = mujoco.MjModel.from_xml_string(text)
+    held = [
+        model.tendon_stiffness[t] * float(e.get("springyield"))
+        for e in ElementTree.fromstring(text).iter("fixed")
+        if e.get("name").endswith("_friction")
+        for t in [model.tendon(e.get("name")).id]
+    ]
+    assert held == pytest.approx([max(30.0, 2.0 * torques.max())] * 6, rel=1e-12)

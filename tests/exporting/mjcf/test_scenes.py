@@ -1,7 +1,10 @@
 """Scenes as people have them: clashing names, includes, meshes, vehicles, calibrated arms."""
 
+import csv
 import json
+import os
 import re
+import subprocess
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -9,16 +12,17 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[3]))
+from cases import DATA
 
 from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
+from bayescal.exporting.mjcf.elastic import CLOSE, linear, spring_of
+from bayescal.exporting.mjcf.format import replay_table
 from bayescal.exporting.mjcf.replay import Replay, Simulated
-from bayescal.verifying.levels import limit
+from bayescal.verifying.levels import File, Place, limit
 
-SCENE = Path(__file__).with_name("ur5e_scene.xml").read_text()
+SCENE_TEXT = (DATA / "ur5e_scene.xml").read_text()
 ELASTIC = (*BASE, "base-compliance")
 EVERY = (*ELASTIC, "hysteresis", "eccentricity", "backlash")
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -26,7 +30,7 @@ TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\
 
 def changed(*by: tuple[str, str]) -> str:
     """The scene with replaced parts, each of which it has once."""
-    text = SCENE
+    text = SCENE_TEXT
     for old, new in by:
         assert text.count(old) == 1
         text = text.replace(old, new)
@@ -164,7 +168,7 @@ def test_nested_includes_are_found_as_by_mujoco(tmp_path):
 
 
 def test_included_files_stand_in_the_patched_file(tmp_path):
-    body = re.search(r"  <worldbody>.*</actuator>\n", SCENE, re.DOTALL)[0]
+    body = re.search(r"  <worldbody>.*</actuator>\n", SCENE_TEXT, re.DOTALL)[0]
     (tmp_path / "parts").mkdir()
     save(tmp_path / "parts", f"<mujocoinclude>\n<!-- the arm -->\n{body}</mujocoinclude>\n", "arm.xml")
     text = changed(
@@ -199,7 +203,7 @@ def test_an_arm_on_a_vehicle(tmp_path, effects):
 
 def test_places_of_parameters_are_those_of_the_scene(tmp_path):
     """Where the sidecar says that a parameter is: bodies and joints of the scene."""
-    record = fits(save(tmp_path, SCENE), ELASTIC).record("scene.xml")
+    record = fits(save(tmp_path, SCENE_TEXT), ELASTIC).record("scene.xml")
     at = {item["parameter"]: (item["element"], item["attribute"]) for item in record["written"]}
     assert at["a2"] == ("body forearm_link", "pos, quat")  # row 3 of modified DH is before joint 3
     assert at["theta2"] == ("body upper_arm_link", "pos, quat")
@@ -243,7 +247,7 @@ def test_frames_around_bodies(tmp_path):
 def test_an_exported_file_is_patched_again(tmp_path, first):
     """The second calibration replaces the first: no part of it is left."""
     arm, other = drawn("universal-robots-ur5e", EVERY), drawn("universal-robots-ur5e", first, 1)
-    fresh = export(arm, "mjcf", into=str(save(tmp_path, SCENE, "new.xml")), force=True).written.content
+    fresh = export(arm, "mjcf", into=str(save(tmp_path, SCENE_TEXT, "new.xml")), force=True).written.content
     earlier = export(other, "mjcf", into=str(tmp_path / "new.xml"), force=True).written.content
     again = fits(save(tmp_path, earlier), EVERY)
     assert any("calibrated already" in note for note in again.notes)
@@ -267,7 +271,7 @@ def test_gravity_acts_on_links_that_a_scene_compensates(tmp_path):
 
 
 def test_of_two_arms_the_last_body_says_which(tmp_path):
-    arm = re.search(rf"    {re.escape(BASE_TAG)}.*?\n    </body>\n", SCENE, re.DOTALL)[0]
+    arm = re.search(rf"    {re.escape(BASE_TAG)}.*?\n    </body>\n", SCENE_TEXT, re.DOTALL)[0]
     second = re.sub(r'(name="\w+)(?=")', r"\1_b", arm).replace(
         'quat="0 0 0 -1"', 'pos="2 0 0" quat="0 0 0 -1"'
     )
@@ -294,3 +298,84 @@ def test_the_script_beside_a_scene(tmp_path):
         own = np.array([simulated.stand(reading, payload=payload) for reading in readings])
         model = arm.at(readings, payload_kg=payload).points
         np.testing.assert_allclose(own @ world[:3, :3].T + world[:3, 3], model, rtol=0, atol=2e-7)
+
+
+# --- A light model with a script: the same TCP positions, as a user runs it, without this package.
+
+SCENE = DATA / "ur5e_scene.xml"
+EFFECTS = (*BASE, "encoder-scale", "coupling", "eccentricity", "gear-mesh@100", "backlash")
+
+
+@pytest.mark.parametrize(
+    ("robot", "into"), [("fanuc-lrmate200ic", ""), ("universal-robots-ur5e", str(SCENE))]
+)
+def test_script_gives_the_points_of_the_model(robot, into, tmp_path):
+    arm = drawn(robot, EFFECTS)
+    found = export(arm, "mjcf", into=into, readings="script", force=True)
+    record = found.record("arm.xml")
+    off, size = differences(arm, 8, File(found.written.content, tmp_path, "arm.xml", Place.of(arm, record)))
+    assert np.max(off) < 2e-8
+    assert size > 2e-6
+    written = found.save(tmp_path / "arm.xml")
+    assert {p.name for p in written} == {
+        "arm.xml", "arm-replay.py", "arm-replay.json", "arm.xml.bayescal.json"
+    }  # fmt: skip
+
+    m, some = arm.dataset.measurements, [3, 40]
+    with (tmp_path / "readings.csv").open("w", newline="") as file:
+        write = csv.writer(file)
+        n = range(1, m.readings.shape[1] + 1)
+        write.writerow([*(f"j{k}_deg" for k in n), *(f"j{k}_degps" for k in n)])
+        for row in some:
+            write.writerow([*np.degrees(m.readings[row]).tolist(), *np.degrees(m.velocity[row]).tolist()])
+    command = [sys.executable, "-I", str(tmp_path / "arm-replay.py"), str(tmp_path / "readings.csv")]
+    env = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=env, cwd=tmp_path)
+    points = np.array([[float(x) for x in row] for row in list(csv.reader(done.stdout.splitlines()))[1:]])
+    world = np.array(record["root_in_f0"]) if into else np.eye(4)
+    model = arm.at(m.readings[some], direction=1e3 * m.velocity[some]).points
+    assert np.allclose(1e-3 * points @ world[:3, :3].T + world[:3, 3], model, atol=2e-7)
+
+
+def test_contact_errors_are_those_of_the_model():
+    arm = drawn("universal-robots-ur5e", (*BASE, "lobing", "latency", "ball-radius"))
+    from bayescal.exporting.mjcf.content import Content
+    from bayescal.exporting.mjcf.readings import Joints
+
+    table = replay_table(Content(arm, 3), Joints.of(arm.dataset.robot.joint_names), True, {})
+    replay, scene = Replay(table), arm.model.scene
+    c = scene.circumstances(scene.rows("calibrate"))
+    for block in arm.model.blocks:
+        expected = block.at_contact(arm.values)
+        found = [replay.contact_error(c.approach[row], c.speed[row]) for row in block.rows]
+        assert np.allclose(found, expected, atol=1e-12)
+        assert np.max(np.abs(expected)) > 1e-6
+
+
+# --- Springs of MuJoCo against the characteristics that they stand for.
+
+TORQUE = 40.0 * np.linspace(0.0, 1.0, 1501)[1:] ** 2
+FINE = np.linspace(-40.0, 40.0, 4001)
+CHARACTERISTICS = {
+    "softer under load": lambda t: 3e-5 * t + 3e-7 * t * np.abs(t),
+    "stiffer under load": lambda t: 6e-5 * t - 3e-7 * t * np.abs(t),
+    "knee": lambda t: 3e-5 * t + 1e-4 * np.tanh(t / 9.0),
+    "hysteresis": lambda t: 3e-5 * t + 5e-5 * np.tanh(t / 0.6),
+}
+
+
+@pytest.mark.parametrize("name", CHARACTERISTICS)
+def test_spring_has_the_characteristic(name):
+    deflection = CHARACTERISTICS[name]
+    spring = spring_of(TORQUE, deflection(TORQUE))
+    off = (spring.torque(deflection(FINE)) - FINE) * np.gradient(deflection(FINE), FINE)
+    assert np.max(np.abs(off)) < 1.5 * CLOSE
+    assert all(b.stiffness > 0 for b in spring.bands)  # else the integrator leaves a part of it explicit
+    assert spring.stiffness >= 0
+    assert spring.slope == pytest.approx(1.0 / (deflection(1e-3) / 1e-3), rel=0.05)
+
+
+def test_compliance_is_one_linear_spring():
+    spring = spring_of(TORQUE, 2e-4 * TORQUE)
+    assert spring.stiffness == pytest.approx(linear(2e-4).stiffness, rel=1e-12)
+    assert not spring.bands

@@ -1,0 +1,217 @@
+"""Small residuals that prove nothing are called so: one defect, its words and no others."""
+
+import json
+from dataclasses import replace
+
+import foreign
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy.stats import norm
+
+from bayescal.assess.acceptance import EXPLAINED
+from bayescal.assess.budget import usual
+from bayescal.assess.findings import Assessed, findings
+from bayescal.assess.identifiability import BARELY, directions
+from bayescal.calibration import VALIDATION_DRAWS, fit
+from bayescal.dataset import read_dataset
+from bayescal.estimate.bounds import not_physical
+from bayescal.model import build
+from bayescal.model.scene import Scene
+from bayescal.reporting.fit.record import fit_record
+from bayescal.reporting.fit.summary import fit_summary
+
+FULL = ("geometry", "compliance")
+WORDS = {
+    "form": "planes that are not flat",
+    "directions": "too few directions are probed",
+    "prior": "the prediction rests on tolerances",
+    "contrast": "small residuals do not prove",
+}
+
+
+def said(found) -> set[str]:
+    return {what for what, words in WORDS.items() if any(words in w for w in found.warnings)}
+
+
+def on_faces(session, *names):
+    """The session with only the contacts on some faces fitted."""
+    m = session.measurements
+    touched = np.array([t.name for t in session.targets])[m.target]
+    role = np.where(np.isin(touched, names), "calibrate", "validate")
+    return replace(session, measurements=replace(m, role=role))
+
+
+def bulging(session, amount):
+    """The session with +y bulging by an amount, m: its readings moved by joint 1."""
+    scene = Scene(session)
+    face = next(f for f in scene.circumstances(scene.rows("calibrate")).faces if f.name == "cube.+y")
+    m = session.measurements
+    readings = m.readings.copy()
+    readings[:, 0] += amount * (1 - np.sum(face.place**2, axis=1)) * face.rows / scene.points[:, 0]
+    return replace(session, measurements=replace(m, readings=readings))
+
+
+CASES = {
+    "good": (lambda cube: cube(seed=6, count=200).dataset, set()),
+    "bulging": (lambda cube: bulging(cube(seed=6, count=200).dataset, 60e-6), {"form"}),
+    "along y": (lambda cube: on_faces(cube(seed=6, count=200).dataset, "cube.+y", "cube.-y"), {"directions"}),
+    "too few": (lambda cube: cube(seed=6, count=24).dataset, {"prior", "contrast"}),
+}
+
+
+@pytest.fixture(scope="module")
+def fits(cube):
+    return {name: fit(make(cube), FULL, samples=0) for name, (make, _) in CASES.items()}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_defect_has_its_words_and_no_others(fits, case):
+    assert said(fits[case]) == CASES[case][1]
+
+
+def test_no_verdict_is_favourable_where_priors_decide(fits):
+    assert fits["too few"].acceptance.explains
+    assert fits["too few"].acceptance.verdict != EXPLAINED
+    assert fits["good"].acceptance.determined
+
+
+def test_a_good_session_is_silent(fits, cube):
+    assert fits["good"].warnings == ()
+    for seed in (1, 2, 3):
+        assert not said(fit(cube(seed=seed, count=120).dataset, FULL, samples=0))
+
+
+@pytest.mark.parametrize(
+    ("faces", "missing", "words"),
+    [
+        (("cube.+y", "cube.-y", "cube.+z"), "x", "hardly a row looks along x of the base"),
+        (("cube.+y", "cube.-y", "cube.-x"), "z", "hardly a row looks along z of the base"),
+        (("cube.+y", "cube.-y"), "xz", "all measurements look along y of the base"),
+    ],
+)
+def test_the_missing_direction_is_named(cube, faces, missing, words):
+    found = fit(on_faces(cube(seed=6, count=200).dataset, *faces), ("geometry",), samples=0)
+    assert any(words in w for w in found.warnings)
+    seen = found.directions
+    assert np.all(seen.share[-len(missing) :] < BARELY)
+    across = [k for k, axis in enumerate("xyz") if axis not in missing]
+    np.testing.assert_allclose(seen.missing[:, across], 0.0, atol=0.02)
+
+
+def test_faces_alike_see_every_direction(cube):
+    seen = directions(build(Scene(cube(seed=6, count=200).dataset), ()))
+    np.testing.assert_allclose(seen.share, [1.0, 0.5**0.5, 0.5**0.5], atol=0.03)
+    np.testing.assert_allclose(seen.axes @ seen.axes.T, np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("faces", [("cube.+y", "cube.-y"), ("cube.+y", "cube.-y", "cube.-x", "cube.+z")])
+def test_the_forecast_holds_the_truth(cube, faces):
+    """True distances of the true arm: as far off as predicted, with faces all round and with two alone."""
+    ratios = []
+    for seed in range(1, 6):
+        session = cube(seed=seed, count=120)
+        found = fit(on_faces(session.dataset, *faces), FULL, samples=0)
+        scene, m = found.final.estimate.model.scene, session.dataset.measurements
+        rows = np.arange(0, 120, 3)
+        model = found.final.estimate.model
+        values = model.deviations(found.final.estimate.z[model.slices["arm"]])
+        told = model.motion(rows).points(values).T
+        true = session.arm.points(m.readings[rows], m.payload[rows])
+        i, j = np.triu_indices(len(rows), 1)
+        length = np.linalg.norm(true[i] - true[j], axis=1)
+        far = length > 0.2 * length.max()
+        error = (np.linalg.norm(told[i] - told[j], axis=1) - length)[far]
+        assert scene.dataset is found.dataset
+        ratios.append(np.sqrt(np.mean(error**2)) / found.forecast.workspace.rms)
+    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.4
+    assert max(ratios) < 2.5
+
+
+def test_more_contacts_leave_less_to_the_prior(cube):
+    shares = [fit(cube(seed=6, count=n).dataset, FULL, samples=0).forecast.prior_share for n in (24, 40, 120)]
+    assert shares[0] > 0.9
+    assert 0.02 < shares[1] < 0.5
+    assert shares[2] < 0.01
+
+
+def test_the_summary_leads_with_the_distance_error(fits, tmp_path):
+    console = Console(width=200, record=True, file=(tmp_path / "out").open("w"))
+    console.print(fit_summary(fits["too few"]))
+    lines = console.export_text().splitlines()
+    assert lines[1].startswith("verdict")
+    assert any(line.startswith("distance error") and "predicted" in line for line in lines[:8])
+    assert any(line.startswith("validation") and "none" in line for line in lines[:12])
+
+
+def test_the_record_has_the_figures(fits):
+    record = json.loads(json.dumps(fit_record(fits["too few"]), allow_nan=False))
+    told = record["predicted_distance"]
+    low, high = told["predicted_interval95_um"]
+    assert low < told["predicted_rms_um"] < high
+    assert told["measured_rms_um"] is None
+    assert told["prior_share"] > 0.5
+    assert record["directions"]["missing"] == []
+    assert told["all"][-1]["over"] == "points of the workspace"
+
+
+def test_an_instrument_kept_back_measures_the_distances(tracker):
+    session = tracker(seed=2, count=90).dataset
+    role = np.where(np.arange(90) % 3 == 0, "validate", "calibrate")
+    session = replace(session, measurements=replace(session.measurements, role=role))
+    found = fit(session, FULL, samples=0)
+    lead = found.forecast.lead
+    assert lead.over == "readings of the instrument"
+    assert lead.interval[0] < lead.measured < lead.interval[1]
+    assert 10e-6 < lead.rms < 20e-6  # the noise of two readings along the line between them
+
+
+@pytest.mark.parametrize(("times", "lacks"), [(0.9, False), (1.1, True)])
+def test_more_than_was_predicted_is_said(fits, times, lacks):
+    found, space = fits["good"], fits["good"].forecast.workspace
+    measured = replace(space, over="sphere centres", measured=times * space.interval[1])
+    expected = replace(found.forecast, checked=(measured,))
+    last = found.final
+    said = findings(
+        Assessed(
+            last.estimate, last.unexplained, last.validation, expected, found.undetermined,
+            found.directions, found.faces, found.acceptance,
+        )
+    )  # fmt: skip
+    assert [f.code for f in said] == ["distances"] * lacks
+
+
+def test_the_budget_and_the_summary_state_one_uncertainty(fits):
+    """Of distances in the probed volume, where a single direction may hold most of the variance."""
+    found = fits["good"]
+    budgets = {b.measurand.name: b for b in usual(found.basis)}
+    of_volume = next(b for name, b in budgets.items() if "probed volume" in name)
+    assert found.forecast.workspace.rms == pytest.approx(of_volume.u, rel=0.05)
+    assert len(found.forecast.workspace.draws) == VALIDATION_DRAWS  # 400 are 5 % off on the example
+
+
+def test_a_negative_value_is_judged_by_the_stated_uncertainty(fits):
+    found = fits["good"].final.estimate
+    k, p = next((k, p) for k, p in enumerate(found.model.parameters) if p.positive)
+    z = found.z.copy()
+    z[k] = (-3.0 * found.sd[k] * p.sd - p.centre) / p.sd
+    below = replace(found, z=z)
+    (fault,) = not_physical(below, found.covariance)
+    assert fault.words.startswith(f"negative by more than 2.6 u, which is not physical: {p.name}")
+    assert fault.p_value == pytest.approx(norm.cdf(-3.0))
+    assert not_physical(below, 4.0 * found.covariance) == ()
+    assert not_physical(found, found.covariance) == ()
+
+
+@foreign.needs()
+def test_loose_tolerances_on_three_planes_are_seen_through():
+    """MA1400: planes are met to a quarter of a millimetre; the tracker's distances say what that is worth."""
+    found = fit(read_dataset(foreign.REAL / "motoman-planes"), ("geometry",), samples=0, prior_width=15.0)
+    planes = np.concatenate([p.residuals for p in found.final.validation.planes])
+    assert np.sqrt(np.mean(planes**2)) < 0.3e-3
+    assert said(found) == set(WORDS)
+    lead = found.forecast.lead
+    assert lead.over == "readings of the instrument"
+    assert lead.measured > 0.6e-3
+    assert lead.interval[0] < lead.measured < lead.interval[1]
+    assert found.forecast.workspace.rms > 10e-3

@@ -1,9 +1,0 @@
-import pytest
-
-
-@pytest.fixture(scope="session")
-def cluster():
-    """Two worker processes of Dask on this machine, one thread each."""
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=None) as found:
-        yield found

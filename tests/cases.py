@@ -1,0 +1,21 @@
+"""Tables of cases and texts of files that tests read: they are data, in `tests/data`, a file for each."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+ROOT = Path(__file__).parents[1]
+EXAMPLE = ROOT / "data" / "lrmate200ic-cube"
+"""The session that comes with the project."""
+DATA = ROOT / "tests" / "data"
+
+
+def file_text(name: str) -> str:
+    """The text of a file."""
+    return (DATA / name).read_text(encoding="utf-8")
+
+
+def cases(name: str) -> Any:
+    """The table of a file: a list of rows, or a mapping of names to rows."""
+    return yaml.safe_load(file_text(f"{name}.yaml"))

@@ -1,0 +1,357 @@
+"""`bayescal export` on run folders of `fit` and `gap`."""
+
+import csv
+import json
+import re
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from cases import cases
+from export_arms import fake, session_of
+
+import bayescal as bc
+from bayescal.arm.chain import chain_of, frames, link_angles
+from bayescal.arm.transforms import rigid, rotation, rpy_matrix
+from bayescal.errors import BayescalError
+from bayescal.exporting.export import export
+from bayescal.exporting.geometry import at_zero_poses, geometry_of, joint_angles
+from bayescal.exporting.robot import calibrated_robot, robot_text
+from bayescal.exporting.sidecar import read_sidecar
+from bayescal.fitted.unmodelled import state_row
+
+OPTIONS = {"contacts": 90, "later": 10, "repeats": 5, "spheres": 0, "seed": 1}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """The run folder of a fit, without the dataset that it was made from."""
+    folder = tmp_path_factory.mktemp("runs") / "fit"
+    bc.fit(bc.simulate(**OPTIONS), samples=0).save(folder, pictures=False)
+    return folder
+
+
+def test_a_file_and_its_sidecar(run, tmp_path, command):
+    code, text, errors = command("export", run, "--to", "urdf", "--out", tmp_path / "arm.urdf")
+    assert code == 0, errors
+    assert "not in the file" in text
+    assert "alternative      --without compliance fits the session again" in text
+    record = json.loads((tmp_path / "arm.urdf.bayescal.json").read_text())
+    assert record["schema"] == "bayescal-export/1"
+    (missing,) = record["not_expressed"]
+    assert missing["effect"] == "compliance"
+    assert missing["max_um"] > missing["rms_um"] > 10
+    assert record["remaining"]["max_um"] == pytest.approx(missing["max_um"])
+    written = {w["parameter"]: w for w in record["written"]}
+    saved = {p["name"]: p for p in json.loads((run / "arm.json").read_text())["parameters"]}
+    assert written["a2"]["value"] == saved["a2"]["value"]
+    assert written["a2"]["u"] == pytest.approx(saved["a2"]["u"])
+    assert written["a2"]["element"] == "joint[@name='J3']/origin"
+    assert {p.name for p in Path(tmp_path).iterdir()} == {"arm.urdf", "arm.urdf.bayescal.json"}
+
+
+@pytest.mark.parametrize("to", ["robot.yaml", "sdf", "dh-csv", "joint-zeros"])
+def test_every_format(run, tmp_path, command, to):
+    code, text, errors = command("export", run, "--to", to, "--out", tmp_path / "arm")
+    assert code == 0, errors
+    assert "parameters of the arm" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    cases("export_refusals"),
+)
+def test_bad_input_is_one_line(run, tmp_path, command, arguments, message):
+    code, _, errors = command("export", run, *arguments, "--out", tmp_path / "arm")
+    assert code == 1
+    assert message in errors
+    assert errors.count("\n") == 1
+    assert not list(Path(tmp_path).iterdir())
+
+
+def test_no_run(tmp_path, command):
+    code, _, errors = command("export", tmp_path, "--to", "urdf")
+    assert code == 1
+    assert "there is no arm.json" in errors
+
+
+def test_a_result_in_memory_is_its_run_folder(run):
+    session = bc.simulate(**OPTIONS)
+    here = bc.export(bc.fit(session, samples=0), "robot.yaml").content
+    there = bc.export(run, "robot.yaml").content
+    assert [line.partition(" ")[0] for line in here.splitlines()] == [
+        line.partition(" ")[0] for line in there.splitlines()
+    ]
+    found = [np.array(re.findall(r"-?\d+\.\d+(?:e-?\d+)?", text), float) for text in (here, there)]
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-9)
+
+
+# --- Files of an export: none of the user is overwritten, and what a file states can be read again.
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return fake(session_of(), ("geometry", "compliance"))
+
+
+@pytest.fixture(scope="module")
+def table(arm):
+    """A DH table: arm.csv, arm.json beside it, and the sidecar."""
+    return export(arm, "dh-csv", force=True)
+
+
+def contents(folder):
+    return {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+@pytest.mark.parametrize("name", ["arm.csv", "arm.json", "arm.csv.bayescal.json"])
+def test_a_file_of_the_user_is_not_overwritten(table, tmp_path, name):
+    (tmp_path / name).write_text('{"schema": "of the user"}')
+    before = contents(tmp_path)
+    with pytest.raises(BayescalError, match=f"{name}: exists and is no .*; give another --out"):
+        table.save(tmp_path / "arm.csv")
+    assert contents(tmp_path) == before
+
+
+def test_an_unchanged_export_is_replaced_and_a_changed_one_is_kept(table, tmp_path):
+    table.save(tmp_path / "arm.csv")
+    table.save(tmp_path / "arm.csv")
+    record = json.loads((tmp_path / "arm.csv.bayescal.json").read_text())
+    assert list(record["beside"]) == ["arm.json"]
+    (tmp_path / "arm.json").write_text("edited")
+    before = contents(tmp_path)
+    with pytest.raises(BayescalError, match=r"arm\.json: exists and is no unchanged export"):
+        table.save(tmp_path / "arm.csv")
+    assert contents(tmp_path) == before
+
+
+class Killed(BaseException):
+    """The process is gone."""
+
+
+@pytest.mark.parametrize("earlier", [False, True])
+@pytest.mark.parametrize("after", range(5))
+def test_no_file_is_without_its_sidecar_after_a_kill(table, arm, tmp_path, monkeypatch, earlier, after):
+    """Killed after each of the four renames: two files, and the sidecar before and after them."""
+    path, other = tmp_path / "arm.csv", export(arm, "dh-csv", force=True, name="other")
+    other = replace(other, written=replace(other.written, content="other", beside={".json": "other"}))
+    if earlier:
+        other.save(path)
+    own, calls = Path.replace, []
+
+    def renamed(part, target):
+        calls.append(target)
+        if len(calls) > after:
+            raise Killed
+        return own(part, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", renamed)
+        if after < 4:
+            with pytest.raises(Killed):
+                table.save(path)
+        else:
+            table.save(path)
+    assert calls[0].name == "arm.csv.bayescal.json"
+    files = {file.name for file in table.files(path)}
+    there = contents(tmp_path)
+    assert "arm.csv.bayescal.json" in there or not there
+    if there:
+        known = json.loads(there["arm.csv.bayescal.json"])
+        listed = {"arm.csv": known["sha256"], **known["beside"]}
+        replaced = known.get("replaces", {})
+        for name in there.keys() - {"arm.csv.bayescal.json"}:
+            assert sha256(there[name]).hexdigest() in {listed[name], replaced.get(name)}
+        complete = all(sha256(there.get(n, b"")).hexdigest() == d for n, d in listed.items())
+        if complete:
+            read_sidecar(path)
+        else:
+            with pytest.raises(
+                BayescalError, match=r"the export was interrupted before arm\.\w+ was in place"
+            ):
+                read_sidecar(path)
+    table.save(path)
+    assert contents(tmp_path).keys() == files
+    assert "replaces" not in read_sidecar(path)
+
+
+def test_the_file_to_patch_is_none_of_the_written_ones(table, tmp_path):
+    table.save(tmp_path / "arm.csv")
+    for name in ("arm.csv", "arm.json", "arm.csv.bayescal.json"):
+        own = replace(table, options=replace(table.options, into=str(tmp_path / name)))
+        with pytest.raises(BayescalError, match=f"{name}: is the file to patch itself"):
+            own.save(tmp_path / "arm.csv")
+
+
+def test_two_files_of_one_name_are_refused(table, tmp_path):
+    with pytest.raises(BayescalError, match=r"arm\.json: a further file would have this name"):
+        table.save(tmp_path / "arm.json")
+    assert not contents(tmp_path)
+
+
+def test_robot_yaml_names_joints_that_were_made_rigid(arm):
+    """A negative compliance is not physical: the file has none, and says so."""
+    names = [p.name for p in arm.model.parameters]
+    values = arm.values.copy()
+    assert "Rigid" not in robot_text(arm, "the sidecar")
+    for name in ("compliance J3", "compliance J5"):
+        values[names.index(name)] = -1e-6
+    assert "\n# Rigid here, because the estimated compliance is negative: J3, J5.\n" in robot_text(
+        replace(arm, values=values), "the sidecar"
+    )
+
+
+@pytest.mark.parametrize("time", [np.nan, np.inf])
+def test_a_time_that_is_no_number_is_refused(arm, time):
+    with pytest.raises(BayescalError, match="--at-time-s: is not a finite number; give a number of s"):
+        export(arm, "robot.yaml", time=time, force=True)
+
+
+# --- UR calibration, DH table, joint zeros.
+
+UR = "universal-robots-ur5e"
+LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
+FACTORY = {
+    "shoulder": (0, 0, 0.1625, 0, 0, 0),
+    "upper_arm": (0, 0, 0, 1.570796327, 0, 0),
+    "forearm": (-0.425, 0, 0, 0, 0, 0),
+    "wrist_1": (-0.3922, 0, 0.1333, 0, 0, 0),
+    "wrist_2": (0, -0.0997, -2.044881182297852e-11, 1.570796327, 0, 0),
+    "wrist_3": (0, 0.0996, -2.042830148012698e-11, 1.570796326589793, 3.141592653589793, 3.141592653589793),
+}
+"""default_kinematics.yaml of ur_description for the UR5e."""
+
+
+def kinematics(values, label="calib_12345") -> str:
+    lines = ["kinematics:"]
+    for link, numbers in values.items():
+        lines += [f"  {link}:"]
+        lines += [
+            f"    {k}: {v!r}" for k, v in zip(("x", "y", "z", "roll", "pitch", "yaw"), numbers, strict=True)
+        ]
+    return "\n".join([*lines, f"  hash: {label}"]) + "\n"
+
+
+def wrist(text: str, readings: np.ndarray) -> np.ndarray:
+    """Frames of wrist_3 (C, 4, 4) in base_link_inertia, as the URDF of ur_description builds them."""
+    each, out = yaml.safe_load(text)["kinematics"], []
+    for q in readings:
+        pose = np.eye(4)
+        for link, turn in zip(LINKS, q, strict=True):
+            x = np.array([each[link][key] for key in KEYS])
+            pose = pose @ rigid(rpy_matrix(x[3:]), x[:3]) @ rigid(rotation(2, turn))
+        out.append(pose)
+    return np.array(out)
+
+
+def test_ur_calibration():
+    arm = fake(session_of(UR), ("geometry",))
+    out = export(arm, "ur-yaml")
+    readings = arm.dataset.measurements.readings
+    calibrated = geometry_of(arm, state_row(arm.dataset))
+    calibrated[-1] = calibrated[-2]
+    own = at_zero_poses(calibrated, joint_angles(arm.dataset.robot, readings))
+    np.testing.assert_allclose(wrist(out.written.content, readings), own, rtol=0, atol=1e-12)
+    assert "ur_robot_driver warns" in " ".join(out.notes)
+    assert not out.missing
+
+
+def test_ur_calibration_with_the_hash_of_the_arm(tmp_path):
+    (tmp_path / "mine.yaml").write_text(kinematics(FACTORY))
+    arm = fake(session_of(UR), ("geometry",))
+    out = export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+    assert yaml.safe_load(out.written.content)["kinematics"]["hash"] == "calib_12345"
+    readings = arm.dataset.measurements.readings
+    alone = wrist(export(arm, "ur-yaml").written.content, readings)
+    np.testing.assert_allclose(wrist(out.written.content, readings), alone, rtol=0, atol=1e-9)
+
+
+def test_ur_calibration_of_an_arm_that_the_manufacturer_calibrated(tmp_path):
+    """Zeros of 0.66 deg, and a last link that is 0.33 mm longer: where the tool is in tool0 is stated."""
+    factory = {link: np.array(x, float) for link, x in FACTORY.items()}
+    factory["forearm"] += (2e-4, -1e-4, 3e-4, 1e-3, -5e-4, np.radians(0.66))
+    factory["wrist_1"] += (1e-4, 0, -3e-4, 4e-4, 0, -np.radians(0.4))
+    factory["wrist_3"][:3] += (0, 3.3e-4, 0)
+    (tmp_path / "mine.yaml").write_text(kinematics({k: tuple(x.tolist()) for k, x in factory.items()}))
+    arm = fake(session_of(UR), ("geometry",))
+    out = export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+    assert any("calibrated already, with zeros within 0.6" in note for note in out.notes)
+    readings, record = arm.dataset.measurements.readings, out.record("mine.yaml")
+    flange = wrist(out.written.content, readings) @ np.array(record["flange_in_tip"])
+    flange = np.array(record["root_in_f0"]) @ flange
+    calibrated = geometry_of(arm, state_row(arm.dataset))
+    own = at_zero_poses(calibrated, joint_angles(arm.dataset.robot, readings))
+    np.testing.assert_allclose(flange, own, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(record["flange_in_tip"], np.eye(4), atol=1e-6)
+
+
+def test_the_tool_in_a_tip_that_is_not_the_flange(tmp_path):
+    """The nominal file of an arm whose last frame is 5 mm before the flange."""
+    short = FACTORY | {"wrist_3": (0, 0.0946, 0, *FACTORY["wrist_3"][3:])}
+    (tmp_path / "mine.yaml").write_text(kinematics(short))
+    arm = fake(session_of(UR), ("geometry",))
+    out = export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+    tool = out.record("mine.yaml")["tools"][0]
+    np.testing.assert_allclose(
+        np.subtract(tool["centre_in_tip_mm"], tool["centre_mm"]), [0, 0, 5.0], atol=1e-4
+    )
+    at = ", ".join(f"{x:.3f}" for x in tool["centre_in_tip_mm"])
+    assert f"tool0 is not the flange: the centre of tool {tool['name']} is at {at} mm in it" in out.notes
+    readings = arm.dataset.measurements.readings
+    tips = (wrist(out.written.content, readings) @ [*(1e-3 * np.array(tool["centre_in_tip_mm"])), 1.0])[:, :3]
+    np.testing.assert_allclose(tips, arm.at(readings).points, rtol=0, atol=1e-7)
+    alone = export(arm, "ur-yaml")
+    assert not any("is not the flange" in note for note in alone.notes)
+
+
+def test_ur_calibration_of_another_arm_is_refused(tmp_path):
+    with pytest.raises(BayescalError, match="is no arm of Universal Robots"):
+        export(fake(session_of(), ("geometry",)), "ur-yaml")
+    arm = fake(session_of(UR), ("geometry",))
+    (tmp_path / "mine.yaml").write_text(kinematics(FACTORY | {"forearm": (-0.6127, 0, 0, 0, 0, 0)}))
+    with pytest.raises(BayescalError, match=r"the axes of upper_arm and forearm is 612\.70 mm"):
+        export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+    (tmp_path / "mine.yaml").write_text("kinematics: {}\n")
+    with pytest.raises(BayescalError, match="no calibration of ur_robot_driver"):
+        export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+
+
+@pytest.mark.parametrize("name", ["fanuc-lrmate200ic", UR])
+def test_dh_table(name):
+    arm = fake(session_of(name), ("geometry", "compliance"))
+    out = export(arm, "dh-csv")
+    robot = calibrated_robot(arm.model, arm.values)
+    rows = list(csv.DictReader(out.written.content.splitlines()))
+    np.testing.assert_array_equal([float(r["a_mm"]) for r in rows], 1e3 * robot.a)
+    record = json.loads(out.written.beside[".json"])
+    covariance = np.array(record["covariance"])
+    names = [(v["place"], v["quantity"]) for v in record["values"]]
+    k, p = names.index(("J3", "a")), arm.model.names.index("a2")
+    assert covariance[k, k] == pytest.approx(1e6 * arm.covariance[p, p], rel=1e-5)
+    k, p = names.index(("J3", "compliance")), arm.model.names.index("compliance J3")
+    assert covariance[k, k] == pytest.approx(1e12 * arm.covariance[p, p], rel=1e-5)
+    np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
+    assert not out.missing
+
+
+def test_joint_zeros():
+    """Readings with the corrections added move the nominal arm as the arm with these zeros alone."""
+    arm = fake(session_of(), ("joint",))
+    out = export(arm, "joint-zeros")
+    rows = list(csv.DictReader(out.written.content.splitlines()))
+    correction = np.array([float(r["correction_rad"]) for r in rows])
+    readings, robot = arm.dataset.measurements.readings, arm.dataset.robot
+    shown = frames(chain_of(robot), link_angles(robot, readings + correction))[:, -1]
+    zeros = np.array([p.unit == "rad" and p.effect == "joint" for p in arm.model.parameters])
+    own = arm.valued(np.where(zeros, arm.values, 0.0)).at(readings).flange
+    np.testing.assert_allclose(shown, own, rtol=0, atol=1e-12)
+    assert [r["u_rad"] == "0.0" for r in rows] == [True, False, False, False, False, True]
+    assert out.missing[0].effect == "joint"
+    assert all(name.startswith("encoder-scale") for name in out.missing[0].parameters)
+    assert float(rows[1]["correction_ticks_4096"]) == pytest.approx(
+        correction[1] / (2 * np.pi) * 4096, abs=0.5
+    )

@@ -1,0 +1,410 @@
+"""A fitted arm at any pose: equal to its model at the rows of the session, with every effect."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from export_arms import fake, session_of
+from rich.console import Console
+
+import bayescal as bc
+from bayescal.effects import EFFECTS
+from bayescal.errors import BayescalError
+from bayescal.estimate.bounds import UNCHANGED
+from bayescal.exporting.export import FORMATS, export
+from bayescal.fitted import gate
+from bayescal.fitted.arm import of_estimate, of_fit, of_gap, open_run
+from bayescal.fitted.file import read_arm, write_arm
+from bayescal.fitted.gate import Use
+from bayescal.gap.diagnose import diagnose
+from bayescal.gap.result import Named
+from bayescal.model import build, standing
+from bayescal.model.scene import Scene
+from bayescal.public.results import FitResult
+from bayescal.reporting.fit.files import write_fit
+from bayescal.reporting.fit.summary import fit_summary
+from bayescal.reporting.gap.record import write_gap
+from bayescal.reporting.gap.summary import gap_summary
+from bayescal.simulation import Options, simulate
+
+MOVING = tuple(
+    e for e in ("compliance", "hardening", "bending", "base-compliance", "payload", "eccentricity",
+                "second-harmonic", "gear-mesh@50", "backlash", "unsettled", "hysteresis", "encoder-scale",
+                "coupling", "thermal-drift", "step")
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def session():
+    options = Options(contacts=60, later=6, repeats=2, spheres=0, seed=3, payload=1.0)
+    return simulate(options).dataset
+
+
+@pytest.mark.parametrize("effect", MOVING)
+def test_rows_of_the_session_are_where_the_model_has_them(session, effect):
+    """Also as new poses: the drivers of a pose are those of the row that it repeats."""
+    effects = ("geometry", "compliance", effect) if effect != "compliance" else ("geometry", effect)
+    arm = fake(session, effects)
+    rows, m = np.arange(0, len(session.measurements.ids), 7), session.measurements
+    expected = arm.model.motion(rows).points(arm.values).T
+    np.testing.assert_allclose(arm.at_rows(rows).points, expected, rtol=0, atol=1e-12)
+    if effect == "unsettled":
+        return  # the arm is at rest in a pose
+    for row, own in zip(rows, expected, strict=True):
+        pose = arm.at(m.readings[[row]], payload_kg=m.payload[row], direction=m.velocity[row], row=int(row))
+        np.testing.assert_allclose(pose.points[0], own, rtol=0, atol=1e-12)
+
+
+def test_the_model_is_in_equilibrium(session):
+    arm = fake(session, ("geometry", "compliance", "bending", "base-compliance", "payload"))
+    again = standing(arm.model, arm.values)
+    np.testing.assert_allclose(again.stance.delta, arm.model.scene.stance.delta, rtol=0, atol=1e-12)
+
+
+def test_flange_and_slopes(session):
+    arm = fake(session, ("geometry", "compliance", "backlash"))
+    poses = arm.at(session.measurements.readings[:5], direction=np.ones(6))
+    tool = session.tools[0].centre + [arm.values[arm.model.names.index(f"ball {a}")] for a in "xyz"]
+    reached = np.einsum("cij,j->ci", poses.flange, np.append(tool, 1.0))[:, :3]
+    np.testing.assert_allclose(poses.points, reached, rtol=0, atol=1e-12)
+    k = arm.model.names.index("backlash J3")
+    step = replace(arm, values=arm.values + 1e-6 * np.eye(len(arm.values))[k])
+    moved = step.at(session.measurements.readings[:5], direction=np.ones(6)).points - poses.points
+    np.testing.assert_allclose(1e6 * moved, poses.by_parameters[:, :, k], atol=2e-3)
+    assert poses.covariance.shape == (5, 3, 3)
+
+
+def test_play_follows_the_direction_and_the_previous_pose(session):
+    arm = fake(session, ("geometry", "backlash"))
+    q = session.measurements.readings[:4]
+    up, down = (arm.at(q, direction=s * np.ones(6)).points for s in (1, -1))
+    np.testing.assert_allclose(arm.at(q, previous=q - 0.1).points, up, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(0.5 * (up + down), arm.at(q).points, rtol=0, atol=1e-8)
+    assert np.all(np.linalg.norm(up - down, axis=1) > 1e-6)
+
+
+def test_state_of_a_time_and_of_a_row(session):
+    arm = fake(session, ("geometry", "step@30", "thermal-drift"))
+    m, q = session.measurements, session.measurements.readings[[0]]
+    early, late = arm.at(q, row=0).points, arm.at(q).points
+    np.testing.assert_allclose(arm.at(q, time=m.time[0]).points, early, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(arm.at(q, row=m.ids[0]).points, early, rtol=0, atol=1e-15)
+    assert np.linalg.norm(early - late) > 1e-6
+    with pytest.raises(BayescalError, match="there is no row `x`"):
+        arm.at(q, row="x")
+
+
+def test_levels_add_one_effect_each(session):
+    arm = fake(session, ("geometry", "compliance", "backlash"))
+    assert arm.levels == ("nominal", "geometry", "+ compliance", "+ backlash")
+    q = session.measurements.readings[:3]
+    last = arm.at_level("+ backlash", q, direction=np.ones(6)).points
+    np.testing.assert_allclose(last, arm.at(q, direction=np.ones(6)).points, rtol=0, atol=1e-12)
+    nominal = arm.at_level("nominal", q).points
+    np.testing.assert_allclose(nominal, arm.model.scene.points[:3], rtol=0, atol=1e-12)
+    scene = Scene(session)
+    model = build(scene, ("geometry",))
+    own = [arm.values[arm.model.names.index(p.name)] for p in model.parameters]
+    rigid = model.motion(np.arange(3)).points(np.array(own)).T
+    np.testing.assert_allclose(arm.at_level("geometry", q).points, rigid, rtol=0, atol=1e-12)
+
+
+def test_every_moving_effect_is_tested():
+    """A new effect joins the list, or moves no frame of the arm."""
+    resting = {"lobing", "latency", "plane-form", "artefact", "ball-radius"}
+    assert {e.partition("@")[0] for e in MOVING} | resting | {"geometry"} == set(EFFECTS)
+
+
+def test_round_trip_of_the_run_folder(session, tmp_path):
+    arm = fake(session, ("geometry", "compliance", "payload", "hysteresis@0.02", "step@30"))
+    assert write_arm(arm, tmp_path) == ("arm.json", "dataset")
+    again = open_run(tmp_path)
+    q = session.measurements.readings[::9]
+    np.testing.assert_allclose(again.at(q, row=3).points, arm.at(q, row=3).points, rtol=0, atol=2e-9)
+    np.testing.assert_array_equal(again.covariance, arm.covariance)
+    assert [p.name for p in again.model.parameters] == [p.name for p in arm.model.parameters]
+    assert json.loads((tmp_path / "arm.json").read_text())["schema"] == "bayescal-arm/1"
+
+
+def test_an_arm_without_equilibrium_is_refused(session):
+    arm = fake(session, ("geometry", "compliance"))
+    soft = [1.0 if p.name == "compliance J2" else 0.0 for p in arm.model.parameters]
+    with pytest.raises(BayescalError, match="does not come to rest under gravity"):
+        arm.valued(np.array(soft))
+
+
+@pytest.mark.parametrize("folder", ["../run/dataset", "/elsewhere", "dataset/../..", "dataset/x"])
+def test_only_copies_in_the_run_folder_are_read(session, tmp_path, folder):
+    (tmp_path / "run").mkdir()
+    path = tmp_path / "run" / "arm.json"
+    write_arm(fake(session, ("geometry",)), path.parent)
+    record = json.loads(path.read_text())
+    record["dataset"]["folders"] = [folder]
+    path.write_text(json.dumps(record))
+    with pytest.raises(BayescalError, match=r"arm\.json: `.*` is not a copy of the dataset") as refusal:
+        open_run(path.parent)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_folder_without_arm_is_refused(tmp_path):
+    with pytest.raises(BayescalError, match=r"there is no arm\.json"):
+        open_run(tmp_path)
+
+
+def test_a_torque_that_only_the_fitted_arm_has(tmp_path):
+    """The last joint of a UR that points straight down carries no torque, unless the arm leans."""
+    session = session_of("universal-robots-ur5e", payload=0.0)
+    readings = np.tile(np.radians([0.0, -90.0, 90.0, -90.0, -90.0, 0.0]), (len(session.measurements.ids), 1))
+    readings[:, 0] = session.measurements.readings[:, 0]
+    tools = tuple(replace(t, centre_of_mass=np.array([0.0, 0.0, 0.06])) for t in session.tools)
+    session = replace(
+        session, tools=tools, measurements=replace(session.measurements, readings=readings, payload=None)
+    )
+    leaning = fake(session, ("geometry",))
+    nominal = {p.name for p in build(leaning.model.scene, ("compliance",)).parameters}
+    assert "compliance J6" in nominal
+    assert "compliance J6" not in {p.name for p in build(Scene(session), ("compliance",)).parameters}
+    model = build(leaning.model.scene, ("geometry", "compliance"))
+    values = dict(zip((p.name for p in leaning.model.parameters), leaning.values, strict=True))
+    arm = replace(leaning, model=model, effects=("geometry", "compliance"))
+    arm = replace(arm, covariance=np.eye(len(model.parameters)), states={})
+    arm = arm.valued(np.array([values.get(p.name, 1e-3) for p in model.parameters]))
+    write_arm(arm, tmp_path)
+    again = open_run(tmp_path)
+    assert [p.name for p in again.model.parameters] == [p.name for p in arm.model.parameters]
+    q = readings[:3]
+    np.testing.assert_allclose(again.at(q).points, arm.at(q).points, rtol=0, atol=2e-9)
+    np.testing.assert_allclose(
+        arm.at_level("nominal", q).points, arm.at_level("nominal", q, row=0).points, atol=1e-12
+    )
+
+
+# --- Every command and report says the same of what may be used of a run.
+
+SMALL = {"contacts": 60, "later": 10, "repeats": 0, "spheres": 0, "seed": 1}
+TARGETS = "x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n450,0,200,180,0,0\n"
+CASES = {
+    "good": (True, "use"),
+    "barely negative": (True, ""),
+    "significantly negative": (False, "gap"),
+    "not identified": (False, "measure"),
+    "not converged": (False, "samples"),
+}
+"""Whether the arm may be used, and the next step, "" for any."""
+
+
+def fit_of(case):
+    """A fit of each case."""
+    rigid = case in ("barely negative",)
+    session = bc.simulate(effects="geometry" if rigid else "geometry, compliance", **SMALL).dataset
+    if case == "significantly negative":  # gravity upside down
+        session = replace(session, gravity=-session.gravity)
+    if case == "not identified":  # no length is certified
+        session = replace(
+            session, certificates=(), targets=tuple(replace(t, u=None) for t in session.targets)
+        )
+    found = bc.fit(session, samples=0).data
+    if case == "not converged":
+        found = replace(found, draws=replace(found.draws, converged=False, complaint="R-hat 1.2"))
+    return found
+
+
+@pytest.fixture(scope="module", params=CASES)
+def run(request, tmp_path_factory):
+    """A fit, its run folder, and what is expected of it."""
+    found, folder = fit_of(request.param), tmp_path_factory.mktemp("run") / "fit"
+    names = write_fit(found, folder, pictures=False)
+    allowed, step = CASES[request.param]
+    return SimpleNamespace(
+        case=request.param, fit=found, folder=folder, names=names, allowed=allowed, step=step
+    )
+
+
+def text_of(report):
+    console = Console(width=10_000, record=True)
+    console.print(report)
+    return console.export_text()
+
+
+def done(work):
+    """Whether it is allowed, and with which reasons it is refused."""
+    try:
+        work()
+    except BayescalError as error:
+        return False, error.what
+    return True, ""
+
+
+def test_the_rule(run):
+    use = of_fit(run.fit).use
+    assert use.allowed == run.allowed
+    assert use.next == run.step or not run.step
+    assert (
+        run.fit.acceptance.usable <= use.allowed or run.case == "not converged"
+    )  # no good verdict is refused
+    assert bool(use.rigid.parameters) == (run.case == "barely negative")
+
+
+def test_files_and_reports_say_the_same(run):
+    use = of_fit(run.fit).use
+    head = (run.folder / "robot.yaml").read_text(encoding="utf-8").splitlines()[: len(use.against) + 1]
+    refused = [line for line in head if line.startswith("# NOT TO BE USED: ")]
+    assert refused == [f"# NOT TO BE USED: {reason}." for reason in use.against]
+    assert bool(refused) == (not run.allowed)
+    contents = json.loads((run.folder / "fit.json").read_text(encoding="utf-8"))
+    assert contents["use"] == use.record() == json.loads((run.folder / "arm.json").read_text())["use"]
+    assert read_arm(run.folder).use == use
+    page = (run.folder / "report.html").read_text(encoding="utf-8")
+    assert ("not to be used" in page) == (not run.allowed)
+    told = text_of(fit_summary(run.fit))
+    assert ("not to be used" in told) == (not run.allowed)
+    assert ("use robot.yaml" in told) == (use.next == "use") == ("Use robot.yaml" in page)
+    assert ("set to rigid" in told) == bool(use.rigid.words)
+    for reason in use.against:
+        assert reason in told
+
+
+def test_commands_do_the_same(run, tmp_path):
+    use = of_fit(run.fit).use
+    targets = tmp_path / "targets.csv"
+    targets.write_text(TARGETS, encoding="utf-8")
+    for work in (
+        lambda **force: bc.export(run.folder, "mjcf", **force),
+        lambda **force: bc.export(FitResult(run.fit), "robot.yaml", **force),
+        lambda **force: bc.compensate(run.folder, targets, **force),
+    ):
+        allowed, why = done(work)
+        assert allowed == run.allowed
+        assert [reason for reason in use.against if reason not in why] == []
+        assert done(lambda work=work: work(force=True))[0]
+
+
+def test_verify_states_the_reasons(run, tmp_path):
+    bc.export(run.folder, "mjcf", force=True).save(tmp_path / "arm.xml")
+    sidecar = json.loads((tmp_path / "arm.xml.bayescal.json").read_text(encoding="utf-8"))
+    verified = bc.verify(run.folder, tmp_path / "arm.xml")
+    assert verified.passed
+    assert verified.record["use"] == sidecar["use"] == of_fit(run.fit).use.record()
+    for remark in of_fit(run.fit).use.remarks:
+        assert remark in text_of(verified.report())
+
+
+def test_an_effect_that_is_left_out_is_said_everywhere(tmp_path):
+    """Of a diagnosis with a named effect that the validation data do not confirm."""
+    gap = diagnose(bc.simulate(**SMALL).dataset)
+    named = Named("backlash", "backlash at joint 3", (), "", 0.99, 20.0, confirmed=False)
+    gap = replace(gap, verdict=replace(gap.verdict, kind="named", named=(named,)), levels=gap.levels[-1:])
+    words = "backlash at joint 3 is named, but the validation data do not confirm it: the arm is without it"
+    assert gate.of_gap(gap).left_out == (words,)
+    names = write_gap(gap, tmp_path / "gap", pictures=False)
+    assert of_gap(gap).use == read_arm(tmp_path / "gap").use
+    assert {"gap.json", "arm.json", "gap.html"} <= set(names)
+    assert words in text_of(gap_summary(gap))
+    for name in ("gap.json", "arm.json"):
+        assert json.loads((tmp_path / "gap" / name).read_text(encoding="utf-8"))["use"]["left_out"] == [words]
+    assert words in (tmp_path / "gap" / "gap.html").read_text(encoding="utf-8")
+    assert words in bc.export(tmp_path / "gap", "robot.yaml").record["notes"]
+
+
+# --- What is not exported without --force, and why.
+
+
+@pytest.fixture(scope="module")
+def result():
+    return bc.fit(bc.simulate(contacts=90, later=10, repeats=5, spheres=0, seed=1), samples=0)
+
+
+def test_a_good_fit_passes(result):
+    assert of_fit(result.data).use.against == ()
+    assert bc.export(result, "urdf").record["notes"][-1].startswith("joint values of the file")
+
+
+def test_a_sampler_that_did_not_converge(result):
+    draws = replace(result.data.draws, converged=False, complaint="R-hat 1.2")
+    bad = replace(result.data, draws=draws)
+    with pytest.raises(BayescalError, match="not exported: the sampler did not converge"):
+        export(of_fit(bad), "urdf")
+    notes = export(of_fit(bad), "urdf", force=True).notes
+    assert any(n.startswith("exported with --force: the sampler did not converge") for n in notes)
+
+
+def negative(found, name, times):
+    """An estimate with a parameter at some u below zero."""
+    k = found.model.names.index(name)
+    p = found.model.parameters[k]
+    z = found.z.copy()
+    z[k] = -(times * found.sd[k] * p.sd + p.centre) / p.sd
+    return replace(found, z=z)
+
+
+@pytest.fixture(scope="module")
+def soft(result):
+    """The arm of a fit with a compliance that is significantly negative."""
+    found = negative(result.data.final.estimate, "compliance J3", 5.0)
+    return replace(of_estimate(found, found.covariance), use=Use(gate.of_estimate(found, found.covariance)))
+
+
+def test_a_negative_compliance(soft):
+    words = (
+        r"not exported: negative by more than \S+ u, which is not physical: compliance J3 -\S+ µrad/\(N m\)"
+    )
+    with pytest.raises(BayescalError, match=words):
+        export(soft, "robot.yaml")
+    out = export(soft, "robot.yaml", force=True)
+    assert [m.parameters for m in out.missing] == [("compliance J3",)]
+    assert "compliance J3" not in [i.parameter for i in out.written.items]
+
+
+@pytest.mark.parametrize("to", [f for f in FORMATS if f != "ur-yaml"])
+def test_every_format_can_be_forced(soft, to):
+    """What a format cannot hold, as a spring that pushes, is left out and said."""
+    with pytest.raises(BayescalError, match="not exported"):
+        export(soft, to)
+    out = export(soft, to, force=True)
+    why = next((m.why for m in out.missing if m.parameters == ("compliance J3",)), "")
+    assert ("no spring turns against its torque" in why) == (to in ("mjcf", "sdf", "robot.yaml", "dh-csv"))
+    lost = {name for m in out.missing for name in m.parameters}
+    assert "compliance J3" in lost or any(i.parameter == "compliance J3" for i in out.written.items)
+    assert any("exported with --force: negative by more than " in note for note in out.notes)
+    assert out.record("x")["use"]["allowed"] is False
+
+
+def test_priors_that_decide(result):
+    """The same fit with the covariance of the prior."""
+    found = result.data.final.estimate
+    assert gate.of_estimate(found, found.covariance) == ()
+    prior = np.eye(found.model.size)
+    (reason,) = gate.of_estimate(found, prior)
+    assert reason.startswith("the fit is not identified: distances between TCP positions keep 100 %")
+    bare = replace(found.model, constraints=())
+    assert gate.of_estimate(replace(found, model=bare), prior)[0].startswith("no certified length was fitted")
+
+
+def test_a_diagnosis_is_judged_by_its_stated_covariance(result):
+    """As a fit is: not by the narrower one of the solver."""
+    found = result.data.final.estimate
+    verdict = SimpleNamespace(named=(), kind="null")
+    gap = SimpleNamespace(arm=found, covariance=np.eye(found.model.size), verdict=verdict, rigid=UNCHANGED)
+    assert len(gate.of_gap(gap).against) == 1
+    gap.covariance = found.covariance
+    assert gate.of_gap(gap) == gate.NOTHING
+
+
+def test_names_without_gain():
+    assert gate.not_gained([("backlash", 4.0), ("bending", -0.5), ("step@3", float("nan"))]) == (
+        "bending does not make the validation data more probable (-0.5 nats)",
+        "step@3 does not make the validation data more probable (+nan nats)",
+    )
+
+
+def test_an_effect_that_the_machine_does_not_have_is_refused(result, tmp_path):
+    """Added by the user: fitted again, and its gain on the validation measurements is not positive."""
+    with pytest.raises(BayescalError, match="hysteresis does not make the validation data more probable"):
+        bc.export(result, "urdf", with_="hysteresis")
+    without = bc.export(result, "urdf", without="compliance")
+    assert without.record["model"] == ["geometry"]
+    assert not without.data.missing
+    with pytest.raises(BayescalError, match="the model has compliance already"):
+        bc.export(result, "urdf", with_="compliance")

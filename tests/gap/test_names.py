@@ -1,0 +1,474 @@
+"""The verdict: from weighed hypotheses to what is named, and what stays credible."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gap_problems import BASELINE, unsolved
+from made_up_errors import NOISE as made_up_errors_NOISE
+from made_up_errors import held
+from scipy.optimize import brentq
+
+import bayescal as bc
+from bayescal.effects import confusable, parameters_of
+from bayescal.effects.location import Driver, joint
+from bayescal.effects.sizes import length, magnitude, phase, propagated
+from bayescal.gap.linear.problem import Problem
+from bayescal.gap.linear.state import fit_state
+from bayescal.gap.outcome.notes import amplitudes, increased
+from bayescal.gap.result import Named
+from bayescal.gap.search.beam import Hypothesis, Member, Search
+from bayescal.gap.search.candidates import Candidates, Variant, candidates
+from bayescal.gap.search.makers import Cell
+from bayescal.gap.search.refit import model_name, still_without
+from bayescal.gap.search.unknown import CellFit, Pool
+from bayescal.gap.search.verdict import (
+    Weighed,
+    contradicted,
+    credible_set,
+    decide,
+    given_away,
+    probabilities,
+    softened,
+    verdict_of,
+    weigh,
+)
+from bayescal.model.block import parts_of
+from bayescal.model.scene import Scene
+from bayescal.reporting.gap.causes import lines, told
+from bayescal.reporting.gap.phrases import named
+
+ALIKE = ("hardening", "hysteresis")
+
+
+def weighed(*names, probability=0.0, score=0.0, cell=False):
+    """A set of effects without a fit, perhaps with an unmodelled effect."""
+    members = tuple(Member(Variant(n, None, (), np.zeros(0, int), 0.0), 1.0, 0.0) for n in names)
+    found = CellFit(0, 1.0, 0, 1.0) if cell else None
+    return Weighed(Hypothesis(members, None, 0.0, 0.0), found, 0.0, score, probability)
+
+
+@pytest.mark.parametrize(
+    ("sets", "kind", "names"),
+    [
+        ([(("lobing",), 0.7), ((), 0.3)], "null", ()),
+        ([(("lobing",), 0.85), ((), 0.15)], "null", ()),
+        ([(("lobing",), 0.92), ((), 0.08)], "named", ("lobing",)),
+        ([(("lobing",), 0.7), (("lobing", "unknown"), 0.3)], "named+unexplained", ("lobing",)),
+        ([(("lobing",), 0.8), (("lobing", "unknown"), 0.2)], "named", ("lobing",)),
+        ([(("lobing",), 0.4), (("step",), 0.35), (("latency",), 0.25)], "ambiguous", ()),
+        # beside a doubtful effect only a nearly certain one is named
+        ([(("lobing", "step"), 0.45), (("lobing",), 0.55)], "ambiguous", ("lobing",)),
+        ([(("lobing", "step"), 0.45), (("lobing",), 0.3), (("latency",), 0.25)], "ambiguous", ()),
+        # a further effect counts, whichever it is
+        ([(("lobing",), 0.55), (("lobing", "step"), 0.45)], "named+unexplained", ("lobing",)),
+        ([(("lobing",), 0.7), (("lobing", "step"), 0.2), (("latency",), 0.1)], "named", ("lobing",)),
+        ([(("lobing",), 0.7), (("lobing", "step"), 0.16), (("lobing", "unknown"), 0.14)],
+         "named+unexplained", ("lobing",)),
+        ([(("unknown",), 0.6), (("lobing",), 0.4)], "unknown", ()),
+        ([(("unknown",), 0.4), (("lobing",), 0.35), (("step",), 0.25)], "ambiguous", ()),
+        ([(("lobing", "unknown"), 0.6), (("unknown",), 0.4)], "named+unexplained", ("lobing",)),
+        ([(("lobing", "unknown"), 0.45), (("unknown",), 0.55)], "named+unexplained", ()),
+    ],
+)  # fmt: skip
+def test_a_verdict_names_what_is_more_likely_than_not(sets, kind, names):
+    found = [
+        weighed(*(n for n in own if n != "unknown"), probability=p, cell="unknown" in own) for own, p in sets
+    ]
+    effects = {n for own, _ in sets for n in own}
+    assert verdict_of(found, probabilities(found, sorted(effects))) == (kind, names)
+
+
+def test_the_credible_set_holds_nine_tenths_and_what_is_confusable_close_behind():
+    first, second, third = (("lobing", 0.7), ("step", 0.22), ("latency", 0.08))
+    found = [weighed(n, probability=p, score=-10.0 * k) for k, (n, p) in enumerate((first, second, third))]
+    assert credible_set(found) == ("lobing", "step")
+    assert confusable(*ALIKE)
+    for behind, kept in ((3.0, True), (6.0, False)):
+        pair = [weighed(ALIKE[0], probability=0.95), weighed(ALIKE[1], probability=0.04, score=-behind)]
+        assert (ALIKE[1] in credible_set(pair)) == kept
+
+
+def test_noise_only_is_a_member_of_the_credible_set_like_any_other():
+    """It is listed where its probability is needed for nine tenths, and alone where nothing else is."""
+    some = [("lobing",), 0.6], [(), 0.35], [("step",), 0.05]
+    assert credible_set([weighed(*own, probability=p, score=p) for own, p in some]) == ("lobing", "null")
+    assert credible_set([weighed(probability=0.95), weighed("step", probability=0.05)]) == ("null",)
+    sure = [weighed("lobing", probability=0.95), weighed(probability=0.05)]
+    assert credible_set(sure) == ("lobing",)
+
+
+def test_a_best_set_without_any_effect_is_null():
+    """Also where very many sets, each less probable, leave it less than a tenth."""
+    rest = [weighed(f"effect {k}", probability=0.05) for k in range(18)]
+    found = [weighed(probability=0.08), *rest]
+    names = [w.effects[0] for w in rest]
+    assert verdict_of(found, probabilities(found, names)) == ("null", ())
+
+
+def test_structure_at_the_site_of_a_name_contradicts_it():
+    """Of the best set alone, and from the nats on that right names never leave."""
+    best, other = weighed("lobing", probability=0.9), weighed("step", probability=0.1)
+    for sets, nats, found in ((best, 6.0, True), (best, 4.0, False), (other, 6.0, False)):
+        assert contradicted([best, other, replace(sets, at_names=nats)]) == found
+
+
+def test_only_confusable_effects_come_closer():
+    """Of ten nats by which the leader fits better, six count against a confusable effect."""
+    sets = [weighed(ALIKE[0], score=5.0), weighed(ALIKE[1], score=-5.0), weighed("lobing", score=-5.0)]
+    leader, alike, other = (w.score for w in softened(sets))
+    assert (leader, other) == (5.0, -5.0)
+    assert leader - alike == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize(("behind", "expected"), [(0.0, 0.15), (4.0, 0.15), (5.0, 0.04), (50.0, 0.04)])
+def test_an_effect_of_an_improbable_hypothesis_is_no_rival_of_a_cell(behind, expected):
+    """A cell gives away nats to an effect at its place, but not to one of odds below 1 to 100."""
+    place = (joint(3), Driver("torque", 3))
+    there = Variant("hardening", None, (joint(3),), np.zeros(0, int), 0.0, (place,))
+    elsewhere = Variant(
+        "eccentricity", None, (joint(3),), np.zeros(0, int), 0.0, ((joint(3), Driver("angle", 3)),)
+    )
+    ranked = [
+        Hypothesis((Member(variant, 1.0, 0.0),), None, 60.0 - less, 0.0)
+        for variant, less in ((elsewhere, 0.0), (there, behind))
+    ]
+    assert given_away(Cell(*place, ()), ranked) == expected
+
+
+# --- Amplitudes of named effects: their values and uncertainties against sampling, and which are told.
+
+
+@pytest.mark.parametrize(("of", "count"), [(magnitude, 1), (length, 2), (length, 3), (phase, 2)])
+def test_uncertainties_are_those_of_samples(of, count):
+    rng = np.random.default_rng(count)
+    x, root = rng.standard_normal(count), 0.01 * rng.standard_normal((count, count))
+    value, u = propagated(of, x, root @ root.T)
+    drawn = np.array([of(x + root @ z)[0] for z in rng.standard_normal((4000, count))])
+    assert np.mean(drawn) == pytest.approx(value, abs=0.1 * u + 1e-4)
+    assert np.std(drawn) == pytest.approx(u, rel=0.06)
+
+
+def test_a_wave_is_its_amplitude_and_phase():
+    t = np.linspace(0, 6, 50)
+    a, b = -0.3, 0.4
+    np.testing.assert_allclose(
+        a * np.sin(t) + b * np.cos(t), length(np.array([a, b]))[0] * np.sin(t + phase(np.array([a, b]))[0])
+    )
+
+
+SET_EFFECTS = ("eccentricity at joint 2", "backlash", "step@40")
+
+
+@pytest.fixture(scope="module")
+def found(cube):
+    """Amplitudes of a model whose parameters are set, with independent u of 0.05 prior sds."""
+    fitted = unsolved(cube(seed=1).dataset, (*BASELINE, *SET_EFFECTS), off=0.0)
+    names = fitted.model.names
+    z = np.zeros(len(names))
+    z[names.index("eccentricity J2 sin")], z[names.index("eccentricity J2 cos")] = 3.0, -4.0
+    z[names.index("backlash J3")] = -2.0
+    z[names.index("step x")], z[names.index("step z")] = 6.0, 8.0
+    fitted = replace(fitted, z=z, covariance=0.05**2 * np.eye(len(z)))
+    each = [
+        Named(model.partition(" ")[0].partition("@")[0], model, (), "", 1.0, 0.0) for model in SET_EFFECTS
+    ]
+    gap = SimpleNamespace(amplitudes=amplitudes(fitted, fitted.covariance, each))
+    return gap, each
+
+
+def test_values_of_parameters_that_are_set(found):
+    gap, _ = found
+    own = {(a.effect, str(a.site), a.unit): a for a in gap.amplitudes}
+    wave = own["eccentricity", "joint 2", "rad"]
+    assert (wave.value, wave.u) == pytest.approx((5e-4, 5e-6))
+    assert wave.phase == pytest.approx((np.arctan2(-4.0, 3.0), 0.01))
+    lag = own["backlash", "joint 3", "rad"]
+    assert (lag.value, lag.u, lag.significant) == (pytest.approx(1.6e-4), pytest.approx(4e-6), True)
+    shift = own["step", "base", "m"]
+    assert (shift.value, shift.u, shift.significant) == (pytest.approx(5e-4), pytest.approx(2.5e-6), True)
+    assert not own["step", "base", "rad"].significant
+    assert sum(a.effect == "backlash" for a in gap.amplitudes) == 6
+
+
+def test_only_what_is_significant_is_told(found):
+    gap, each = found
+    assert lines(gap) == [
+        "eccentricity of J2: amplitude 0.02865(29) deg, phase -53.13(57) deg",
+        "backlash of J3: half-width 0.00917(23) deg",
+        "step of the base: shift 500.0(2.5) µm",
+    ]
+    assert named(each[1], gap).startswith("joint 3 has lost motion on reversal (backlash,")
+
+
+def test_every_joint_only_where_all_are_significant(found):
+    gap, each = found
+
+    def said(*joints):
+        own = [replace(a, significant=a.site in map(joint, joints)) for a in gap.amplitudes]
+        return named(each[1], SimpleNamespace(amplitudes=own))
+
+    assert said(2, 3, 5).startswith(
+        "backlash in joints 2, 3 and 5 (each has lost motion on reversal; probability"
+    )
+    assert said(1, 2, 3, 4, 5, 6).startswith("every joint has lost motion")
+    assert said().startswith("at least one joint has lost motion")
+    none = SimpleNamespace(amplitudes=[replace(a, significant=False) for a in gap.amplitudes], where=())
+    assert [str(a.site) for a in told(none, "backlash")] == ["joint 3"]
+    assert lines(none)[1].endswith("deg, not significant alone")
+    places = [
+        SimpleNamespace(site=a.site, driver=a.driver, explained_by=name, rms=rms)
+        for a, name, rms in zip(
+            [a for a in none.amplitudes if a.effect == "backlash"],
+            ["backlash", "backlash", "backlash", "eccentricity", "", ""],
+            [1.0, 3.0, 2.0, 9.0, 9.0, 9.0],
+            strict=True,
+        )
+    ]
+    none.where = places
+    assert [str(a.site) for a in told(none, "backlash")] == ["joint 2"]  # the largest location of the effect
+
+
+# --- What prior probabilities and shares make of made-up linear problems: which set of effects leads.
+
+ROWS, SIZE = 1200, 6
+RNG = np.random.default_rng(4)
+UNITS = np.linalg.qr(RNG.standard_normal((ROWS, 20)))[0]
+"""Orthogonal unit columns (R, 20): of the model, of effects."""
+JACOBIAN, UNIT = 30 * UNITS[:, :SIZE], UNITS[:, SIZE:]
+ELSEWHERE, ONCE_A_TURN = (joint(5), Driver("torque", 5)), (joint(3), Driver("angle", 3, order=1.0))
+"""Places of an effect."""
+NOISE = RNG.standard_normal(ROWS)
+NOISE -= UNITS @ (UNITS.T @ NOISE)
+
+
+def problem(columns, contribution):
+    """Contacts of unit noise that no column explains, with a contribution (R,)."""
+    rows = np.arange(ROWS)
+    return Problem(NOISE + contribution, JACOBIAN, columns, np.zeros(SIZE), rows, rows, np.full(ROWS, 1e-6))
+
+
+def search_of(p, place=ELSEWHERE):
+    """A search over one effect for each column of the pool."""
+    variants = {
+        f"effect {k}": (Variant(f"effect {k}", None, (), np.array([k]), 0.0, (place,)),)
+        for k in range(p.pool.shape[1])
+    }
+    return Search(p, Candidates((), variants, {}), robust=False)
+
+
+def first(search):
+    """The hypothesis of the first effect alone."""
+    return search.hypotheses[frozenset(("effect 0",))]
+
+
+@pytest.mark.parametrize(("nats", "leads"), [(3.5, 1), (5.5, 2)])
+def test_a_further_effect_must_be_worth_its_prior(nats, leads):
+    """Of ten effects a second one is there in one case of five: fifty to one against each of them."""
+    columns = 30 * UNIT[:, :10]
+
+    def searched(size):
+        search = search_of(problem(columns, columns[:, 0] + size * columns[:, 1]))
+        search.run()
+        return search
+
+    def more(size):
+        search = searched(size)
+        base = first(search)
+        return search.additions(base.state, base.names)["effect 1"].gain
+
+    size = brentq(lambda s: more(s) - nats, 0.02, 1.0, xtol=1e-3)
+    best = max(searched(size).hypotheses.values(), key=lambda h: h.score)
+    assert set(best.names) == {f"effect {k}" for k in range(leads)}
+
+
+@pytest.mark.parametrize(
+    ("place", "form", "further", "known"),
+    [
+        (ELSEWHERE, "", 0.03, True),
+        (ELSEWHERE, "", 0.1, False),
+        (ONCE_A_TURN, "one place", 0.05, True),
+        (ONCE_A_TURN, "one place", 0.15, False),
+        (ONCE_A_TURN, "", 0.12, True),
+        (ONCE_A_TURN, "", 0.36, False),
+    ],
+)
+def test_a_cell_that_fits_a_little_better_is_no_better_explanation(place, form, further, known):
+    """Of 500 nats, 3 % more than a name elsewhere, 5 % on its course or 12 % at its place are no reason.
+
+    Three times as much is.
+    """
+    named, rest = 45 * UNIT[:, :1], 45 * UNIT[:, 1:2]
+    cell = Cell(joint(3), Driver("angle", 3, form=form), ((),))
+
+    def weighed(share):
+        both = named + share * rest
+        p = problem(named, both[:, 0])
+        search = search_of(p, place)
+        search.run()
+        pool = Pool((cell,), both, (np.array([0]),), np.array([0]), ROWS)
+        found, alone = weigh(search, pool)
+        null = search.hypotheses[frozenset()]
+        gain = first(search).log_evidence - null.log_evidence
+        return found, gain, alone[0].gain / gain
+
+    share = brentq(lambda s: weighed(s)[2] - 1.0 - further, 0.0, 1.2, xtol=1e-3)
+    found, gain, _ = weighed(share)
+    assert 300 < gain < 700
+    score = {w.effects: w.score for w in found}
+    assert (score["effect 0",] > score["unknown",]) == known
+
+
+def test_an_effect_may_be_several_times_larger_than_expected():
+    """Eight times as large as its prior standard deviation, it loses less than 2.5 nats by that."""
+    column = 30 * UNIT[:, :1]
+    p = problem(np.column_stack([column, column / 8]), column[:, 0])
+    search = search_of(p)
+    state = fit_state(p, (), (), robust=False)
+    usual, larger = (search.additions(state, ())[f"effect {k}"].gain for k in (0, 1))
+    assert 0.5 < usual - larger < 2.5
+
+
+def decided(columns, contribution, cell):
+    """The decision on a made-up problem with one cell of one column (R, 1), elsewhere than the effects."""
+    search = search_of(problem(columns, contribution))
+    search.run()
+    shape = Cell(joint(3), Driver("angle", 3), ((),))
+    return decide(search, Pool((shape,), cell, (np.array([0]),), np.array([0]), ROWS))
+
+
+@pytest.mark.parametrize(("what", "kind", "names"), [("all", "unknown", 0), ("rest", "named+unexplained", 1)])
+def test_a_name_that_an_unmodelled_effect_makes_needless_is_dropped(what, kind, names):
+    """A cell that explains what the name explains leaves it nothing; one that explains the rest keeps it."""
+    named, rest = 45 * UNIT[:, :1], 20 * UNIT[:, 1:2]
+    found = decided(named, (named + rest)[:, 0], named + rest if what == "all" else rest)
+    assert found.weighed[0].effects == ("effect 0", "unknown")
+    assert (found.kind, [m.effect for m in found.members]) == (kind, ["effect 0"] * names)
+
+
+@pytest.mark.parametrize(("size", "certain", "named"), [(0.085, False, 1), (0.15, True, 2), (0.35, True, 2)])
+def test_only_an_uncertain_effect_of_a_few_percent_of_the_variance_is_a_footnote(size, certain, named):
+    """Under 5 % of what the named effects explain is a footnote, unless its probability is above 0.99."""
+    columns = 45 * UNIT[:, :2]
+    found = decided(columns, columns @ [1.0, size], UNIT[:, 9:10])
+    assert set(found.weighed[0].effects) == {"effect 0", "effect 1"}
+    assert (found.probability["effect 1"] > 0.99) == certain
+    assert [m.effect for m in found.members] == [f"effect {k}" for k in range(named)]
+    assert len(found.footnotes) == 2 - named
+    assert all(text.startswith("effect 1: RMS 0.1 µm, 1 %") for text in found.footnotes)
+
+
+# --- The name that a diagnosis prints is the model that it fitted: parameters, priors and numbers.
+
+BASE = ("geometry", "compliance")
+
+
+@pytest.mark.parametrize("baseline", [BASE, ("geometry",)])
+@pytest.mark.parametrize(("scale", "partial"), [(0.125, False), (1.0, False), (4.0, True)])
+def test_every_variant_has_a_name_that_is_its_parameters(cube, baseline, scale, partial):
+    """Also where only some of the effect's parameters are assessed."""
+    scene = Scene(cube(seed=1, count=48).dataset)
+    c = scene.circumstances(scene.rows("calibrate"))
+    known = candidates(c, baseline)
+    names = set()
+    for variant in (v for own in known.variants.values() for v in own):
+        listed = replace(variant, partial=partial and not variant.together)
+        name = model_name(Member(listed, scale, 0.0), known)
+        own = [p for p in parameters_of((name,), c) if p.effect == variant.effect]
+        pool = [known.pool[k] for k in variant.columns]
+        assert [p.name for p in own] == [p.name for p in pool], name
+        assert [p.centre for p in own] == [p.nominal for p in pool], name
+        assert [p.sd for p in own] == pytest.approx([scale * p.sd for p in pool]), name
+        for p, q in zip(own, pool, strict=True):
+            for s, t in zip(p.terms, q.terms, strict=True):
+                assert (s.frame, s.axis) == (t.frame, t.axis)
+                assert np.array_equal(s.driver, t.driver), name
+        names.add(name)
+    assert len(names) == sum(map(len, known.variants.values()))
+
+
+@pytest.fixture(scope="module")
+def lagging():
+    return bc.simulate(
+        effects="geometry,compliance,backlash at joint 3", contacts=120, later=30, repeats=0, spheres=2,
+        placements=2, seed=5, error_scale=2.0,
+    )  # fmt: skip
+
+
+def test_fit_with_the_printed_model_is_the_refit(lagging):
+    gap = bc.diagnose(lagging)
+    assert gap.record["verdict"] == "named"
+    (named,) = gap.record["named"]
+    assert (named["effect"], named["site"]) == ("backlash", "joint 3")
+    fit = bc.fit(lagging, gap.record["refit"]["model"], samples=0)
+    (told,) = gap.record["amplitudes"]
+    row, wide = fit.parameters.loc["backlash J3"], fit.data.stated
+    k = wide.plain.model.names.index("backlash J3")
+    u = wide.sd[k] * wide.plain.model.sd[k]
+    assert row.u == pytest.approx(np.degrees(u), rel=0.15)  # of draws, and their kurtosis
+    assert (told["unit"], row.unit) == ("deg", "deg")
+    assert told["value"] == pytest.approx(abs(row.estimate), rel=1e-9)
+    assert told["u"] == pytest.approx(np.degrees(u), rel=1e-9)
+    truth = next(p for p in lagging.truth["parameters"] if p["name"] == "backlash J3")
+    assert abs(told["value"] - abs(truth["value_deg"])) < 4 * told["u"]
+
+
+def test_a_part_that_was_left_out_is_back(lagging):
+    """The model that is printed is without the parts that are not named."""
+    words = "geometry at joint 4, compliance at joint 5"
+    gap = bc.diagnose(lagging, without=words)
+    named = {n["model"] for n in gap.record["named"]}
+    assert "geometry at joint 4" in named
+    assert {*gap.record["refit"]["without"]} == {"geometry at joint 4", "compliance at joint 5"} - named
+    fit = bc.fit(lagging, samples=0, **gap.record["refit"])
+    told = {a["parameters"][0]: a for a in gap.record["amplitudes"]}
+    assert "a4" in told
+    for name in {"theta4", "d4", "a4", "alpha4"} & told.keys():
+        a, row = told[name], fit.parameters.loc[name]
+        factor = 1e3 if a["unit"] == "um" else 1.0
+        assert a["value"] == pytest.approx(factor * (row.estimate - row.nominal), rel=1e-6)
+
+
+def test_parts_that_are_not_named_stay_nominal():
+    member = SimpleNamespace(effect="geometry", variant=SimpleNamespace(sites=(joint(4),)))
+    parts = parts_of(("geometry at joint 4", "geometry at link 3", "compliance at joint 4"), BASE)
+    assert still_without(parts, [member]) == parts[1:]
+
+
+# --- Warnings of a diagnosis say what the validation errors show.
+
+SCATTER = np.random.default_rng(2).standard_normal(60)
+UNSURE = np.arange(60) < 6
+
+
+def errors(sure, unsure):
+    """Rows with errors of these sizes, in units of the noise; six have 20 times the uncertainty."""
+    found = held(made_up_errors_NOISE * SCATTER * np.where(UNSURE, unsure, sure))
+    return replace(found, by_parameters=np.where(UNSURE, 20 * made_up_errors_NOISE, 0.0)[:, None])
+
+
+def test_nothing_is_said_of_errors_that_decrease():
+    assert not list(increased(errors(3.0, 20.0), errors(1.0, 20.0)))
+
+
+def test_errors_that_increase_where_they_are_less_probable():
+    (told,) = increased(errors(1.0, 1.0), errors(3.0, 1.0))
+    assert told.endswith("describe the calibration rows only; do not use them")
+
+
+def test_errors_that_increase_in_rows_of_large_uncertainty_only():
+    """The RMS increases and so does the log density: no contradiction, and no reason to drop the effects."""
+    (told,) = increased(errors(3.0, 10.0), errors(1.0, 20.0))
+    assert "but so does their log density" in told
+    assert "do not use them" not in told
+
+
+def test_an_increase_within_its_uncertainty_is_no_reason_to_drop_the_effects():
+    """Errors of other rows by other amounts, in the sum a little larger."""
+    change = np.where(np.arange(60) % 2, 1.4, 0.7)
+    more = replace(errors(1.0, 1.0), residual=errors(1.0, 1.0).residual * change)
+    (told,) = increased(errors(1.0, 1.0), more)
+    assert told.startswith("validation errors do not decrease with the named effects (from ")
+    assert "within its uncertainty" in told
+    assert "do not use them" not in told

@@ -1,0 +1,420 @@
+"""The ladder's gains, and margins that find where the residuals stand out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_problems import unsolved
+from made_up_errors import NOISE, held
+from scipy.stats import chi2
+
+from bayescal.estimate import estimate
+from bayescal.gap.diagnose import _residuals
+from bayescal.gap.outcome.magnitude import _measured, difference, log_predictive, model_levels
+from bayescal.gap.outcome.margins import holm, margins
+from bayescal.gap.outcome.shrinkage import expects, of_blocks, of_distances, shrinkage
+from bayescal.model import build, with_parameters
+from bayescal.model.scene import Scene
+from bayescal.predict.crossvalidation import (
+    bootstrap_interval95,
+    independent_distances,
+    resampled,
+    validation_errors,
+)
+from bayescal.predict.errors import CentreDistances
+
+FULL = ("geometry", "compliance")
+
+
+def kept_back(dataset, count):
+    role = dataset.measurements.role.copy()
+    role[-count:] = "validate"
+    return replace(dataset, measurements=replace(dataset.measurements, role=role))
+
+
+@pytest.fixture(scope="module")
+def rungs(cube):
+    """Nominal, geometry, geometry and compliance, of one session with rows kept back."""
+    scene = Scene(kept_back(cube(seed=5, count=200).dataset, 50))
+    out = [((), estimate(with_parameters(scene, (), ())))]
+    return [*out, *((FULL[: k + 1], estimate(build(scene, FULL[: k + 1]))) for k in range(2))]
+
+
+def test_ladder_goes_down_and_gains(rungs):
+    steps = model_levels(rungs)
+    assert [s.model for s in steps] == [(), FULL[:1], FULL]
+    assert (steps[0].delta_elpd, steps[0].delta_elpd_se) == (0.0, 0.0)
+    rms = [s.validation_rms for s in steps]
+    assert rms[0] > 5 * rms[1] > 5 * rms[2]
+    held = validation_errors(rungs[2][1])
+    assert rms[2] == pytest.approx(np.sqrt(np.mean(held.residual**2)))
+    assert 0.001 < chi2.sf(np.sum((held.residual / held.sd) ** 2), 50) < 0.999
+    assert np.sqrt(np.mean(held.sd**2)) == pytest.approx(5e-6, rel=0.1)
+    for s in steps[1:]:
+        assert s.delta_elpd > 4 * s.delta_elpd_se > 0
+        assert np.isnan(s.distance_rms)
+        assert np.isnan(s.point_rms)
+
+
+def test_the_same_model_again_gains_nothing(rungs):
+    last = rungs[-1]
+    _, again = model_levels([last, last])
+    assert (again.delta_elpd, again.delta_elpd_se) == (0.0, 0.0)
+
+
+def test_ladder_takes_what_is_known_already(rungs):
+    assert str(model_levels(rungs)) == str(model_levels(rungs, [validation_errors(e) for _, e in rungs]))
+
+
+def test_density_is_that_of_a_normal_and_a_slip_costs_little(rungs):
+    h = validation_errors(rungs[-1][1])
+    density, block = log_predictive(h)
+    assert density.shape == block.shape == (50,)
+    normal = -0.5 * (h.residual / h.sd) ** 2 - np.log(np.sqrt(2 * np.pi) * h.sd)
+    quiet = np.abs(h.residual) < 2 * h.sd
+    np.testing.assert_allclose(density[quiet], normal[quiet], atol=0.03)
+    slipped = h.residual.copy()
+    slipped[0] = 1e-2
+    assert density[0] - log_predictive(replace(h, residual=slipped))[0][0] < 13
+    assert difference(np.ones(6), np.arange(6)) == (6.0, 0.0)
+    drawn, rng = [], np.random.default_rng(0)
+    for _ in range(500):  # sums of twelve blocks of five
+        shared, own = rng.standard_normal(12), rng.standard_normal(60)
+        drawn.append(difference(np.repeat(shared, 5) + own, np.repeat(np.arange(12), 5)))
+    gain, se = np.array(drawn).T
+    assert np.sqrt(np.mean(se**2)) == pytest.approx(np.std(gain), rel=0.12)
+
+
+def test_points_have_a_rung_too(tracker):
+    scene = Scene(tracker(seed=0, count=60).dataset)
+    nominal, last = estimate(with_parameters(scene, (), ())), estimate(build(scene, FULL))
+    steps = model_levels([((), nominal), (FULL, last)])
+    assert steps[1].point_rms == steps[1].validation_rms < 0.1 * steps[0].point_rms
+    assert steps[1].delta_elpd > 0
+    found = margins(last, validation_errors(last))
+    assert [m.label for m in found["direction"][:3]] == ["along x", "along y", "along z"]
+    assert all(m.count == 60 for m in found["direction"][:3])
+
+
+def test_clean_sessions_have_no_deviant_bin(cube):
+    smallest = []
+    for seed in range(20, 32):
+        found = estimate(build(Scene(kept_back(cube(seed=seed, count=160).dataset, 40)), FULL))
+        smallest.append(
+            min(m.p_value for bins in margins(found, validation_errors(found)).values() for m in bins)
+        )
+    assert np.sum(np.array(smallest) < 0.05) <= 3
+    assert min(smallest) > 1e-4
+
+
+def shifted(dataset, rows, by):
+    """Readings of some rows a little wrong: joint 1 turned, which moves the ball sideways."""
+    readings = dataset.measurements.readings.copy()
+    readings[rows, 0] += by
+    return replace(dataset, measurements=replace(dataset.measurements, readings=readings))
+
+
+def test_margins_find_a_wrong_face(cube):
+    """Contacts of one face that scatter."""
+    d = cube(seed=6, count=300).dataset
+    wrong = np.flatnonzero(d.measurements.target == 1)
+    d = shifted(d, wrong, 5e-5 * np.random.default_rng(0).standard_normal(len(wrong)))
+    found = estimate(build(Scene(d), FULL))
+    bins = margins(found, validation_errors(found))
+    name = d.targets[1].name
+    worst = min(bins["target"], key=lambda m: m.p_value)
+    assert worst.label == name
+    assert worst.p_value < 1e-4
+    assert worst.rms > 1.5 * max(m.rms for m in bins["target"] if m.label != name)
+    side = {"y": "touched from -y", "x": "touched from -x"}["y" if "y" in name else "x"]
+    assert min(bins["direction"], key=lambda m: m.p_value).label == side
+
+
+def test_margins_find_a_moment_and_a_rare_direction(cube):
+    d = cube(seed=7, count=300).dataset
+    late = np.arange(270, 300)
+    bins = _bins(shifted(d, late, 6e-5))
+    assert min(bins["time"], key=lambda m: m.p_value).label.startswith("44 to")
+    assert min(m.p_value for m in bins["time"]) < 1e-6
+    velocity = np.abs(d.measurements.velocity)
+    rare = np.arange(10, 300, 24)
+    velocity[rare, 2] *= -1
+    d = replace(d, measurements=replace(d.measurements, velocity=velocity))
+    bins = _bins(shifted(d, rare, 4e-4))  # rejected as outliers, one and all
+    worst = min(bins["direction"], key=lambda m: m.p_value)
+    assert worst.label == "direction of motion of J3, negative"
+    assert worst.p_value < 1e-6
+    assert worst.count == len(rare)
+
+
+def _bins(dataset):
+    found = estimate(build(Scene(dataset), FULL))
+    return margins(found, validation_errors(found))
+
+
+def test_missing_columns_leave_a_margin_empty(cube):
+    d = cube(seed=8).dataset
+    bins = _bins(replace(d, measurements=replace(d.measurements, time=None, velocity=None)))
+    assert bins["time"] == ()
+    assert list(bins) == ["target", "joint", "region", "time", "direction"]
+    assert all(m.label.startswith("touched") for m in bins["direction"])
+    assert len(bins["joint"]) == 12
+    assert all(" deg" in m.label for m in bins["joint"])
+    assert all(m.label.endswith(" mm") for m in bins["region"])
+
+
+def test_holm():
+    np.testing.assert_allclose(holm(np.array([0.01, 0.04, 0.03, 0.5])), [0.04, 0.09, 0.09, 0.5])
+
+
+# --- The fraction of the gap that went: known cases, coverage of its interval, and what is not claimed.
+
+INFINITE = float("inf")
+
+
+def test_a_gap_that_is_taken_away_and_half_of_one():
+    rng = np.random.default_rng(0)
+    noise, effect = NOISE * rng.standard_normal(4000), 20e-6 * rng.standard_normal(4000)
+    (whole,) = shrinkage(held(noise + effect), held(noise), NOISE)
+    assert (whole.what, whole.count) == ("planes", 4000)
+    assert whole.removed == pytest.approx(1.0, abs=0.02)
+    assert whole.before == pytest.approx(np.hypot(20e-6, 5e-6), rel=0.05)
+    assert whole.floor == pytest.approx(NOISE)
+    assert whole.claimed
+    (half,) = shrinkage(held(noise + effect), held(noise + np.sqrt(0.5) * effect), NOISE)
+    assert half.removed == pytest.approx(0.5, abs=0.05)
+    assert half.removed_interval95[0] < 0.5 < half.removed_interval95[1]
+
+
+@pytest.mark.parametrize(("blocks", "per_block"), [(40, 1), (20, 3), (5, 3)])
+def test_interval_covers_the_truth(blocks, per_block):
+    """Half of a gap whose size differs from block to block goes; the interval holds that share."""
+    rng = np.random.default_rng(blocks)
+    count, inside, finite = blocks * per_block, 0, 0
+    block = np.repeat(np.arange(blocks), per_block)
+    for _ in range(200):
+        effect = 20e-6 * np.repeat(rng.standard_normal(blocks), per_block) * rng.choice([-1, 1], count)
+        noise = NOISE * rng.standard_normal(count)
+        squares = np.stack(
+            [
+                (noise + effect) ** 2,
+                (noise + np.sqrt(0.5) * effect) ** 2,
+                np.full(count, NOISE**2),
+                np.zeros(count),
+            ]
+        )
+        found = of_blocks("planes", count, squares, block, (NOISE, NOISE), INFINITE, rng)
+        finite += np.isfinite(found.removed)
+        inside += found.removed_interval95[0] <= 0.5 <= found.removed_interval95[1]
+    assert finite > 180
+    assert inside / finite > 0.9
+
+
+def test_without_a_gap_there_is_no_ratio_and_no_claim():
+    rng = np.random.default_rng(1)
+    ratios, claims = 0, 0
+    for _ in range(200):
+        noise = NOISE * rng.standard_normal(60)
+        other = noise + 0.5e-6 * rng.standard_normal(60)
+        (found,) = shrinkage(held(noise), held(other), NOISE, noise_dof=45)
+        ratios += np.isfinite(found.removed)
+        claims += found.claimed
+    assert ratios <= 20
+    assert claims <= 20
+
+
+def test_worse_distances_are_not_claimed():
+    rng = np.random.default_rng(2)
+    noise = NOISE * rng.standard_normal(60)
+    big = 34e-6 * rng.choice([-1, 1], 12)
+    before = held(noise + 20e-6, distances=big)
+    planes, distances = shrinkage(before, held(noise, distances=3 * big), NOISE)
+    assert planes.claimed
+    assert (distances.what, distances.count, distances.claimed) == ("distances", 12, False)
+    assert distances.removed < 0
+    unsure = shrinkage(before, held(noise, distances=big / 10, distance_sd=100e-6), NOISE)[1]
+    assert not unsure.claimed
+    assert unsure.predicted == pytest.approx(100e-6)
+    good = shrinkage(before, held(noise, distances=big / 10), NOISE)[1]
+    assert good.claimed
+    assert good.removed > 0.95
+
+
+def test_predicted_shrinkage_rests_on_fitted_rows_alone():
+    """It is right where the refitted model is, and held-out noise of another draw does not move it."""
+    rng = np.random.default_rng(6)
+    effect, off = 20e-6 * rng.standard_normal(2000), 3e-6 * rng.standard_normal(2000)
+    told = []
+    for _ in range(2):
+        noise = NOISE * rng.standard_normal(2000)
+        (found,) = shrinkage(held(noise + off + effect), held(noise + off, sd=np.hypot(NOISE, 3e-6)), NOISE)
+        assert found.predicted_before == pytest.approx(found.before, rel=0.05)
+        assert found.predicted == pytest.approx(found.after, rel=0.05)
+        told.append((found.predicted_before, found.predicted))
+    assert told[0] == pytest.approx(told[1], rel=1e-9)
+    assert expects(np.array([7.0, -1.0]), np.array([3.0, -1.0]), np.array([1.0, 1.0])) == pytest.approx(
+        (3.0, 1.0)
+    )
+
+
+def test_a_slip_does_not_count():
+    rng = np.random.default_rng(3)
+    noise = NOISE * rng.standard_normal(60)
+    slipped = noise.copy()
+    slipped[7] = 300e-6
+    (clean,) = shrinkage(held(noise + 15e-6), held(noise), NOISE)
+    (spoilt,) = shrinkage(held(slipped + 15e-6), held(slipped), NOISE)
+    assert spoilt.count == clean.count - 1
+    assert spoilt.after == pytest.approx(clean.after, rel=0.1)
+
+
+def test_a_contact_is_gross_where_noise_exceeds_it_in_one_session_of_a_hundred():
+    """With 60 contacts beyond 3.76 standard deviations; further out where the noise itself is uncertain."""
+    residual = 0.7 * NOISE * np.random.default_rng(3).standard_normal(60).clip(-2.5, 2.5)
+    residual[[6, 7, 8]] = 3.6 * NOISE, 4.8 * NOISE, -8.0 * NOISE
+    h = held(residual)
+    assert np.flatnonzero(h.gross).tolist() == [7, 8]
+    assert np.flatnonzero(replace(h, dof={h.main: 12.0}).gross).tolist() == [8]
+
+
+def test_the_coordinates_of_a_point_are_judged_together():
+    """4.2 standard deviations in each of three coordinates, and the same where these vary together."""
+    residual = NOISE * np.random.default_rng(3).standard_normal(60).clip(-2.5, 2.5)
+    residual[30:33] = 4.2 * NOISE
+    points = replace(held(residual), rows=np.arange(60) // 3, block=np.arange(60) // 3)
+    assert np.flatnonzero(points.gross).tolist() == [30, 31, 32]
+    loose = replace(points, by_parameters=np.full((60, 1), 2 * NOISE))
+    assert not loose.gross.any()
+    together = np.tile(NOISE**2 * (np.eye(3) + 4.0), (20, 1))
+    sd = np.full(60, np.sqrt(5.0) * NOISE)
+    same = replace(points, by_parameters=np.zeros((60, 0)), noise=sd, own=together)
+    np.testing.assert_allclose(same.joint.chi2, loose.joint.chi2)
+    np.testing.assert_allclose(same.joint.logdet, loose.joint.logdet)
+
+
+def test_one_seed_one_result():
+    rng = np.random.default_rng(4)
+    noise = NOISE * rng.standard_normal(60)
+    first, again = (shrinkage(held(3 * noise), held(noise), NOISE, seed=5) for _ in range(2))
+    assert first == again
+    three = replace(held(noise), block=np.arange(60) // 20)
+    (wide,) = shrinkage(replace(held(3 * noise), block=np.arange(60) // 20), three, NOISE)
+    assert wide.removed == pytest.approx(first[0].removed)
+
+
+def test_bootstrap_moves_blocks_as_one():
+    rng = np.random.default_rng(5)
+    block = np.repeat(np.arange(30), 10)
+    shared = rng.standard_normal(30)[block]
+    means = resampled(block, np.stack([shared, shared + 1.0]), rng)
+    np.testing.assert_allclose(means[:, 1] - means[:, 0], 1.0)
+    assert means[:, 0].std() == pytest.approx(shared.std() / np.sqrt(30), rel=0.1)
+    wide, narrow = (np.ptp(bootstrap_interval95(0.0, means[:, 0], number)) for number in (4, 1000))
+    assert wide > 1.7 * narrow
+
+
+def centres_of(rng, spheres, kept, own):
+    """Errors by two models of all distances between spheres whose centres err by 20 um, (1 - kept^2) less."""
+    first, second = np.triu_indices(spheres, 1)
+    place = rng.standard_normal((spheres, 3))
+    along = place[first] - place[second]
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    error, other = 20e-6 * rng.standard_normal((2, spheres, 3))
+    noise = 0.5 * NOISE * rng.standard_normal((spheres, 3))
+    names = tuple((f"{i}", f"{j}") for i, j in zip(first, second, strict=True))
+    count = len(names)
+    out = []
+    for centre in (error + noise, kept * error + own * other + noise):
+        off = np.sum(along * (centre[first] - centre[second]), axis=1)
+        d = CentreDistances(names, off, np.zeros((count, 1)), np.zeros((count, 1)), np.zeros(count), along)
+        out.append(replace(d, by_noise=0.5 * NOISE * d.by_centres))
+    return out
+
+
+@pytest.mark.parametrize("spheres", [3, 5])
+def test_interval_of_distances_that_share_spheres_covers_the_truth(spheres):
+    """Two thirds of the excess of all distances between few spheres go; as if independent, it held .83."""
+    rng = np.random.default_rng(spheres)
+    inside, naive, finite = 0, 0, 0
+    for _ in range(150):
+        before, after = centres_of(rng, spheres, 0.3, 0.5)
+        found = of_distances(before, after, INFINITE, rng)
+        if not np.isfinite(found.removed):
+            continue
+        count = len(before.error)
+        floor = after.predicted_sd() ** 2
+        squares = np.stack([before.error**2, after.error**2, floor, np.zeros(count)])
+        as_rows = of_blocks("distances", count, squares, np.arange(count), (0.0, 0.0), INFINITE, rng)
+        low, high = found.removed_interval95
+        inside += low <= 1 - 0.3**2 - 0.5**2 <= high
+        low, high = as_rows.removed_interval95
+        naive += low <= 1 - 0.3**2 - 0.5**2 <= high
+        finite += 1
+    assert finite > 140
+    assert inside / finite > 0.89
+    assert inside > naive
+
+
+def test_spheres_in_common_make_distances_worth_fewer():
+    rng = np.random.default_rng(0)
+    shared, _ = centres_of(rng, 6, 0.5, 0.0)
+    apart = replace(shared, names=tuple((f"a{k}", f"b{k}") for k in range(15)))
+    assert independent_distances(apart) == pytest.approx(15)
+    assert independent_distances(shared) < 9
+
+
+def test_an_uncertain_noise_widens_the_interval():
+    """By its degrees of freedom: for contacts as for distances."""
+    rng = np.random.default_rng(7)
+    noise, effect = NOISE * rng.standard_normal(4000), 12e-6 * rng.standard_normal(4000)
+    before, after = held(noise + effect), held(noise + 0.7 * effect)
+    (sharp,), (loose,) = (shrinkage(before, after, NOISE, noise_dof=dof) for dof in (1e6, 6.0))
+    assert np.ptp(loose.removed_interval95) > 1.5 * np.ptp(sharp.removed_interval95)
+    assert sharp.removed == loose.removed
+    # the part of the parameters in what is expected has no such uncertainty
+    before, after = held(noise + effect, sd=8e-6), held(noise + 0.7 * effect, sd=8e-6)
+    noiseless = [replace(h, noise=0.1 * h.noise) for h in (before, after)]
+    (sharp,), (loose,) = (shrinkage(*noiseless, 0.1 * NOISE, noise_dof=dof) for dof in (1e6, 6.0))
+    assert np.ptp(loose.removed_interval95) == pytest.approx(np.ptp(sharp.removed_interval95), rel=0.1)
+    old, new = centres_of(rng, 8, 0.8, 0.0)
+    far, near = (of_distances(old, new, dof, np.random.default_rng(0)) for dof in (3.0, 1e6))
+    assert np.ptp(far.removed_interval95) > np.ptp(near.removed_interval95)
+
+
+def test_the_floor_is_that_of_the_refitted_model():
+    """Contacts and distances: what a right model would leave, whatever the baseline expected."""
+    rng = np.random.default_rng(8)
+    noise, off = NOISE * rng.standard_normal(500), 10e-6 * rng.standard_normal(12)
+    before = held(noise + 20e-6, sd=40e-6, distances=5 * off, distance_sd=70e-6)
+    after = held(noise, sd=np.hypot(NOISE, 3e-6), distances=off, distance_sd=10e-6)
+    planes, distances = shrinkage(before, after, NOISE)
+    assert planes.floor == pytest.approx(np.hypot(NOISE, 3e-6))
+    assert distances.floor == pytest.approx(10e-6)
+
+
+# --- The RMS to expect of a correct model, as a diagnosis states it.
+
+
+def test_the_expected_rms_is_that_of_a_fit():
+    """A root mean square, not a median: errors with a common cause are skewed, and U = 2 RMS."""
+    found = _measured("sphere distances", 3, np.ones(3), np.array([1.0, 1.0, 4.0]))
+    assert found.predicted_rms == pytest.approx(np.sqrt(6.0))
+    assert found.predicted_interval95[0] >= 1.0
+
+
+# --- Residuals of the figures are in the order of time, whatever the targets and the order of the file.
+
+
+@pytest.mark.parametrize("timed", [False, True])
+def test_residuals_are_in_the_order_of_time(cube, timed):
+    dataset = cube(seed=1).dataset
+    count = len(dataset.measurements.ids)
+    clock = np.random.default_rng(2).permutation(count).astype(float) if timed else None
+    fitted = unsolved(replace(dataset, measurements=replace(dataset.measurements, time=clock)))
+    rows, before, after = _residuals(fitted, fitted)
+    assert np.all(np.diff(rows if clock is None else clock[rows]) > 0)
+    np.testing.assert_array_equal(before, after)
+    own = {
+        int(r): v for b in fitted.model.blocks for r, v in zip(b.rows, fitted.residuals(b)[0], strict=True)
+    }
+    np.testing.assert_array_equal(before, [own[int(r)] for r in rows])

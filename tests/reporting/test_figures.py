@@ -1,0 +1,470 @@
+"""Figures show the numbers of their record; no text overlaps or is cut off, at any width."""
+
+import re
+import sys
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from boxes import clashes, texts
+from cases import cases
+from gap_diagnoses import bare, diagnosis, plane, seven
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+
+import bayescal as bc
+from bayescal.errors import BayescalError
+from bayescal.estimate import calibrated
+from bayescal.gap.result import VERDICTS
+from bayescal.model.scene import Scene
+from bayescal.reporting.figures import distances, parameters, process, residuals, where
+from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, has
+from bayescal.reporting.figures.output import figures_of, png, svg
+from bayescal.reporting.figures.palette import FAINT, INK, MARKED, SERIES
+from bayescal.reporting.figures.posterior import BINS, weakest
+from bayescal.reporting.fit.posterior import parameter_draws
+from bayescal.reporting.gap.record import gap_record
+from bayescal.reporting.shared.origin import rows_record
+
+WIDTHS = (80, 160)
+LONG = "the upper sphere of the artefact that stands behind the column of the machine $a_1$"
+PLACE = "joint 2, angle of J2 times a function of another angle, 3 to 20 periods per revolution"
+
+
+@pytest.fixture(scope="module")
+def result():
+    session = bc.simulate(contacts=80, later=16, repeats=5, spheres=3, placements=1, seed=1)
+    return bc.fit(session, samples=0)
+
+
+@pytest.fixture(scope="module")
+def fit(result):
+    return result.record
+
+
+@pytest.fixture(scope="module")
+def sessions(cube, tracker):
+    """Records of diagnoses, by what is unusual about them."""
+    own, points = cube(seed=1, count=80).dataset, tracker(seed=1, count=40).dataset
+    rows = {id(d): rows_record(calibrated(Scene(d), ("joint",))) for d in (own, points, seven(own))}
+
+    def record(gap, dataset):
+        return gap_record(gap) | {
+            "rows": rows.get(id(dataset)) or rows_record(calibrated(Scene(dataset), ("joint",)))
+        }
+
+    out = {kind: record(diagnosis(own, kind), own) for kind in VERDICTS}
+    out["points"] = record(diagnosis(points, "named", distances=False), points)
+    out["single plane, no time"] = record(diagnosis(plane(own), "ambiguous", distances=False), plane(own))
+    out["seven joints"] = record(diagnosis(seven(own)), seven(own))
+    out["empty tables"] = record(bare(own), own)
+    out["long names"] = lengthened(out["named+unexplained"])
+    return out
+
+
+def lengthened(record):
+    """The same with the longest texts that occur: places, effects, targets, verdicts."""
+    names = [f"{LONG} {k}" for k in range(20)]
+    rows = record["rows"]
+    rows = rows | {"target": [names[k % 20] for k in range(len(rows["id"]))]}
+    effects = ["torque-dependent stiffness of a joint", "base-compliance", "second-harmonic", "gear-mesh"]
+    sets = [{"effects": effects[: k + 1], "probability": 0.2, "log_evidence": 12345.6} for k in range(4)]
+    step = {
+        **record["ladder"][-1],
+        "model": [*record["ladder"][-1]["model"], "eccentricity at joint 4 and joint 5"],
+    }
+    return record | {
+        "words": [f"Ambiguous: these data do not distinguish {', '.join(names[:3])}"] * 2,
+        "where": [w | {"text": PLACE, "explained_by": "second-harmonic"} for w in record["where"]] * 2,
+        "curves": [c | {"text": PLACE} for c in record["curves"]],
+        "hypotheses": sets,
+        "missing": dict.fromkeys((f"an effect of my own {k}" for k in range(9)), "no time_s"),
+        "ladder": [*record["ladder"], step],
+        "rows": rows,
+        "marked": names[0],
+    }
+
+
+def many_targets(fit):
+    """A record of a fit with 20 targets of long names, and as long names of parameters."""
+    names = [f"{LONG} {k}" for k in range(20)]
+    rows = fit["rows"] | {"target": [names[k % 20] for k in range(len(fit["rows"]["id"]))]}
+    checked = fit["validation"]
+    checked = checked | {
+        "distances": [d | {"between": names[:2]} for d in checked["distances"]] * 8,
+        "planes": [p | {"target": LONG} for p in checked["planes"]],
+    }
+    own = [p | {"name": f"{p['name']} of {LONG}"} for p in fit["parameters"]]
+    return fit | {"rows": rows, "validation": checked, "parameters": own}
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_no_text_overlaps_or_is_cut_off(fit, sessions, width):
+    cases = ("long names", "seven joints", "points", "empty tables", "null")
+    records = {case: sessions[case] for case in cases}
+    records |= {"fit": fit, "fit, many targets": many_targets(fit)}
+    faults = []
+    for case, record in records.items():
+        for name, of in CONTENT.items():
+            if record["schema"] in of and has(name, record):
+                over, outside = clashes(draw(name, record, width))
+                faults += [(case, name, pair) for pair in over] + [(case, name, text) for text in outside]
+    assert faults == []
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_values_of_many_digits_are_not_cut_off_in_a_posterior(result, width):
+    """The tick label at the left edge of a narrow figure was outside of it."""
+    figure = bc.plot.posterior(result, ["a2", "d4", "ball z", "alpha1", "compliance J5"], width_mm=width)
+    for axes in figure.axes:
+        low, high = axes.get_xlim()
+        axes.set_xticks([low, high], ["−300.025", "−300.075"])
+    assert clashes(figure) == ([], [])
+
+
+def test_the_check_of_overlap_sees_an_overlap_and_a_cut_title():
+    figure = Figure(figsize=(3, 2), dpi=220)
+    figure.text(0.3, 0.5, "one label")
+    figure.text(0.32, 0.5, "another")
+    figure.text(0.8, 0.9, "a title that is too long for this")
+    over, outside = clashes(figure)
+    assert over == [("one label", "another")]
+    assert outside == ["a title that is too long for this"]
+
+
+def marks(axes, style):
+    """Positions (K, 2) of marks in axes, of a style of a figure."""
+    colour = to_hex(style.get("color", style.get("markeredgecolor", "k")))
+    lines = [
+        line for line in axes.lines
+        if line.get_marker() == style["marker"] and to_hex(line.get_markeredgecolor()) == colour
+    ]  # fmt: skip
+    return np.concatenate([line.get_xydata() for line in lines]) if lines else np.zeros((0, 2))
+
+
+def test_levels_are_those_of_the_record(fit, sessions):
+    for record, key in ((fit, "heldout_planes_rms_um"), (sessions["named"], "heldout_rms_um")):
+        axes = draw("levels", record).axes[0]
+        drawn = marks(axes, {"color": SERIES[0], "marker": "o"})
+        assert drawn[:, 0] == pytest.approx([step[key] for step in record["ladder"]])
+        assert np.all(np.diff(drawn[:, 1]) > 0)
+
+
+def test_points_are_not_drawn_per_coordinate(sessions):
+    """The error of a point is the length of its vector, in the levels too."""
+    record = sessions["points"]
+    record = record | {
+        "lengths": record["lengths"] | {"of": "validation points"},
+        "ladder": [step | {"point_length_rms_um": 3.0 * k + 1} for k, step in enumerate(record["ladder"])],
+    }
+    axes = draw("levels", record).axes[0]
+    assert len(marks(axes, {"color": SERIES[0], "marker": "o"})) == 0
+    lengths = [3.0 * k + 1 for k in range(len(record["ladder"]))]
+    assert marks(axes, {"color": SERIES[2], "marker": "D"})[:, 0] == pytest.approx(lengths)
+
+
+def test_distances_are_those_of_the_record(fit):
+    own = fit["validation"]["distances"]
+    outside = [d | {"inside95": False} for d in own[:1]]
+    record = fit | {"validation": fit["validation"] | {"distances": [*outside, *own[1:]]}}
+    axes = draw("distances", record).axes[0]
+    inside = marks(axes, distances.INSIDE)[:, 0]
+    assert sorted(inside) == pytest.approx(sorted(d["calibrated_error_um"] for d in own[1:]))
+    assert marks(axes, distances.OUTSIDE)[:, 0] == pytest.approx([own[0]["calibrated_error_um"]])
+    drawn = [c.get_segments() for c in axes.collections if to_hex(c.get_color()[0]) == FAINT]
+    ends = {tuple(np.round([a[0], b[0]], 9)) for a, b in drawn[0]}
+    assert ends == {tuple(np.round(d["predicted_interval95_um"], 9)) for d in own}
+
+
+def test_a_reduction_is_that_of_the_record(sessions):
+    record = sessions["named"]
+    axes = draw("distances", record).axes[0]
+    own = list(record["lengths"]["shrinkage"].values())
+    assert marks(axes, distances.BEFORE)[:, 0] == pytest.approx([s["before_rms_um"] for s in own])
+    assert marks(axes, distances.AFTER)[:, 0] == pytest.approx([s["after_rms_um"] for s in own])
+
+
+def test_each_row_of_a_fit_is_one_mark_at_its_residual(fit):
+    rows = fit["rows"]
+    axes = draw("residuals", fit).axes[0]
+    drawn = np.concatenate([marks(axes, style) for style in residuals.KINDS.values()])
+    expected = sorted(v for v in rows["residual_um"] if v is not None)
+    assert sorted(drawn[:, 1]) == pytest.approx(expected, abs=1e-6)
+    validation = [
+        v
+        for v, role in zip(rows["residual_um"], rows["role"], strict=True)
+        if v is not None and role == "validate"
+    ]
+    assert sorted(marks(axes, residuals.KINDS["validation"])[:, 1]) == pytest.approx(sorted(validation))
+
+
+def test_a_point_is_one_mark_not_three(tracker):
+    """Coordinates of a row were drawn one after the other, at three places of the axis."""
+    dataset = tracker(seed=1, count=40).dataset
+    gap = diagnosis(dataset, distances=False)
+    error = 1e-6 * np.random.default_rng(0).standard_normal(3 * len(gap.residuals[0]))
+    gap = replace(gap, residuals=(np.repeat(gap.residuals[0], 3), error, 0.5 * error))
+    record = gap_record(gap) | {"rows": rows_record(calibrated(Scene(dataset), ("geometry",)))}
+    e = residuals.of_gap(record, "before")
+    assert not e.signed
+    assert sorted(e.value) == pytest.approx(
+        sorted(np.linalg.norm(1e6 * error.reshape(-1, 3), axis=1)), abs=1e-3
+    )
+    axes = draw("residuals", record).axes[0]
+    inside = np.sum(e.value <= residuals.edge_of(e, residuals.of_gap(record, "after")))
+    assert len(marks(axes, residuals.KINDS["fitted"])) == inside
+    assert axes.get_ylim()[0] == 0.0
+
+
+@pytest.mark.parametrize("signed", [True, False])
+def test_the_density_of_noise_is_that_of_draws(signed):
+    rng, edges = np.random.default_rng(0), np.linspace(-6, 6, 61)
+    drawn = 1.5 * rng.standard_normal((3, 400_000))
+    drawn = drawn[0] if signed else np.linalg.norm(drawn, axis=0)
+    heights, _ = np.histogram(drawn, edges, density=True)
+    share = np.mean((drawn >= -6) & (drawn < 6))
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    density = residuals.noise_density(middle, 1.5, signed)
+    used = middle > 0 if not signed else slice(None)
+    assert heights[used] * share == pytest.approx(density[used], abs=5e-3)
+    if not signed:
+        assert np.quantile(drawn / 1.5, 0.95) == pytest.approx(residuals.LENGTH95, abs=0.01)
+
+
+def bars(axes):
+    return [
+        (patch.get_width(), to_hex(patch.get_facecolor()))
+        for patch in axes.patches
+        if patch.get_width() < 1e6
+    ]
+
+
+def test_bars_are_those_of_the_record(sessions):
+    record = sessions["unknown"]
+    drawn = bars(draw("where", record).axes[0])
+    shown = record["where"][: where.PLACES]
+    assert [width for width, _ in drawn] == pytest.approx([w["rms_um"] for w in shown])
+    assert [colour != "#ffffff" for _, colour in drawn] == [where.significant(w) for w in shown]
+    drawn = bars(draw("which", record).axes[0])
+    ranked = sorted(record["probability"].values(), reverse=True)
+    assert [width for width, _ in drawn] == pytest.approx(ranked[: len(drawn)])
+
+
+def test_sets_of_many_effects_are_stated_by_their_differences():
+    sets = [["a", "b", "c", "d"], ["a", "b", "c"], ["a", "b", "c", "e"], []]
+    assert where.set_labels(sets)[:3] == ["the 4 most probable", "without d", "with e, without d"]
+    assert where.set_labels([["a", "b"], []]) == ["a + b", "noise only"]
+
+
+def test_nothing_is_red_where_nothing_is_significant(sessions):
+    """A joint was marked although no location was significant."""
+    for case in ("null", "unknown"):
+        record = sessions[case]
+        if case == "unknown":
+            unclear = [w | {"family_p_value": 0.3, "p_value": 0.1} for w in record["where"]]
+            gap = diagnosis_without_place(record, unclear)
+        else:
+            gap = record
+        figure = draw("where", gap)
+        colours = {to_hex(line.get_color()) for axes in figure.axes for line in axes.lines}
+        assert to_hex(MARKED) not in colours
+
+
+def diagnosis_without_place(record, places):
+    return record | {"where": places, "marked": None}
+
+
+@pytest.mark.parametrize(
+    "site", ["joint 3", "link 2", "base", "tool", "probe", "arm", "artefact", "cube.+y", "none"]
+)
+def test_a_significant_site_is_marked_and_named(sessions, site):
+    figure = draw("arm", sessions["named"] | {"marked": site})
+    axes = figure.axes[0]
+    lines = {to_hex(line.get_color()) for line in axes.lines} | {
+        to_hex(line.get_markerfacecolor()) for line in axes.lines
+    }
+    rings = {to_hex(c) for own in axes.collections for c in own.get_edgecolors()}
+    assert to_hex(MARKED) in lines | rings
+    assert site in [t.get_text() for t in axes.get_legend().get_texts()]
+
+
+def test_signs_point_up_for_positive_residuals(fit):
+    from bayescal.reporting.figures.arm import errors
+
+    _, error, signed = errors(fit)
+    axes = draw("arm", fit).axes[0]
+    assert signed
+    assert [len(c.get_offsets()) for c in axes.collections] == [np.sum(error >= 0), np.sum(error < 0)]
+
+
+def test_the_displacement_is_the_least_squares_fit_of_its_bin():
+    rng = np.random.default_rng(0)
+    x = np.repeat([-1.0, 0.5, 2.0], 30)
+    lever, truth = rng.uniform(0.1, 1.0, 90) * rng.choice([-1, 1], 90), np.repeat([30.0, -10.0, 4.0], 30)
+    residual = lever * truth + 0.1 * rng.standard_normal(90)
+    curve = {"x": x, "residual_um": residual, "fitted_um": lever * truth, "lever": lever}
+    middle, measured, error, explained = where.binned(curve)
+    assert middle == pytest.approx([-1.0, 0.5, 2.0])
+    expected = [np.linalg.lstsq(lever[x == m, None], residual[x == m], rcond=None)[0][0] for m in middle]
+    assert measured == pytest.approx(expected)
+    assert explained == pytest.approx([30.0, -10.0, 4.0])
+    assert np.all(np.abs(measured - explained) < 2 * error)
+
+
+def test_parameters_are_scaled_by_their_priors(fit):
+    p = fit["parameters"][0]
+    low, high, at = parameters.scaled(p)
+    assert at * p["prior_sd"] + p["prior_mean"] == pytest.approx(p["estimate"])
+    assert low < at < high
+    axes = draw("parameters", fit).axes
+    drawn = np.concatenate([marks(a, style) for a in axes for _, style in parameters.STYLES.values()])
+    own = [parameters.scaled(p)[2] for p in fit["parameters"] if p["effect"] != "target"]
+    assert sorted(drawn[:, 0]) == pytest.approx(sorted(own))
+
+
+def lightness(colour):
+    """CIE L* of a colour."""
+    rgb = np.array(to_rgb(colour))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    y = float(linear @ [0.2126, 0.7152, 0.0722])
+    return 116 * np.cbrt(y) - 16 if y > 0.008856 else 903.3 * y
+
+
+DEFICIENCIES = cases("deficiencies")
+"""Machado, Oliveira, Fernandes (2009), severity 1, of linear RGB."""
+
+
+def test_series_differ_in_grey_and_for_colour_blind_readers():
+    light = [lightness(c) for c in SERIES]
+    assert np.all(np.diff(light) > 12)
+    assert lightness(MARKED) - lightness(INK) > 15
+    for matrix in DEFICIENCIES.values():
+        seen = np.array([np.array(matrix) @ np.array(to_rgb(c)) ** 2.2 for c in SERIES]).clip(0, 1) ** (
+            1 / 2.2
+        )
+        apart = [np.linalg.norm(a - b) for k, a in enumerate(seen) for b in seen[:k]]
+        assert min(apart) > 0.15
+
+
+def test_files_are_the_same_each_time_and_undated(fit):
+    once, again = (draw("levels", fit, 80) for _ in range(2))
+    text = svg(once)
+    assert text == svg(again)
+    assert png(once) == png(again)
+    assert text.startswith("<svg")
+    assert not re.search(r"dc:date|\d{4}-\d\d-\d\dT|matplotlib\.org", text.lower())
+    assert len(text) < 60_000
+
+
+def test_settings_of_the_user_neither_matter_nor_change(fit):
+    plain = png(draw("levels", fit, 80))
+    with mpl.rc_context({"font.size": 30, "axes.facecolor": "yellow", "text.usetex": False}):
+        assert png(draw("levels", fit, 80)) == plain
+        assert mpl.rcParams["font.size"] == 30
+
+
+def test_names_are_not_read_as_formulas(fit):
+    figure = draw("residuals", many_targets(fit))
+    named = [text for text in texts(figure) if "$" in text.get_text()]
+    assert named
+    assert not any(text.get_parse_math() for text in named)
+
+
+def test_panels_are_drawn_into_axes_of_the_user(fit):
+    from matplotlib import pyplot
+
+    figure, (left, right) = pyplot.subplots(1, 2)
+    assert bc.plot.levels(fit, ax=left) is figure
+    assert left.get_xlabel() == "error (µm)"
+    assert not right.lines
+    pyplot.close(figure)
+
+
+def test_a_saved_run_draws_the_same_pictures(result, tmp_path):
+    names = result.save(tmp_path / "run")
+    expected = {*FILES[FIT], "fit-posterior.png"}
+    assert expected <= set(names)
+    assert {path.name for path in (tmp_path / "run").glob("*.png")} == expected
+    saved = bc.load(tmp_path / "run")
+    for file, name in FILES[FIT].items():
+        assert png(getattr(bc.plot, name)(saved)) == (tmp_path / "run" / file).read_bytes()
+    assert png(bc.plot.posterior(saved)) == (tmp_path / "run" / "fit-posterior.png").read_bytes()
+    result.save(tmp_path / "run", pictures=False)
+    assert not list((tmp_path / "run").glob("*.png"))
+
+
+def test_a_posterior_is_that_of_the_draws(result, tmp_path):
+    name = weakest(result.record)[0]
+    axes = bc.plot.posterior(result, [name]).axes[0]
+    (polygon,) = axes.patches
+    draws = result.inference_data().posterior[name.replace(" ", "_")].values.ravel()
+    expected, at = np.histogram(draws, BINS, density=True)
+    edges, heights = polygon.get_xy()[: 2 * BINS + 2].T  # of its upper side: two vertices at each edge
+    assert edges == pytest.approx(np.repeat(at, 2))
+    assert heights == pytest.approx([0.0, *np.repeat(expected, 2), 0.0], rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["trace", "rank", "pair", "autocorrelation"])
+def test_plots_of_arviz_have_units(result, kind):
+    figure = bc.plot.posterior(result, ["a2", "d4"], kind=kind)
+    words = " ".join(t.get_text() for t in figure.findobj(mpl.text.Text))
+    assert "a2 (mm)" in words
+    assert "d4 (mm)" in words
+
+
+def test_what_cannot_be_drawn_is_said_in_one_line(result, sessions):
+    with pytest.raises(BayescalError, match="`where` is of a diagnosis, not of a calibration"):
+        bc.plot.where(result)
+    with pytest.raises(BayescalError, match="there is no parameter `a99`"):
+        bc.plot.posterior(result, ["a99"])
+    with pytest.raises(BayescalError, match="there is no plot `violin`"):
+        bc.plot.posterior(result, kind="violin")
+    with pytest.raises(BayescalError, match="`posterior` is of a calibration"):
+        bc.plot.posterior(sessions["named"])
+    with pytest.raises(BayescalError, match="int is no result"):
+        bc.plot.levels(3)
+    with pytest.raises(BayescalError, match=r"there is no budget\.json"):
+        bc.plot.budget(result)
+    old = {k: v for k, v in sessions["named"].items() if k != "rows"}
+    with pytest.raises(BayescalError, match="the record has no `rows`"):
+        bc.plot.arm(old)
+    with pytest.raises(BayescalError, match="there are no validation measurements"):
+        bc.plot.distances(sessions["empty tables"])
+
+
+def test_a_budget_shows_its_components_the_largest_first():
+    components = [{"name": f"c{k}", "type": "AB"[k % 2], "contribution_um": float(k + 1)} for k in range(15)]
+    u = float(np.sqrt(sum(c["contribution_um"] ** 2 for c in components)))
+    record = {
+        "schema": "bayescal-budget/1",
+        "measurand": "a distance",
+        "components": components,
+        "u_um": u,
+        "U_um": 2 * u,
+        "k": 2.0,
+    }
+    figure = bc.plot.budget(record, width_mm=80)
+    assert [width for width, _ in bars(figure.axes[0])] == pytest.approx(list(range(15, 3, -1)))
+    assert clashes(figure) == ([], [])
+
+
+def test_every_file_of_a_run_is_a_figure():
+    for schema, files in FILES.items():
+        assert all(schema in CONTENT[name] for name in files.values())
+    assert set(FILES[GAP]) == {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}
+    assert set(bc.plot.__all__) == {*CONTENT, "posterior"}
+    assert distances.label([{"model": ["nominal"]}], 0) == "nominal"
+
+
+def test_a_second_process_draws_the_same(result, monkeypatch):
+    monkeypatch.setattr(process, "cores", lambda: 2)
+    draws = parameter_draws(result.data)
+    with monkeypatch.context() as patch:
+        patch.delitem(sys.modules, "matplotlib")
+        with process.drawing_beside():
+            there = process.begun(result.record, draws)
+            patch.setattr(process, "figures_of", lambda *given: pytest.fail("drawn here"))
+            drawn = there()
+    assert drawn == figures_of(result.record, draws)
+    assert len(drawn) == 5

@@ -1,0 +1,393 @@
+"""Pages as text: every verdict, figures equal to the records, names from files cannot inject."""
+
+from __future__ import annotations
+
+import base64
+import copy
+import html
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from test_gap_report import SETS, diagnosis
+from typer.testing import CliRunner
+
+import bayescal as bc
+from bayescal.cli import app
+from bayescal.errors import BayescalError
+from bayescal.estimate import calibrated
+from bayescal.model.scene import Scene
+from bayescal.reporting.gap.record import gap_record
+from bayescal.reporting.page import build, compare
+from bayescal.reporting.page.arm import marked_sites
+from bayescal.reporting.page.build import run_page
+from bayescal.reporting.page.section import Run, length, read_run
+from bayescal.reporting.shared.body import arm_drawing, posed
+from bayescal.reporting.shared.origin import rows_record
+
+EVIL = "<script>alert(1)</script><!--"
+
+
+@pytest.fixture(scope="module")
+def found(cube):
+    return calibrated(Scene(cube(seed=1, count=80).dataset), ("geometry",))
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    session = bc.simulate(effects="geometry", contacts=60, later=8, repeats=5, spheres=2, seed=1)
+    folder = tmp_path_factory.mktemp("runs") / "fit"
+    names = bc.fit(session, "geometry", samples=0).save(folder)
+    return folder, names
+
+
+def record_of(found, kind: str) -> dict:
+    record = gap_record(diagnosis(found.model.scene.dataset, kind))
+    return record | {"rows": rows_record(found), "arm": arm_drawing(found.model.scene)}
+
+
+def words(page: str) -> str:
+    """The text of a page, without scripts and styles, with single blanks."""
+    bare = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.DOTALL)
+    return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", bare)))
+
+
+def test_the_verdict_is_said_once(found):
+    text = words(run_page(Run("gap", record_of(found, "null"), "runs/x")))
+    assert text.count("No effect above noise") == 1
+    assert "No effect above noise The model explains these data" in text
+
+
+def test_a_diagnosis_shows_the_residuals_that_it_explains(found):
+    """Drawings and tables of a page are of one model: that before the refit; the other is beside it."""
+    record = record_of(found, "named")
+    rows = record["rows"]
+    rows["residual_before_um"] = [None if r is None else r + 1000.0 for r in rows["residual_um"]]
+    rows["rejected_before"] = [False] * len(rows["id"])
+    page = run_page(Run("gap", record, "runs/x"))
+    first = max(range(len(rows["id"])), key=lambda k: rows["residual_before_um"][k] or -1.0)
+    before, after = rows["residual_before_um"][first], rows["residual_um"][first]
+    assert f"{rows['target'][first]} fitted {before:.1f} {after:.1f}" in words(page)
+    drawn = json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
+    assert drawn["rows"]["residual_um"] == rows["residual_before_um"]
+
+
+@pytest.mark.parametrize("kind", SETS)
+def test_every_verdict_has_a_page(found, kind):
+    record = record_of(found, kind)
+    page = run_page(Run("gap", record, "runs/x"))
+    text = words(page)
+    for line in record["words"]:
+        assert line.rpartition(": ")[2].lower() in text.lower()
+    assert len(page) < 3_000_000
+    assert ("before the refit" in text) == bool(record["named"])
+    assert ("On the shop floor" in text) == (kind != "null")
+    unmodelled = kind in ("unknown", "named+unexplained")
+    assert ("Inspect the location that is marked, correct it" in text) == unmodelled
+    if unmodelled:  # its row of the table of effects states the location, as the first screen does
+        place = next(w for w in record["where"] if not w["explained_by"])
+        size = f"{length(place['rms_um'])} µm RMS"
+        assert re.search(
+            rf"unmodelled effect (<|>|0)[ .\d]+ {re.escape(size)} {re.escape(place['text'])} ", text
+        )
+    if "named" in kind:
+        assert "Adjust the belt tension" in text
+        assert "bayescal fit runs/x/dataset --model" in text
+
+
+def test_sizes_per_coordinate_are_labelled_so(found):
+    record = record_of(found, "unknown")
+    page = words(run_page(Run("gap", record, "x")))
+    assert "per coordinate" not in page
+    record["lengths"]["of"] = "validation points"
+    page = words(run_page(Run("gap", record, "x")))
+    assert page.count("RMS per coordinate (µm)") >= 2  # locations, groups
+    place = next(w for w in record["where"] if not w["explained_by"])
+    assert f"size {length(place['rms_um'])} µm RMS per coordinate" in page
+
+
+def test_nothing_is_marked_where_nothing_is_significant(found):
+    record = record_of(found, "null")
+    assert marked_sites(Run("gap", record, "x")) == ()
+    assert 'class="joint marked"' not in run_page(Run("gap", record, "x"))
+    named = Run("gap", record_of(found, "named"), "x")
+    assert [str(s) for s in marked_sites(named)] == ["joint 3"]
+    assert run_page(named).count('class="joint marked"') == 2  # on the first screen, and with the contacts
+
+
+def test_a_record_without_rows_has_a_page_without_scripts(found):
+    record = {k: v for k, v in record_of(found, "named").items() if k not in ("rows", "arm")}
+    page = run_page(Run("gap", record, "x"))
+    assert "<script" not in page
+    assert "script-src 'none'" in html.unescape(page)
+
+
+def test_fit_writes_its_page(saved):
+    folder, names = saved
+    assert "report.html" in names
+    record = json.loads((folder / "fit.json").read_text())
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert len(page) < 3_000_000
+    text = words(page)
+    expanded = record["predicted_distance"]["expanded_U_um"]
+    assert f"U = {float(f'{expanded:.2g}'):g}" in text.replace(".0 ", " ")
+    for d in record["validation"]["distances"]:
+        assert f"{d['calibrated_error_um']:+.1f}" in text
+    for p in record["parameters"]:
+        assert p["name"] in text
+    for f in record["iso9283"]["figures"]:
+        assert f"{f['symbol']}: {f['name']} {f['count']} {length(f['mean_um'])} " in text
+    for difference in record["iso9283"]["differs_from_norm"]:
+        assert difference in text
+    assert "with 1 cycle each" in text
+    again = run_page(read_run(folder, str(folder)))
+    assert again == page  # a page is a function of what the folder holds
+
+
+def test_figures_that_the_page_does_not_draw_are_embedded(saved):
+    page = (saved[0] / "report.html").read_text(encoding="utf-8")
+    pictures = re.findall(r'<img src="data:image/png;base64,([^"]+)" alt="[^"]{20,}">', page)
+    files = [saved[0] / f"fit-{name}.png" for name in ("distances", "posterior")]
+    assert list(map(base64.b64decode, pictures)) == [file.read_bytes() for file in files]
+
+
+def test_the_page_has_a_policy_and_loads_nothing(saved):
+    page = (saved[0] / "report.html").read_text(encoding="utf-8")
+    assert "default-src 'none'" in html.unescape(page)
+    assert "unsafe-inline'; script-src 'sha256-" in html.unescape(page)
+    bare = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    assert not re.search(r"(?:src|href)=[\"'](?!#|data:)", bare)
+    assert "@import" not in page
+    assert "url(" not in bare
+
+
+def _renamed(record: dict, found) -> dict:
+    """The record with a name that is markup wherever a file of the user states a name."""
+    out = copy.deepcopy(record)
+    out["dataset"]["name"] = EVIL
+    out["arm"]["robot"] = EVIL
+    out["arm"]["joints"] = [EVIL] * len(out["arm"]["joints"])
+    for key in ("id", "target"):
+        out["rows"][key] = [EVIL] * len(out["rows"][key])
+    for group in out["where_marginal"]["target"]:
+        group["label"] = EVIL
+    out["warnings"] = [EVIL]
+    return out
+
+
+def test_names_from_files_are_inert(found):
+    page = run_page(Run("gap", _renamed(record_of(found, "named"), found), EVIL))
+    assert "alert(1)</script>" not in page
+    assert "<!--" not in re.sub(r'<script type="application/gzip".*?</script>', "", page, flags=re.DOTALL)
+    assert EVIL in words(page)
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert json.loads(data[1])["rows"]["target"][0] == EVIL
+
+
+def test_runs_without_certified_centres_are_compared_too(found):
+    """By the readings of their instrument and the lengths of the errors of points."""
+    expected = {
+        "over": "readings of the instrument", "count": 720, "predicted_rms_um": 22.2, "expanded_U_um": 44.4,
+        "measured_rms_um": 20.1, "lengths_mm": [268, 1334],
+    }  # fmt: skip
+    record = {
+        "predicted_distance": expected,
+        "validation": {"distances": []},
+        "ladder": [{"model": ["geometry"], "points_rms_um": 26.5}],
+    }
+    diagnosis = record_of(found, "named")
+    diagnosis["lengths"] |= {"of": "validation points"}
+    diagnosis["ladder"] = [{"model": ["geometry"], "heldout_rms_um": 15.3, "point_length_rms_um": 26.6}]
+    runs = [Run("fit", record, "a"), Run("gap", diagnosis, "b")]
+    (table,) = compare.distances(runs).context["blocks"]
+    assert table.rows[0][1:] == ("readings of the instrument", "22", "44", "20.1", "-", "720")
+    (table,) = compare.levels(runs).context["blocks"]
+    assert table.headings == ("points, 1", "points, 2")
+    assert table.rows == (("geometry", "26.5", "26.6"),)  # 15.3 is per coordinate
+
+
+def test_the_budget_is_shown_where_the_folder_has_one(found):
+    part = {
+        "name": "certificate", "type": "B", "distribution": "normal", "value": 0.0, "u": 3.0, "unit": "um",
+        "sensitivity": 1.0, "contribution_um": 3.0,
+    }  # fmt: skip
+    budget = {
+        "schema": "bayescal-budget/1", "measurand": "a distance of 150 mm", "components": [part],
+        "u_um": 3.0, "U_um": 6.0, "k": 2.0, "coverage": 0.954,
+    }  # fmt: skip
+    text = words(run_page(Run("gap", record_of(found, "null"), "x", budget)))
+    assert "Uncertainty budget" in text
+    assert "certificate" in text
+    assert "Uncertainty budget" not in words(run_page(Run("gap", record_of(found, "null"), "x")))
+
+
+def test_the_page_poses_the_arm_like_the_chain(found):
+    scene = found.model.scene
+    from bayescal.arm import chain as reference
+
+    expected = 1e3 * reference.frames(scene.chain, scene.q[:4])[:, :, :3, 3]
+    for q, at in zip(scene.q[:4], expected, strict=True):
+        assert posed(arm_drawing(scene), q)[0] == pytest.approx(at, abs=0.02)
+
+
+@pytest.mark.parametrize("text", ["", "{", '{"schema": "bayescal-fit/9"}', "[]"])
+def test_damaged_records_are_refused(tmp_path, text):
+    (tmp_path / "fit.json").write_text(text)
+    with pytest.raises(BayescalError, match=r"fit\.json"):
+        read_run(tmp_path)
+
+
+def test_a_folder_without_records_is_refused(tmp_path):
+    with pytest.raises(BayescalError, match=r"no fit\.json or gap\.json"):
+        read_run(tmp_path)
+
+
+def test_ticks_are_round():
+    from bayescal.reporting.page.svg import ticks
+
+    assert ticks(-1.0, 1.0) == pytest.approx([-1, -0.5, 0, 0.5, 1])
+    assert len(ticks(3.0, 3.0)) == 1
+    assert "-0" not in [f"{v:g}" for low in (-0.3, -0.9, -1.0) for v in ticks(low, 1.0)]
+    assert np.all(np.diff(ticks(0.0, 777.0)) == 200.0)
+
+
+def test_lengths_of_errors_have_an_axis_from_zero_with_room_for_its_ticks(found):
+    record = record_of(found, "null")
+    record["rows"]["residual_um"] = [
+        None if r is None else 1e3 * abs(r) for r in record["rows"]["residual_um"]
+    ]
+    page = run_page(Run("gap", record, "x"))
+    drawing = re.search(r'<svg [^>]*aria-label="Residuals over J1.*?</svg>', page, re.DOTALL)[0]
+    levels = re.findall(r'<text x="([.\d]+)" y="[-.\d]+" text-anchor="end">([^<]+)</text>', drawing)
+    assert min(float(value) for _, value in levels) == 0
+    assert all(float(x) - 6.2 * len(value) > 14 for x, value in levels)  # the label of the axis is left of it
+
+
+# --- `bayescal report`: the page in the run folder, comparison of runs, files of the user.
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two fits, of two sessions of one arm."""
+    folder = tmp_path_factory.mktemp("runs")
+    options = {"effects": "geometry", "contacts": 60, "later": 8, "repeats": 5, "spheres": 2, "arm_seed": 1}
+    for seed in (1, 2):
+        session = bc.simulate(seed=seed, **options)
+        bc.fit(session, "geometry", samples=0).save(folder / f"run{seed}", pictures=False)
+    return folder
+
+
+@pytest.fixture
+def own(runs, tmp_path):
+    shutil.copytree(runs / "run1", tmp_path / "run1")
+    return tmp_path / "run1"
+
+
+def test_the_page_is_written_into_the_run_folder(own):
+    before = {p.name: p.read_bytes() for p in own.iterdir() if p.is_file()}
+    assert bc.report(own) == (own / "report.html",)
+    after = {p.name: p.read_bytes() for p in own.iterdir() if p.is_file()}
+    assert after.keys() == before.keys()
+    assert after["fit.json"] == before["fit.json"]
+    assert json.loads(after[".bayescal-files.json"])["files"].keys() >= {
+        "report.html",
+        "dataset/dataset.yaml",
+    }
+    assert bc.report(own) == (own / "report.html",)  # an unchanged folder: again
+
+
+def test_a_folder_with_files_of_the_user_is_not_touched(own):
+    (own / "notes.txt").write_text("mine")
+    with pytest.raises(BayescalError, match=r"notes\.txt"):
+        bc.report(own)
+    assert (own / "notes.txt").read_text() == "mine"
+    page = own.parent / "page.html"
+    assert bc.report(own, page) == (page,)
+    assert bc.report(own, page) == (page,)  # a page of bayescal may be replaced
+
+
+@pytest.mark.parametrize(("name", "beside"), [("mine.html", False), ("mine.pdf", False), ("mine.pdf", True)])
+def test_files_of_the_user_are_kept(own, name, beside, monkeypatch):
+    """A PDF of the user was replaced where our page of the same name lay beside it."""
+    monkeypatch.setattr(build, "browser", lambda: "")
+    path = own.parent / name
+    if beside:
+        bc.report(own, own.parent / "mine.html")
+    path.write_text("mine")
+    with pytest.raises(BayescalError, match=f"{name}: a file that is no page"):
+        bc.report(own, own.parent / "mine.html", pdf=True)
+    assert path.read_text() == "mine"
+
+
+def test_a_pdf_of_the_user_is_no_matter_of_a_page_without_one(own):
+    path = own.parent / "mine.pdf"
+    path.write_text("mine")
+    bc.report(own, own.parent / "mine.html")
+    assert path.read_text() == "mine"
+
+
+def test_runs_side_by_side(runs, tmp_path):
+    (path,) = bc.report([runs / "run1", runs / "run2"], tmp_path / "both.html")
+    text = words(path.read_text(encoding="utf-8"))
+    records = [json.loads((runs / f"run{k}" / "fit.json").read_text()) for k in (1, 2)]
+    a, b = ({p["name"]: p for p in r["parameters"]}["a2"] for r in records)
+    u = (a["sd"] ** 2 + b["sd"] ** 2) ** 0.5
+    assert f"{abs(b['estimate'] - a['estimate']) / u:.1f}" in text
+    for record in records:
+        assert record["verdict"]["words"] in text
+        assert f"{float(format(record['predicted_distance']['expanded_U_um'], '.2g')):g}" in text
+    assert "not independent" not in text
+
+
+def test_runs_of_the_same_dataset_are_not_independent(runs, tmp_path):
+    record = json.loads((runs / "run1" / "fit.json").read_text())
+    record["dataset"]["sha256"] = "0" * 64
+    (tmp_path / "fit.json").write_text(json.dumps(record))
+    (path,) = bc.report([tmp_path, tmp_path], tmp_path / "same.html")
+    assert "not independent" in words(path.read_text(encoding="utf-8"))
+
+
+def test_parameters_of_different_robots_are_not_compared(runs, tmp_path):
+    record = json.loads((runs / "run1" / "fit.json").read_text())
+    record["arm"]["robot"] = "another"
+    (tmp_path / "fit.json").write_text(json.dumps(record))
+    (path,) = bc.report([runs / "run2", tmp_path], tmp_path / "other.html")
+    text = words(path.read_text(encoding="utf-8"))
+    assert "different robots: not compared" in text
+    assert "difference / u" not in text
+
+
+def test_the_command(own):
+    done = CliRunner().invoke(app, ["report", str(own), "--out", str(own.parent / "x.html")])
+    assert done.exit_code == 0, done.output
+    assert "x.html" in done.output
+
+
+def test_without_a_browser_nothing_is_written(own, monkeypatch):
+    monkeypatch.setattr(build.shutil, "which", lambda name: None)
+    out = own.parent / "x.html"
+    with pytest.raises(BayescalError, match="no Chromium or Chrome"):
+        bc.report(own, out, pdf=True)
+    assert not out.exists()
+
+
+def test_pdf(own, chromium):
+    page, printed = bc.report(own, own.parent / "x.html", pdf=True)
+    assert printed.read_bytes().startswith(b"%PDF")
+    assert page.is_file()
+    assert bc.report(own, page, pdf=True) == (page, printed)  # a PDF of bayescal may be replaced
+
+
+def test_a_link_in_a_run_folder_brings_no_file_into_the_page(tmp_path):
+    from bayescal.reporting.page.section import FIGURES, _png
+
+    secret = tmp_path / "secret.png"
+    secret.write_bytes(b"\x89PNG secret")
+    name = next(iter(FIGURES))
+    (tmp_path / name).symlink_to(secret)
+    assert _png(secret)
+    assert _png(tmp_path / name) == b""
+    (tmp_path / "other.png").write_bytes(b"no picture")
+    assert _png(tmp_path / "other.png") == b""

@@ -1,0 +1,170 @@
+"""Locks of outputs, temporary folders, files that are written together."""
+
+import errno
+import os
+import signal
+import stat
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from cases import ROOT
+
+from bayescal.errors import BayescalError
+from bayescal.storage import locks
+from bayescal.storage.files import write_together
+from bayescal.storage.folders import claimed, whole
+from bayescal.storage.locks import alone, scratch
+
+BUSY = r"another run \(process \d+\) writes to it; wait for its end, or give another --out"
+HOLDS = """
+import sys, time
+from pathlib import Path
+from bayescal.storage.locks import alone, scratch
+with alone(Path(sys.argv[1])), scratch("bayescal-tests") as folder:
+    print(folder, flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def other(tmp_path):
+    """Another process that has locked tmp_path/out, and its temporary folder."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDS, str(tmp_path / "out")],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)},
+    )
+    yield process, Path(process.stdout.readline().strip())
+    process.kill()
+    process.communicate()
+
+
+def test_a_second_run_is_refused_until_the_first_ends(tmp_path, other, monkeypatch):
+    monkeypatch.setattr(locks.tempfile, "tempdir", str(tmp_path))
+    process, folder = other
+    out = tmp_path / "out"
+    for attempt in (alone(out), claimed(out, "fit.json"), whole(out, "fit.json")):
+        with pytest.raises(BayescalError, match=BUSY), attempt:
+            pass
+    with scratch("bayescal-tests"):
+        assert folder.is_dir()  # of a running process
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    with alone(out):
+        pass
+    with scratch("bayescal-tests") as own:
+        assert [p.name for p in tmp_path.iterdir()] == [own.name]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_thread_locks_again_and_another_thread_is_refused(tmp_path):
+    def attempt():
+        with alone(tmp_path / "out"):
+            pass
+
+    with alone(tmp_path / "new" / "out"):
+        attempt()
+        with alone(tmp_path / "new" / "out"):
+            pass
+        with (
+            alone(tmp_path / "out"),
+            ThreadPoolExecutor(1) as pool,
+            pytest.raises(BayescalError, match="another run writes to it"),
+        ):
+            pool.submit(attempt).result()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_created_folder_with_a_result_stays(tmp_path):
+    with whole(tmp_path / "runs" / "out", "fit.json") as stage:
+        (stage / "fit.json").write_text("{}")
+    assert [p.name for p in (tmp_path / "runs").iterdir()] == ["out"]
+
+
+def in_time(path):
+    """Lock a path in a process that must end: its exit code and what it prints."""
+    line = (
+        "import pathlib, sys; from bayescal.storage.locks import alone; "
+        "alone(pathlib.Path(sys.argv[1])).__enter__()"
+    )
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", line, path], capture_output=True, text=True, timeout=120, env=environment
+    )
+    return done.returncode, done.stderr
+
+
+OTHERS = {
+    "pipe": lambda lock: os.mkfifo(lock),
+    "device": lambda lock: os.mknod(lock, 0o600 | stat.S_IFCHR, os.makedev(1, 7)),
+    "file of the user": lambda lock: lock.write_text("my notes"),
+}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="not possible on this system")
+@pytest.mark.parametrize("what", OTHERS)
+def test_what_has_the_name_of_a_lock_is_refused_and_kept(tmp_path, what):
+    lock = tmp_path / ".out.bayescal-lock"
+    try:
+        OTHERS[what](lock)
+    except PermissionError:
+        pytest.skip("not possible on this system")
+    before = lock.stat()
+    code, said = in_time(tmp_path / "out")
+    assert code == 1
+    assert (
+        "it has the name of a lock, and bayescal did not write it; remove it, or give another --out" in said
+    )
+    assert lock.stat()[:7] == before[:7]
+
+
+@pytest.mark.parametrize("call", ["ftruncate", "write"])
+def test_a_full_disk_does_not_stop_a_lock(tmp_path, monkeypatch, call):
+    attempts = []
+
+    def full(*_):
+        attempts.append(call)
+        if len(attempts) > 3:
+            raise RuntimeError("endless")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(locks.os, call, full)
+    with alone(tmp_path / "out"):
+        assert attempts
+        assert [p.name for p in tmp_path.iterdir()] == [".out.bayescal-lock"]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_lock_that_is_removed_again_and_again_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(locks, "_has_name", lambda handle, path: False)
+    with pytest.raises(BayescalError, match="another run writes to it"), alone(tmp_path / "out"):
+        pass
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="not possible on this system")
+def test_a_read_only_folder_is_one_line(tmp_path):
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "none", tmp_path], capture_output=True).returncode:
+        pytest.skip("not possible on this system")
+    try:
+        for attempt in (alone(tmp_path / "out"), alone(tmp_path / "new" / "out")):
+            with pytest.raises(BayescalError, match="Read-only file system; give another --out"), attempt:
+                pass
+    finally:
+        subprocess.run(["umount", tmp_path], check=True)
+
+
+def test_parts_of_files_that_killed_processes_left_are_removed(tmp_path):
+    file = tmp_path / "arm.urdf"
+    own = locks.beside(file, locks.PART).name
+    dead = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True)
+    left = tmp_path / own.replace(f".{os.getpid()}.", f".{int(dead.stdout)}.")
+    live = tmp_path / own.replace(f".{os.getpid()}.", f".{os.getppid()}.")
+    similar = tmp_path / ".arm.urdf.part"
+    for path in (left, live, similar):
+        path.touch()
+    write_together({file: "<robot/>", tmp_path / "arm.json": "{}"})
+    assert {p.name for p in tmp_path.iterdir()} == {live.name, similar.name, "arm.urdf", "arm.json"}
