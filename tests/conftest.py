@@ -1,13 +1,16 @@
 """The gate: examples, skips, data of others, compiled code; and fixtures that all tests share."""
 
 import gc
+import inspect
 import os
 import shutil
+from functools import wraps
 
 import numpy as np
 import pytest
 import sessions
 from hypothesis import HealthCheck, settings
+from loops import asserting
 
 from bayescal.arm.chain import Robot
 from bayescal.reporting.page.build import BROWSERS
@@ -47,6 +50,17 @@ def pytest_collection_finish():
     """The half million objects of the collected tests are not searched for garbage in every test's time."""
     gc.freeze()
     gc.enable()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call(pyfuncitem):
+    """A test fails where its assertions stand in loops and none of them was reached."""
+    call, function = pyfuncitem.obj, inspect.unwrap(pyfuncitem.obj)
+    pyfuncitem.obj = wraps(call)(lambda **given: asserting(function, lambda: call(**given)))
+    try:
+        return (yield)
+    finally:
+        pyfuncitem.obj = call
 
 
 def judged(report):
