@@ -187,7 +187,7 @@ def posterior(
     >>> import bayescal as bc
     >>> session = bc.simulate(contacts=80, later=8, repeats=5, spheres=0, seed=1)
     >>> figure = bc.plot.posterior(bc.fit(session, samples=0), ["a2", "d4"])
-    >>> [axes.texts[-1].get_text() for axes in figure.axes[:2]]
+    >>> [axes.get_xlabel() for axes in figure.axes[:2]]
     ['a2 (mm)', 'd4 (mm)']
     """
     from bayescal.posterior.inference import CHAINS

@@ -203,16 +203,6 @@ def test_every_command_is_tested():
     assert ends == CALLED.keys() | ELSEWHERE.keys()
 
 
-def test_every_number_has_its_unit_in_the_name_or_none():
-    """What has a unit says so in its name and not in its help alone."""
-    for words, command in commands().items():
-        for option in command.params:
-            text = f" {option.help or ''} " if option.name != "help" else ""
-            for unit in ("µm", "mm", "deg", "kg", "s"):
-                if f", {unit} " in text or f", {unit}." in text or f" {unit}:" in text:
-                    assert shown(option).endswith(f"-{unit.replace('µ', 'u')}"), (words, shown(option))
-
-
 @pytest.mark.parametrize(
     ("line", "parameter", "value"),
     [
