@@ -18,8 +18,8 @@ from bayescal.arm.transforms import rpy_of
 from bayescal.effects import MODELS, Parameter
 from bayescal.effects.tool import TOOL
 from bayescal.exporting.geometry import constant, coupled, items
-from bayescal.exporting.mjcf.elastic import Content
-from bayescal.exporting.mjcf.mechanism import DAMPING, GYRATION, WEIGHTLESS, Hinge, Mechanism, mechanism
+from bayescal.exporting.mjcf.elastic import Content, Hinge
+from bayescal.exporting.mjcf.mechanism import DAMPING, GYRATION, WEIGHTLESS, Mechanism, mechanism
 from bayescal.exporting.mjcf.readings import Law
 from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.exporting.xml_text import element, number, numbers
