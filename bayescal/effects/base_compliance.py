@@ -21,12 +21,18 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.effects import location
+from bayescal.effects.common import (
+    LEANING,
+    base_terms,
+    by_session,
+    first_axis,
+    tilts,
+    vertical,
+    without_masses,
+)
 from bayescal.effects.compliance import SPREAD
-from bayescal.effects.joints import without_masses
 from bayescal.effects.location import Driver
-from bayescal.effects.sessions import by_session
 from bayescal.effects.sizes import COMPLIANT, FACTOR
-from bayescal.effects.stand import LEANING, base_terms, first_axis, tilts, vertical
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Where
 
 MEAN = 1e-5  # rad/(N m)

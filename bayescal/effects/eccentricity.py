@@ -10,7 +10,7 @@ Driver: sine and cosine of the link-relative angle. Prior: 0.1 mrad each, from a
 
 from __future__ import annotations
 
-from bayescal.effects.joints import waves
+from bayescal.effects.common import waves
 from bayescal.effects.sizes import WAVE
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter
 

@@ -104,7 +104,7 @@ class Exported:
             "dataset": {"name": dataset.name, "sha256": dataset.sha256},
             "robot": dataset.robot.name,
             "model": list(arm.effects),
-            "without": list(arm.origin.without),
+            "without": list(arm.origin.options.omitted),
             "state": _state(dataset, self.options.state),
             "written": [vars(item) for item in self.written.items],
             "not_expressed": [_missing(m) for m in self.missing],

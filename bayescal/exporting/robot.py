@@ -11,11 +11,11 @@ from bayescal.arm.chain import Robot, chain_of, displaced, split
 from bayescal.arm.transforms import rigid, rpy_of
 from bayescal.dataset.table import csv_text
 from bayescal.effects import Parameter
+from bayescal.effects.common import READING, side_of
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.encoder_scale import ENCODER_SCALE
 from bayescal.effects.geometry import PARALLEL
 from bayescal.effects.joint import JOINT
-from bayescal.effects.joints import READING, side_of
 from bayescal.effects.selection import Selection
 from bayescal.exporting.geometry import constant, constant_displacements, items
 from bayescal.exporting.written import Format, Item, Options, Written, item

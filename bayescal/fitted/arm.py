@@ -24,7 +24,7 @@ from bayescal.estimate.solver import root
 from bayescal.fitted import gate
 from bayescal.fitted.gate import NOTHING, Use
 from bayescal.fitted.unmodelled import Circumstance, Unmodelled, driven_by, posed_rows
-from bayescal.model import ARM, Model
+from bayescal.model import ARM, USUAL, FitOptions, Model
 from bayescal.model.equilibrium import standing_model
 
 if TYPE_CHECKING:
@@ -42,10 +42,7 @@ class Origin:
     """How an arm was fitted: what a refit repeats."""
 
     command: str = "fit"
-    seed: int = 0
-    robust: bool = True
-    prior_width: float = 1.0
-    without: tuple[str, ...] = ()  # parts of the effects that stay nominal: "geometry at joint 4"
+    options: FitOptions = USUAL
 
 
 @dataclass(frozen=True)
@@ -292,8 +289,7 @@ def of_basis(basis: Basis, origin: Origin = Origin()) -> FittedArm:
 
 def of_fit(fit: Fit) -> FittedArm:
     """The arm of a calibration."""
-    origin = Origin("fit", fit.seed, fit.robust, fit.prior_width, fit.without)
-    return replace(of_basis(fit.basis, origin), use=gate.of_fit(fit))
+    return replace(of_basis(fit.basis, Origin("fit", fit.options)), use=gate.of_fit(fit))
 
 
 def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
@@ -304,8 +300,8 @@ def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> 
     from bayescal.calibration import basis_of
 
     assert gap.arm is not None, "a diagnosis has its refit"
-    origin = Origin("gap", gap.seed, gap.robust, gap.prior_width, gap.still_without)
-    arm = replace(of_basis(basis_of(gap.arm, gap.seed), origin), use=gate.of_gap(gap))
+    origin = Origin("gap", replace(gap.options, without=gap.still_without))
+    arm = replace(of_basis(basis_of(gap.arm, gap.options.seed), origin), use=gate.of_gap(gap))
     return refitted(arm, with_, without) if with_ or without else arm
 
 
@@ -333,12 +329,14 @@ def refitted(arm: FittedArm, with_: Sequence[str] = (), without: Sequence[str] =
             raise BayescalError(f"the model has {plain(name)} already", f"--with {name}", "leave it out")
     whole = [name for name in without if name in names or name in arm.effects]
     effects = [name for name in arm.effects if name not in whole and plain(name) not in whole]
-    parts = (*arm.origin.without, *(name for name in without if name not in whole))
-    o = arm.origin
-    again = fit(arm.dataset, (*effects, *with_), 0, o.seed, o.robust, o.prior_width, without=parts)
-    refit = of_fit(again)
-    against = (*refit.use.against, *gate.not_gained(_gains(again, with_)))
-    return replace(refit, origin=replace(o, without=parts), use=replace(refit.use, against=against))
+    options = arm.origin.options
+    parts = (*options.omitted, *(name for name in without if name not in whole))
+    found = fit(arm.dataset, (*effects, *with_), options, without=parts, samples=0)
+    refit = of_fit(found)
+    against = (*refit.use.against, *gate.not_gained(_gains(found, with_)))
+    return replace(
+        refit, origin=Origin(arm.origin.command, found.options), use=replace(refit.use, against=against)
+    )
 
 
 def _gains(fit: Fit, names: Sequence[str]) -> list[tuple[str, float]]:

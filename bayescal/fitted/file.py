@@ -28,6 +28,7 @@ from bayescal.fitted.gate import Use
 from bayescal.fitted.unmodelled import Unmodelled
 from bayescal.model import ARM, Model, equilibrium, with_parameters
 from bayescal.model.equilibrium import SETTLED
+from bayescal.model.options import FitOptions, parts_of
 from bayescal.model.scene import Scene
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import check_unchanged
@@ -60,7 +61,7 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
                 "prior_sd": p.sd * factor,
             }
         )
-    dataset = arm.dataset
+    dataset, options = arm.dataset, arm.origin.options
     own_noise, remounted = _joining(dataset)
     return {
         "schema": SCHEMA,
@@ -73,10 +74,10 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
             "own_noise": own_noise,
         },
         "model": list(arm.effects),
-        "without": list(arm.origin.without),
-        "prior_width": arm.origin.prior_width,
-        "robust": arm.origin.robust,
-        "seed": arm.origin.seed,
+        "without": list(options.omitted),
+        "prior_width": options.prior_width,
+        "robust": options.robust,
+        "seed": options.seed,
         "parameters": parameters,
         "covariance_si": arm.covariance.tolist(),
         **arm.beyond.record(),
@@ -194,6 +195,8 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
         what = f"the model of the dataset's copy has no parameter `{min(missing)}`"
         raise BayescalError(what, str(folder / ARM_FILE), "repeat the command with this version")
     model, values = with_parameters(settled.scene, effects, settled.parameters), deviations(settled)
+    parts = parts_of(record["without"], effects)
+    options = FitOptions(parts, record["robust"], record["prior_width"], record["seed"])
     return FittedArm(
         model,
         values,
@@ -201,13 +204,7 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
         effects,
         {name: np.array(state, float) for name, state in record["targets_si"].items()},
         tuple(record["rejected"]),
-        Origin(
-            record["command"],
-            record["seed"],
-            record["robust"],
-            record["prior_width"],
-            tuple(record["without"]),
-        ),
+        Origin(record["command"], options),
         Use.read(record, model.parameters),
         Unmodelled.read(record, len(values)),
     )

@@ -27,7 +27,7 @@ from bayescal.assess.inputs import Basis
 from bayescal.dataset import Dataset, Measurements
 from bayescal.dataset.append import appended
 from bayescal.effects import Parameter
-from bayescal.effects.masses import masses
+from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate.discrepancy import MASSES, mixed, sized
 from bayescal.estimate.families import compliant, families
@@ -51,7 +51,7 @@ class Unmodelled:
     variances, dof : mapping
         Of the families of the discrepancy: variance, and its effective degrees of freedom.
     mixing : np.ndarray, shape (L, L)
-        Makes the errors of masses of those of `effects.masses`.
+        Makes the errors of masses of those of `effects.gravity`.
     excess, excess_dof : float
         m, standard deviation of the error of each coordinate, and its effective degrees of freedom.
     """

@@ -128,7 +128,7 @@ def _taken_up(arm: FittedArm) -> tuple[Parameter, ...]:
     scene, fitted = arm.model.scene, {p.name for p in arm.model.parameters}
     around = replace(scene.circumstances(scene.rows("calibrate")), tied_tool=True)
     every = parameters_of(arm.effects, around, lenient=True)
-    width = arm.origin.prior_width
+    width = arm.origin.options.prior_width
     further = [p for p in every if p.effect == GEOMETRY.name and p.name not in fitted]
     return tuple(replace(p, sd=width * p.sd) for p in further)
 

@@ -5,7 +5,6 @@ Verification of an exported file, of the public API.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -196,10 +195,11 @@ class VerificationResult:
 
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
         """Write verify.json to a run folder; return the name of the file."""
+        from bayescal.storage.files import json_text
         from bayescal.storage.folders import whole
 
         with whole(Path(folder), "verify.json") as stage:
-            text = json.dumps(self.record, indent=1, allow_nan=False) + "\n"
+            text = json_text(self.record, rows=False)
             (stage / "verify.json").write_text(text, encoding="utf-8")
         return ("verify.json",)
 

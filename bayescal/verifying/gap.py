@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, calibrated, estimate
+from bayescal.estimate import Estimate, estimate, fitted_level
 from bayescal.estimate.outliers import rejected, scale
 from bayescal.exporting.mjcf.elastic import STATE
 from bayescal.fitted.arm import FittedArm, Origin, of_estimate
-from bayescal.model import Block, with_parameters
-from bayescal.model.block import parts_of
+from bayescal.model import Block
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import USUAL
 from bayescal.predict.locate import locate
@@ -239,14 +238,14 @@ def simulated_gap(
 
 def before_estimate(arm: FittedArm, baseline: tuple[str, ...]) -> Estimate:
     """The arm before, with its own targets: nominal, or fitted with the baseline of a diagnosis."""
-    scene, o = Scene(arm.dataset, oriented=True), arm.origin
+    scene, options = Scene(arm.dataset, oriented=True), arm.origin.options
+    found = fitted_level(scene, baseline, options)
     if not baseline:
-        return estimate(with_parameters(scene, (), ()), robust=o.robust)
-    earlier = calibrated(scene, baseline, o.prior_width, o.robust, parts_of(o.without, baseline))
+        return found
     left_out = np.flatnonzero(np.isin(arm.dataset.measurements.ids, arm.rejected))
-    if np.array_equal(np.sort(earlier.rejected), left_out):
-        return earlier
-    return estimate(earlier.model, o.robust, earlier.z, left_out)  # both arms with the same rows
+    if np.array_equal(np.sort(found.rejected), left_out):
+        return found
+    return estimate(found.model, options.robust, found.z, left_out)  # both arms with the same rows
 
 
 def in_simulator(arm: FittedArm, file: File, rows: np.ndarray, state: int) -> np.ndarray:

@@ -126,7 +126,7 @@ def _arm(run: Path, sidecar: Mapping[str, Any], where: str) -> FittedArm:
         raise BayescalError(what, where, "give the run that was exported")
     more = [name for name in sidecar["model"] if name not in arm.effects]
     less = [name for name in arm.effects if name not in sidecar["model"]]
-    less += [part for part in sidecar["without"] if part not in arm.origin.without]
+    less += [part for part in sidecar["without"] if part not in arm.origin.options.omitted]
     return refitted(arm, more, less) if more or less else arm
 
 

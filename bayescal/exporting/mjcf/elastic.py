@@ -22,8 +22,7 @@ from bayescal.arm.transforms import AXES
 from bayescal.effects import named
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING, across, ends
-from bayescal.effects.sessions import alone
-from bayescal.effects.stand import tilts, vertical
+from bayescal.effects.common import alone, tilts, vertical
 from bayescal.effects.vocabulary import Circumstances, Parameter
 from bayescal.errors import BayescalError
 from bayescal.fitted.arm import FittedArm

@@ -5,7 +5,6 @@ The table has the law of the readings, which the model beside a script does not 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -34,6 +33,7 @@ from bayescal.exporting.mjcf.readings import Joints, bare, law_of, servos
 from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.exporting.xml_text import add
 from bayescal.fitted.arm import FittedArm
+from bayescal.storage.files import json_text
 
 TIMESTEP = 0.002
 
@@ -97,7 +97,7 @@ def beside(
     renamed : mapping
         Names in the file of added parts that are called otherwise there, by kind.
     """
-    table = json.dumps(replay_table(content, joints, servos, renamed), indent=1, allow_nan=False) + "\n"
+    table = json_text(replay_table(content, joints, servos, renamed), rows=False)
     return {SCRIPT: Path(replay.__file__).read_text(encoding="utf-8"), TABLE: table}
 
 

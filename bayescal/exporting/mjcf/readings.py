@@ -23,7 +23,7 @@ import numpy as np
 
 from bayescal.effects import named
 from bayescal.effects.backlash import BACKLASH, STANDSTILL
-from bayescal.effects.joints import READING, SIDES, side_of
+from bayescal.effects.common import READING, SIDES, side_of
 from bayescal.effects.selection import Selection
 from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.elastic import Content
