@@ -29,6 +29,7 @@ from bayescal.gap.outcome.margins import margins
 from bayescal.gap.outcome.notes import alike, amplitudes, cautions, play_or_late, warnings
 from bayescal.gap.result import Gap, Hypothetical, Named, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
+from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.gate import confirmed, contradiction
 from bayescal.gap.search.refit import model_name, refit, still_without
 from bayescal.gap.search.verdict import Decision
@@ -150,10 +151,10 @@ def explain(
     before = validation_errors(first.fitted)
     alone = before if last is first and before.how == VALIDATED else _judging(last.fitted)
 
-    known: dict[tuple[int, ...], tuple[Estimate, ValidationErrors]] = {(): (last.fitted, alone)}
+    known: dict[tuple[Variant, ...], tuple[Estimate, ValidationErrors]] = {(): (last.fitted, alone)}
 
     def fitted(members: Sequence[Member]) -> tuple[Estimate, ValidationErrors]:
-        key = tuple(map(id, members))
+        key = tuple(m.variant for m in members)
         if key not in known:
             final = refit(last.fitted, last.candidates, members, options)
             known[key] = final, _judging(final)

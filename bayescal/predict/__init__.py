@@ -7,9 +7,7 @@ from bayescal.predict.forecast import DistanceErrors, Forecast, forecast
 from bayescal.predict.validation import (
     DiameterCheck,
     DistanceCheck,
-    PlaneCheck,
-    PointCheck,
-    TurnCheck,
+    RowCheck,
     Validation,
     validate,
 )
@@ -19,9 +17,7 @@ __all__ = [
     "DistanceCheck",
     "DistanceErrors",
     "Forecast",
-    "PlaneCheck",
-    "PointCheck",
-    "TurnCheck",
+    "RowCheck",
     "Validation",
     "forecast",
     "inside95",

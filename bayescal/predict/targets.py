@@ -23,7 +23,7 @@ from bayescal.model.scene import Scene
 from bayescal.predict.locate import AmbiguousPositionError, locate
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LocatedTarget:
     """A target located from R residuals of its own rows.
 

@@ -27,12 +27,12 @@ from bayescal.predict.targets import (
 
 
 @dataclass(frozen=True)
-class PlaneCheck:
-    """Validation contacts of a surface, m."""
+class RowCheck:
+    """Validation measurements of one target; m, or rad for orientations."""
 
     target: str
-    residuals: np.ndarray  # (C,) at the estimate
-    predicted: np.ndarray  # (S, C) draws of the residual, from arm, target and noise
+    residuals: np.ndarray  # (C,) of a surface, else (3, C), at the estimate
+    predicted: np.ndarray  # (S, C) or (S, 3, C) draws of the residual, from arm, target and noise
 
 
 @dataclass(frozen=True)
@@ -57,33 +57,15 @@ class DiameterCheck:
 
 
 @dataclass(frozen=True)
-class PointCheck:
-    """Validation points of one target (instrument readings, a socket), m."""
-
-    target: str
-    residuals: np.ndarray  # (3, C) at the estimate
-    predicted: np.ndarray  # (S, 3, C) draws of the residual
-
-
-@dataclass(frozen=True)
-class TurnCheck:
-    """Orientation errors of the tool in validation data, rotation vectors in the frame of the tool, rad."""
-
-    target: str
-    residuals: np.ndarray  # (3, C) at the estimate
-    predicted: np.ndarray  # (S, 3, C) draws of the residual
-
-
-@dataclass(frozen=True)
 class Validation:
     """Errors and predictions of one model for all validation measurements."""
 
     effects: tuple[str, ...]
-    planes: tuple[PlaneCheck, ...]
+    planes: tuple[RowCheck, ...]  # contacts of surfaces
     distances: tuple[DistanceCheck, ...]
     diameters: tuple[DiameterCheck, ...]
-    points: tuple[PointCheck, ...]
-    turns: tuple[TurnCheck, ...] = ()
+    points: tuple[RowCheck, ...]  # instrument readings, sockets
+    turns: tuple[RowCheck, ...] = ()  # rotation vectors in the frame of the tool
 
     @property
     def maximum_distance_error(self) -> float:
@@ -100,7 +82,7 @@ class _Draws:
     kappa: np.ndarray  # (S, G)
     excess: float  # m, unexplained error of a ball centre
     rng: np.random.Generator
-    of_target: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    of_target: dict[LocatedTarget, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     def normal(self, *shape: int) -> np.ndarray:
         """Standard normals (S, ...)."""
@@ -119,7 +101,7 @@ class _Draws:
 
     def located(self, t: LocatedTarget) -> tuple[np.ndarray, np.ndarray]:
         """Deviations of the unknowns of a target (S, m), and noise of its rows (S, R), m."""
-        if id(t) not in self.of_target:
+        if t not in self.of_target:
             arm = self.estimate.model.slices[ARM]
             noise = self.noise(t.block.group, t.noise)
             if self.excess and self.of_instrument(t.block):
@@ -128,8 +110,8 @@ class _Draws:
             off += self.normal(len(t.by_prior)) @ t.by_prior.T
             if self.excess and not self.of_instrument(t.block):
                 off += self.excess * self.normal(3) @ t.by_shift.T
-            self.of_target[id(t)] = off, noise
-        return self.of_target[id(t)]
+            self.of_target[t] = off, noise
+        return self.of_target[t]
 
     def noise(self, group: str, sd: np.ndarray) -> np.ndarray:
         """Errors (S, R) of measurements with standard uncertainties (R,)."""
@@ -195,11 +177,11 @@ def validate(
     points = [r for r in known.rows if r.block.kind.rows > 1]
     return Validation(
         estimate.model.effects,
-        tuple(PlaneCheck(r.block.target, r.residual, d.residuals(r)[:, 0]) for r in planes),
+        tuple(RowCheck(r.block.target, r.residual, d.residuals(r)[:, 0]) for r in planes),
         tuple(_distances(d, known)),
         tuple(_diameters(d, known)),
-        tuple(PointCheck(r.block.target, r.in_rows, d.residuals(r)) for r in points),
-        tuple(TurnCheck(r.block.target, r.in_rows, d.residuals(r)) for r in _turns(estimate, known)),
+        tuple(RowCheck(r.block.target, r.in_rows, d.residuals(r)) for r in points),
+        tuple(RowCheck(r.block.target, r.in_rows, d.residuals(r)) for r in _turns(estimate, known)),
     )
 
 

@@ -62,7 +62,7 @@ def unaliased(parameters: Sequence[Parameter], c: Circumstances) -> list[bool]:
 NOTHING = "its driver does not vary in this session"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Variant:
     """A form of an effect: its setting if any, its sites or () for all, its columns of the pool."""
 

@@ -14,7 +14,7 @@ from bayescal.calibration import Fit, ModelLevel
 from bayescal.estimate import Estimate
 from bayescal.fitted import gate
 from bayescal.model import Block
-from bayescal.predict import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
+from bayescal.predict import Forecast, RowCheck, Validation, inside95, interval95
 from bayescal.reporting.fit.agreement import iso9283_record
 from bayescal.reporting.fit.tables import tolerance_record, verdict_record
 from bayescal.reporting.shared.body import arm_drawing
@@ -316,7 +316,7 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _points(nominal: tuple[PointCheck, ...], calibrated: tuple[PointCheck, ...]) -> dict[str, Any]:
+def _points(nominal: tuple[RowCheck, ...], calibrated: tuple[RowCheck, ...]) -> dict[str, Any]:
     """Lengths of the residual vectors of validation points, of all targets."""
     if not calibrated:
         return {"count": 0}
@@ -339,7 +339,7 @@ def _points(nominal: tuple[PointCheck, ...], calibrated: tuple[PointCheck, ...])
     }
 
 
-def _turns(checks: tuple[TurnCheck, ...]) -> dict[str, Any]:
+def _turns(checks: tuple[RowCheck, ...]) -> dict[str, Any]:
     """Angles between measured and predicted orientations of validation measurements, of all targets."""
     if not checks:
         return {"count": 0}

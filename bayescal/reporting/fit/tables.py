@@ -17,7 +17,7 @@ from bayescal.calibration import Fit, ModelLevel
 from bayescal.dataset import Dataset
 from bayescal.effects.vocabulary import unit_label
 from bayescal.estimate.unexplained import FORM
-from bayescal.predict import PlaneCheck, PointCheck, TurnCheck, Validation, inside95, interval95
+from bayescal.predict import RowCheck, Validation, inside95, interval95
 from bayescal.reporting.shared.text import (
     MDEG,
     MM,
@@ -69,7 +69,7 @@ def level_table(levels: Sequence[ModelLevel]) -> FigureTable:
 def _within(v: Validation) -> str:
     """How many values of validation measurements lie within their 95 % prediction intervals."""
     hits = [np.atleast_1d(inside95(d.error, d.predicted)) for d in v.distances]
-    checks: list[PlaneCheck | PointCheck | TurnCheck] = [*v.planes, *v.points, *v.turns]
+    checks: list[RowCheck] = [*v.planes, *v.points, *v.turns]
     hits += [inside95(check.residuals, check.predicted).ravel() for check in checks]
     return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else "-"
 
