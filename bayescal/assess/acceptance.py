@@ -5,8 +5,9 @@ their correlations. The tests share a probability of a false alarm (Bonferroni),
 fails any of them with a probability of at most `LEVEL`.
 
 Conformance of a distance error is decided by the rule of ISO 14253-1. In this rule the uncertainty counts
-against the party that proves: with a measured error e, its expanded uncertainty U = k u and a tolerance X, conformance is proven if abs(e) + U <= X, nonconformance if
-abs(e) - U > X; in between there is no decision. The edition of 2017 requires by default a probability of
+against the party that proves: with a measured error e, its expanded uncertainty U = k u and a tolerance X,
+conformance is proven if abs(e) + U <= X, nonconformance if abs(e) - U > X; in between there is no decision.
+The edition of 2017 requires by default a probability of
 conformance of 95 %, which a guard band of 1.65 u gives where X is large beside u (one-sided; JCGM 106:2012,
 8.3). U with a coverage of 95.45 %, the guard band of the editions before and of calibration certificates, is
 the stricter of the two (97.7 % one-sided), and is what this program uses.
@@ -327,11 +328,7 @@ def conformance(
         (not tests.validated, OPEN, "no validation measurements verify the prediction"),
         (not tests.determined, OPEN, "the prediction rests on priors, not on measurements"),
         (undecided, OPEN, f"{len(undecided)} {of}: error within U of the tolerance"),
-        (
-            space.expanded > tolerance,
-            OPEN,
-            "U of a distance in the probed volume is larger than the tolerance",
-        ),
+        (wide, OPEN, "U of a distance in the probed volume is larger than the tolerance"),
         (True, PASS, "error + U <= tolerance, for every distance"),
     )
     decision, why = next((decision, why) for applies, decision, why in cases if applies)
