@@ -33,10 +33,7 @@ STATED: dict[str, dict[Relation, tuple[tuple[str, str], ...]]] = {
         off_plane: (("distance", "m"),),
         apart: (("distance", "m"),),
     },
-    "perpendicular": {
-        square: (("square", "rad"),),
-        aligned: (("square 1", "rad"), ("square 2", "rad")),
-    },
+    "perpendicular": {square: (("square", "rad"),), aligned: (("square 1", "rad"), ("square 2", "rad"))},
     "distance": {off_plane: (("distance", "m"),), apart: (("distance", "m"),)},
 }
 """Values that a certificate of two targets states, one residual each, and their units, by relation."""

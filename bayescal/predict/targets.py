@@ -70,10 +70,7 @@ class LocatedTarget:
 
 
 def located_target(
-    estimate: Estimate,
-    block: Block,
-    u_diameter: float | None = None,
-    strict: bool = True,
+    estimate: Estimate, block: Block, u_diameter: float | None = None, strict: bool = True
 ) -> LocatedTarget:
     """Locate a target, and its tool where no fitted row used that tool.
 

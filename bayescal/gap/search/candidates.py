@@ -14,16 +14,7 @@ from math import comb
 
 import numpy as np
 
-from bayescal.effects import (
-    EFFECTS,
-    MODELS,
-    Circumstances,
-    Effect,
-    Parameter,
-    Setting,
-    named,
-    parameters_of,
-)
+from bayescal.effects import EFFECTS, MODELS, Circumstances, Effect, Parameter, Setting, named, parameters_of
 from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import in_proportion, plain
 from bayescal.effects.vocabulary import Form
