@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import inf
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,10 +35,12 @@ from bayescal.estimate.unexplained import FaceCheck, Unexplained, check_faces, u
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
-from bayescal.posterior.checkpoint import Checkpoint
 from bayescal.predict import Forecast, Validation, forecast, validate
 from bayescal.predict.targets import Prepared, check_located, prepared
 from bayescal.statistics import spawned
+
+if TYPE_CHECKING:
+    from bayescal.posterior.checkpoint import Checkpoint  # and emcee with it
 
 VALIDATION_DRAWS = 2000
 MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 4_000_000, 400

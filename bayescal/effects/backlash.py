@@ -85,4 +85,5 @@ BACKLASH = Effect(
     confusable_with=("unsettled",),
     forms=(*sides(_parameters), *map(_held, FRICTIONS)),
     directed=True,
+    simulated_within=2e-6,
 )

@@ -87,4 +87,6 @@ BASE_COMPLIANCE = Effect(
         by_session(_parameters),
         Form("turned", "about horizontal axes that are turned against those of F0", _turned),
     ),
+    simulated_within=1e-7,
+    linear_spring=True,
 )

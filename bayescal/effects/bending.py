@@ -98,4 +98,6 @@ BENDING = Effect(
     ),
     confusable_with=("coupling",),
     requires=("compliance",),
+    simulated_within=5e-7,
+    linear_spring=True,
 )

@@ -93,4 +93,6 @@ COMPLIANCE = Effect(
         "bolts of the motor."
     ),
     in_robot_file=True,
+    simulated_within=2e-8,
+    linear_spring=True,
 )

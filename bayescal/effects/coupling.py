@@ -73,4 +73,5 @@ COUPLING = Effect(
     ),
     confusable_with=("bending",),
     forms=(Form("levels-off", "levelling off away from the middle of the session", _levelling),),
+    simulated_within=5e-8,
 )

@@ -39,4 +39,5 @@ ECCENTRICITY = Effect(
     ),
     confusable_with=("second-harmonic", "encoder-scale"),
     forms=(Form("third-order", "with a part of the third order", _with_third),),
+    simulated_within=5e-8,
 )

@@ -36,4 +36,5 @@ ENCODER_SCALE = Effect(
     confusable_with=("eccentricity", "second-harmonic"),
     forms=sides(_parameters),
     in_robot_file=True,
+    simulated_within=5e-8,
 )

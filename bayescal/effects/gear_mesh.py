@@ -67,4 +67,5 @@ GEAR_MESH = Effect(
         "its wave generator. Replace the gear if the ripple grows; otherwise avoid accurate points "
         "within a fraction of the mesh period."
     ),
+    simulated_within=5e-8,
 )

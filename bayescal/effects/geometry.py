@@ -79,4 +79,5 @@ GEOMETRY = Effect(
     in_robot_file=True,
     simpler="joint",
     dimensions=True,
+    simulated_within=1e-9,
 )

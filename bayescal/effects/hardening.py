@@ -87,4 +87,5 @@ HARDENING = Effect(
     confusable_with=("hysteresis",),
     requires=("compliance",),
     forms=(Form("uneven", "of another amount at each sign of the torque", _uneven, UNEVEN_ODDS),),
+    simulated_within=5e-7,
 )

@@ -77,4 +77,5 @@ HYSTERESIS = Effect(
         )
         for lag in LAGS
     ),
+    simulated_within=5e-7,
 )

@@ -104,4 +104,5 @@ PAYLOAD = Effect(
         Form("elsewhere", "a mass that hangs elsewhere than the tool's centre of mass", _elsewhere),
         Form("added", "an added load that hangs elsewhere, or differs in mass", _added),
     ),
+    simulated_within=2e-8,
 )

@@ -31,4 +31,5 @@ SECOND_HARMONIC = Effect(
         "Otherwise compensate with the model."
     ),
     confusable_with=("eccentricity", "encoder-scale"),
+    simulated_within=5e-8,
 )

@@ -282,6 +282,11 @@ class Effect:
         It depends on the direction of motion of a joint, or looks so.
     of_session : bool
         It differs between sessions of the same arm.
+    linear_spring : bool
+        Its parameters are compliances of linear springs, which any simulator has.
+    simulated_within : float
+        m: largest difference of TCP positions that it adds between an exported file in its simulator and the
+        fitted arm.
     """
 
     name: str
@@ -303,6 +308,8 @@ class Effect:
     in_robot_file: bool = False
     directed: bool = False
     of_session: bool = False
+    linear_spring: bool = False
+    simulated_within: float = 0.0
 
     def form(self, name: str) -> Form | None:
         """The form with a name, or None."""

@@ -21,6 +21,8 @@ from bayescal.model.options import FitOptions, Part
 
 VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
 """Kinds of validation measurement, as reports name them."""
+MARGINS = ("target", "joint", "region", "time", "direction")
+"""Groups by which residuals are listed."""
 VERDICTS = ("null", "named", "named+unexplained", "unknown", "ambiguous")
 
 

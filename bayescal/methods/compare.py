@@ -42,22 +42,6 @@ class Result:
     predicted: Validation | None  # of a method with predicted uncertainty
 
     @property
-    def planes(self) -> np.ndarray:
-        """Residuals of validation contacts, (C,), m."""
-        return np.concatenate([np.zeros(0), *(p.residuals for p in self.validation.planes)])
-
-    @property
-    def distances(self) -> np.ndarray:
-        """Errors of certified distances, (K,), m."""
-        return np.array([d.error for d in self.validation.distances])
-
-    @property
-    def points(self) -> np.ndarray:
-        """Lengths of the error vectors of validation points, (C,), m."""
-        each = (np.linalg.norm(p.residuals, axis=0) for p in self.validation.points)
-        return np.concatenate([np.zeros(0), *each])
-
-    @property
     def distance_sd(self) -> float:
         """Predicted standard deviation of a distance, rms over all, m; nan where nothing is predicted."""
         if self.predicted is None or not self.predicted.distances:

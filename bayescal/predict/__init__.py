@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from bayescal.predict.crossvalidation import inside95, interval95
 from bayescal.predict.forecast import DistanceErrors, Forecast, forecast
-from bayescal.predict.validation import DiameterCheck, DistanceCheck, RowCheck, Validation, validate
+from bayescal.predict.validation import (
+    DiameterCheck,
+    DistanceCheck,
+    Errors,
+    RowCheck,
+    Validation,
+    validate,
+)
 
 __all__ = [
     "DiameterCheck",
     "DistanceCheck",
     "DistanceErrors",
+    "Errors",
     "Forecast",
     "RowCheck",
     "Validation",

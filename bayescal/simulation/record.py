@@ -7,7 +7,6 @@ Ground truth of a simulated session, independent of its plan: arm, targets, cert
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -26,6 +25,7 @@ from bayescal.model import Model
 from bayescal.model.scene import Scene
 from bayescal.probing.approach import DIAMETER, SIZE, U_ANGLE, U_DISTANCE, U_SPHERE
 from bayescal.simulation.options import Options, Scenery, sphere_names, stream
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 TRUTH = "truth.json"
@@ -53,7 +53,7 @@ def write(simulation: Simulated, folder: Path) -> None:
     """
     with whole(folder, TRUTH) as stage:
         write_files(simulation.dataset, stage)
-        text = json.dumps(simulation.truth, indent=1) + "\n"
+        text = json_text(simulation.truth, rows=False)
         (stage / TRUTH).write_text(text, encoding="utf-8", newline="")
 
 

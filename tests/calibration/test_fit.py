@@ -146,7 +146,7 @@ def test_calibrated_robot_is_a_robot_file(written, tmp_path):
     effects = [p.effect for p in tool.final.estimate.model.parameters]
     off = np.abs([v for v, e in zip(z, effects, strict=True) if e == "geometry"])
     assert np.max(off) < 0.2
-    assert tool.final.validation.maximum_distance_error < 25e-6
+    assert tool.final.validation.distance_errors.maximum < 25e-6
 
 
 def test_summary_reads_in_ten_seconds(written):

@@ -14,7 +14,7 @@ from bayescal.effects import parameters_of
 from bayescal.effects.location import BASE, Site, joint, link
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate, settled
-from bayescal.fitted.arm import open_run
+from bayescal.fitted.file import open_run
 from bayescal.fitted.gate import NOTHING
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import VERDICTS

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gap_problems import Bench
+from scipy.stats import chi2
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.arm.transforms import rpy_matrix
@@ -105,6 +106,19 @@ def test_an_eccentricity_with_a_part_of_the_third_order(bench):
     )
     names = {bench.known.pool[k].name.removeprefix("eccentricity ") for k in member.variant.columns}
     assert names == {"J3 sin", "J3 cos", "third order J3 sin", "third order J3 cos"}
+
+
+def test_amplitudes_of_one_change_share_the_margin(bench):
+    """A probability of 0.007 is below the stated 0.01 for one amplitude, not for each of three."""
+    end = bench.circumstances.chain.n + 1
+    moved = [Parameter("", "m", (Term(end, f"t{axis}", since(bench)),), 1e-5) for axis in "xyz"]
+    known = []
+    for z in np.linspace(4e-6, 6e-6, 5):
+        _, shift = measured(bench, TOOL, Driver("event"), moved, np.array([60e-6, -40e-6, z]))
+        p = chi2.sf((shift[2].value / shift[2].u) ** 2, 1)
+        assert shift[2].significant == (3 * p < 0.01)
+        known.append(p)
+    assert any(0.01 / 3 < p < 0.01 for p in known), known
 
 
 def test_an_eccentricity_of_one_order_keeps_its_form(bench):

@@ -214,7 +214,6 @@ def test_help_needs_no_matplotlib():
 
 def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
     """The command around a diagnosis that is invented."""
-    import bayescal.cli.gap  # noqa: F401
     from bayescal.cli import app
 
     asked = []
@@ -237,8 +236,6 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
 
 
 def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(session, tmp_path, monkeypatch):
-    import bayescal.cli.gap
-    import bayescal.cli.plan  # noqa: F401
     from bayescal.cli import app
 
     out = tmp_path / "a run"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.estimate import Estimate, linearise, root
-from bayescal.gap.result import Margin
+from bayescal.gap.result import MARGINS, Margin
 from bayescal.gap.settings import OUTCOME
 from bayescal.model.model import length_blocks
 from bayescal.model.scene import Scene
@@ -66,7 +66,7 @@ def margins(
     corrected = holm(np.array([m.p_value for _, _, m in found]))
     found = [(a, b, replace(m, p_value=float(p))) for (a, b, m), p in zip(found, corrected, strict=True)]
     out: dict[str, tuple[Margin, ...]] = {}
-    for margin in ("target", "joint", "region", "time", "direction"):
+    for margin in MARGINS:
         mine = [(family, m) for kind, family, m in found if kind == margin]
         if margin == "joint":
             mine = [pair for pair in mine if pair in _most_deviant(mine)]

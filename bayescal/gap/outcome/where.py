@@ -13,6 +13,7 @@ import numpy as np
 
 from bayescal.effects import Circumstances, Parameter
 from bayescal.effects.location import ARM, BASE, Driver, Site, face
+from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.evidence import SCALE_PRIOR, Bank, log_sum, project, weigh_sets
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import State, fit_state
@@ -213,7 +214,8 @@ def f_test(state: State, columns: np.ndarray) -> float:
         return 1.0
     gain = float(np.sum((vectors[:, real].T @ projected.score) ** 2 / values[real]))
     count = state.problem.count
-    chi2 = float(np.sum(state.weight[:count] * state.residual[:count] ** 2)) / state.kappa**2
+    square = float(np.sum(state.weight[:count] * state.residual[:count] ** 2)) + STATED_WORTH
+    chi2 = square / state.kappa**2
     dof = max(state.dof - size, 1.0)
     return float(f_sf(gain / size / (max(chi2 - gain, 1e-9) / dof), size, dof))
 
