@@ -31,13 +31,7 @@ from bayescal.effects import BASELINE, levels_of
 from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_readings
 from bayescal.estimate.discrepancy import Stated, stated
-from bayescal.estimate.unexplained import (
-    FaceCheck,
-    Unexplained,
-    check_faces,
-    unexplained,
-    with_uneven_faces,
-)
+from bayescal.estimate.unexplained import FaceCheck, Unexplained, check_faces, unexplained, with_uneven_faces
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian

@@ -22,7 +22,8 @@ import numpy as np
 
 from bayescal.dataset import Box, Dataset
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, Weights, check_length, linearise, unit_weights
+from bayescal.estimate import Estimate, Weights, linearise, unit_weights
+from bayescal.estimate.checks import check_length
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Model, Scene, build
 from bayescal.model.options import FitOptions, Part

@@ -34,7 +34,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
-from bayescal.predict import DistanceCheck, PlaneCheck, Validation
+from bayescal.predict import DistanceCheck, RowCheck, Validation
 
 FULL = ("geometry", "compliance")
 CAUSE = SharedCause("target", "cube.+y", np.arange(3), 10, 3, 60, 1.0)
@@ -56,7 +56,7 @@ def checked(rng, shared_sd=3e-6, noise=5e-6, draws=2000, contacts=60, distances=
     pairs = [
         DistanceCheck((f"a{k}", f"b{k}"), 0.2, 0.0, error[k], of_distance[:, k]) for k in range(distances)
     ]
-    return Validation((), (PlaneCheck("face", r, predicted),), tuple(pairs), (), ())
+    return Validation((), (RowCheck("face", r, predicted),), tuple(pairs), (), ())
 
 
 def test_tests_of_a_correct_model_fail_as_often_as_stated():

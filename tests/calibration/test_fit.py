@@ -19,8 +19,9 @@ from bayescal.calibration import fit
 from bayescal.cli import app
 from bayescal.dataset import Certificate, read_dataset, write_dataset
 from bayescal.errors import BayescalError
-from bayescal.estimate import calibrated, check_converged, estimate, linearise
+from bayescal.estimate import calibrated, estimate, linearise
 from bayescal.estimate.bounds import with_latent_readings
+from bayescal.estimate.checks import check_converged
 from bayescal.estimate.unexplained import check_faces, unexplained, with_form
 from bayescal.exporting.robot import calibrated_robot
 from bayescal.gap.diagnose import diagnose

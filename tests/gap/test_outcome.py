@@ -11,9 +11,17 @@ from sessions import with_columns
 
 from bayescal.estimate import estimate
 from bayescal.gap.diagnose import _residuals
-from bayescal.gap.outcome.magnitude import _measured, difference, log_predictive, model_levels
+from bayescal.gap.outcome.magnitude import (
+    _measured,
+    difference,
+    expects,
+    log_predictive,
+    model_levels,
+    of_blocks,
+    of_distances,
+    shrinkage,
+)
 from bayescal.gap.outcome.margins import holm, margins
-from bayescal.gap.outcome.shrinkage import expects, of_blocks, of_distances, shrinkage
 from bayescal.model import build, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import (

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import BASE, TOOL, Driver
 from bayescal.errors import BayescalError
-from bayescal.gap.explain import settled
+from bayescal.gap.diagnose import settled
 from bayescal.gap.result import (
     VERDICTS,
     Amplitude,
