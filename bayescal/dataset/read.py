@@ -258,7 +258,7 @@ def read_settings(
     except BayescalError as error:
         raise BayescalError(error.what, error.where or document.where(("robot",)), error.remedy) from None
     gravity = session.gravity_of(document, file)
-    tools, noise = session.tools_of(file), session.noise_of(file)
+    tools, noise = session.tools_of(file), Noise(**session.fields_of(file.noise))
     targets = session.targets_of(document, file)
     certificates = session.certificates_of(document, file, targets)
     derived: tuple[Certificate, ...] = ()

@@ -1,9 +1,4 @@
-"""Set-ups of new sessions, and schemas of the files that users write.
-
-The check of a dataset before a fit, of the public API.
-
-`report`: pages of results from run folders.
-"""
+"""Set-ups of new sessions, schemas of files, the check of a dataset; pages of run folders."""
 
 from __future__ import annotations
 
@@ -14,8 +9,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bayescal.public.exports import names
-from bayescal.public.results import as_text
+from bayescal.public.arms import names
+from bayescal.public.results import Printed
 from bayescal.public.tables import Json
 
 if TYPE_CHECKING:
@@ -109,7 +104,7 @@ def schema(name: str) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, repr=False)
-class CheckResult:
+class CheckResult(Printed):
     """What is understood of a dataset, what is missing and what looks wrong; `print` shows it.
 
     Attributes
@@ -140,9 +135,6 @@ class CheckResult:
         from bayescal.reporting.check import check_summary
 
         return check_summary(self.data)
-
-    def __str__(self) -> str:
-        return as_text(self.report())
 
     def __repr__(self) -> str:
         from bayescal.reporting.check import said
