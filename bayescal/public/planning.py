@@ -241,7 +241,7 @@ def _setup(
     source: Source, after: Source | GapResult | None, allow_xacro: bool
 ) -> tuple[Setup, Continuation | None]:
     """The setup, and what a diagnosis leaves open."""
-    from bayescal.dataset.read import no_rows
+    from bayescal.dataset.read import expanded_robot, no_rows
     from bayescal.planning.plan import continuation
     from bayescal.planning.plan import continued as left_open
     from bayescal.planning.setup import continued, read_setup
@@ -258,7 +258,7 @@ def _setup(
         remedy = "give a measured dataset, or a run folder of bayescal gap"
         raise BayescalError(f"there is no {SETTINGS} and no {GAP}", str(after), remedy)
     if isinstance(source, str | PathLike):
-        setup = read_setup(Path(source), allow_xacro)
+        setup = read_setup(Path(source), expanded_robot(Path(source)) if allow_xacro else None)
     else:
         one = session_of(source, allow_xacro=allow_xacro)
         setup = continued(replace(one, measurements=no_rows(one.robot.n)))

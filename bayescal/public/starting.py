@@ -69,9 +69,11 @@ def init(
 
     from bayescal.importing.units import quantity
     from bayescal.preparing.folder import start
+    from bayescal.robots import is_xacro, load_robot
 
     centre = np.array(quantity(tool, "length", 3, "--tcp")) if tool else None
-    return start(Path(folder), robot, names(artefact), centre, name, allow_xacro)
+    arm = load_robot(robot, allow_xacro=True)[0] if allow_xacro and is_xacro(robot) else None
+    return start(Path(folder), robot, names(artefact), centre, name, arm)
 
 
 def schema(name: str) -> dict[str, Any]:
@@ -171,9 +173,10 @@ def check(folder: str | PathLike[str], *, allow_xacro: bool = False) -> CheckRes
     ...     bc.check(f"{folder}/session")
     <check of simulated: no findings>
     """
+    from bayescal.dataset.read import expanded_robot
     from bayescal.preparing.check import check as run
 
-    return CheckResult(run(Path(folder), allow_xacro))
+    return CheckResult(run(Path(folder), expanded_robot(Path(folder)) if allow_xacro else None))
 
 
 def report(

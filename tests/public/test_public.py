@@ -197,6 +197,8 @@ def test_a_users_own_effect_is_simulated_fitted_and_named(own, tmp_path):
 
 def test_a_diagnosis_is_undecided_with_open_pairs_or_an_unexplained_error() -> None:
 
+    from bayescal.public.results import GapResult
+
     def gap(verdict, undecided=()):
         return GapResult(folder=Path(), content={"verdict": verdict, "undecided": list(undecided)})
 
