@@ -247,7 +247,7 @@ def plan(
     allow_xacro: AllowXacro = False,
 ) -> None:
     """Choose the contacts to measure, and predict the uncertainty that they give."""
-    from bayescal.exporting.plan import Probe, formats_of
+    from bayescal.programs.probing import Probe, formats_of
     from bayescal.public.planning import plan as work
 
     formats = formats_of(to or [], Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm))

@@ -10,6 +10,7 @@ import typer
 from bayescal.cli.progress import progress
 from bayescal.cli.root import Run, WithEffects, WithoutEffects, app, ending, known, print_as, said, show
 from bayescal.errors import BayescalError
+from bayescal.exporting import CERTIFICATE, FORMATS
 
 
 @app.command(
@@ -65,9 +66,7 @@ def _numbers(text: str) -> list[float]:
 )
 def export(
     run: Run,
-    to: Annotated[
-        str, typer.Option(help="Format: robot.yaml, urdf, sdf, ur-yaml, dh-csv, joint-zeros, mjcf, dcc.")
-    ],
+    to: Annotated[str, typer.Option(help=f"Format: {', '.join((*FORMATS, CERTIFICATE))}.")],
     out: Annotated[
         Path | None, typer.Option(help="File to write [default: the robot's name with the format's suffix].")
     ] = None,
@@ -109,7 +108,7 @@ def export(
     from bayescal.public.results import console
 
     result: CertificateResult | ExportResult
-    if to == "dcc":
+    if to == CERTIFICATE:
         if into or with_ or without or at_time is not None or at_row or readings != "plain":
             what = "a certificate states the arm as it was fitted"
             raise BayescalError(what, "--to dcc", "leave out the options of other formats")

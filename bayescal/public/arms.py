@@ -76,7 +76,7 @@ def export(
         A path is that of a run folder. The arm of a diagnosis has the named effects that the validation data
         confirm.
     to : str
-        Format: a name of `bayescal.exporting.export.FORMATS`.
+        Format: a name of `bayescal.exporting.FORMATS`.
     into : path
         A file of the user, which is patched in a copy; ``arm.urdf#tool0`` names the link with the tool.
     with_, without : sequence of str, or str
@@ -132,7 +132,7 @@ def names(effects: Sequence[str] | str) -> tuple[str, ...]:
 
 def arm_of(run: object, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
     """The arm of a result, new or read back, or of a run folder, with other effects fitted again."""
-    from bayescal.fitted.arm import of_fit, of_gap, open_run, refitted
+    from bayescal.fitted import of_fit, of_gap, open_run, refitted
 
     if isinstance(run, FitResult | GapResult) and run.folder is not None:
         return open_run(run.folder, with_, without)
@@ -168,7 +168,7 @@ class CompensationResult(Printed):
         import numpy as np
 
         nothing = np.full(self.arm.dataset.robot.n, np.nan)
-        found = [nothing if own.readings is None else own.readings for own in self.data.found]
+        found = [nothing if own.readings is None else own.readings for own in self.data.corrected]
         return np.array(found).reshape(len(found), len(nothing))
 
     @property
@@ -176,14 +176,14 @@ class CompensationResult(Printed):
         """Standard uncertainty (M,) of the TCP positions, m; nan where a target has no solution."""
         import numpy as np
 
-        return np.array([own.u for own in self.data.found])
+        return np.array([own.u for own in self.data.corrected])
 
     @property
     def U(self) -> np.ndarray:
         """Length (M,), m, that the error of the TCP does not exceed (95.45 %); nan without one."""
         import numpy as np
 
-        return np.array([own.expanded for own in self.data.found])
+        return np.array([own.expanded for own in self.data.corrected])
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
@@ -196,7 +196,7 @@ class CompensationResult(Printed):
         return self.data.save(Path(path))
 
     def __repr__(self) -> str:
-        return f"<compensation of {self.data.source}: {len(self.data.found)} targets>"
+        return f"<compensation of {self.data.source}: {len(self.data.corrected)} targets>"
 
 
 def compensate(

@@ -13,8 +13,8 @@ from bayescal.errors import BayescalError
 from bayescal.public.arms import names
 from bayescal.public.functions import MODEL, session_of
 from bayescal.public.results import FitResult, GapResult, Progress, Result, SimulatedSession, silent
-from bayescal.public.tables import Json, PlanTables, plan_line
-from bayescal.storage.reading import read_record
+from bayescal.public.tables import PlanTables, plan_line
+from bayescal.storage.reading import Json, read_record
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -55,7 +55,7 @@ class PlanResult(Result, PlanTables):
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.plan.summary import plan_summary
+        from bayescal.reporting.plan.sheets import plan_summary
 
         self._check_new()
         return plan_summary(self.data)
@@ -88,7 +88,7 @@ class PlanResult(Result, PlanTables):
         BayescalError
             For an unknown format, or a probe that a format cannot use.
         """
-        from bayescal.exporting.plan import Probe
+        from bayescal.programs.probing import Probe
         from bayescal.reporting.plan.record import write_plan
 
         self._check_new()
@@ -214,7 +214,7 @@ def plan(
     >>> bool((planned.distances["distance_sd_um"] > 0).all())
     True
     """
-    from bayescal.model.block import parts_of
+    from bayescal.model.options import parts_of
     from bayescal.planning.plan import plan as run
 
     where, open_ = _setup(setup, after, allow_xacro)

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.public.positions import Positioned
-from bayescal.public.tables import FitTables, GapTables, Json, fit_line, gap_line
+from bayescal.public.tables import FitTables, GapTables, fit_line, gap_line
+from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -130,7 +131,7 @@ class FitResult(Result, FitTables, Positioned):
     data: Fit | None = None
 
     def _contents(self) -> Json:
-        from bayescal.reporting.fit.files import fit_contents
+        from bayescal.reporting.fit.record import fit_contents
 
         return fit_contents(self.data, self.agreement)
 

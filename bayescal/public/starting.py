@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.public.arms import names
 from bayescal.public.results import Printed
-from bayescal.public.tables import Json
+from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -31,6 +31,7 @@ from bayescal.gap.result import (
     Verdict,
 )
 from bayescal.gap.search.cells import cells
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.causes import CAUSES
 from bayescal.reporting.gap.phrases import headline
@@ -217,8 +218,8 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
 
     asked = []
 
-    def diagnose(dataset, effects, seed, robust, prior_width, progress, without):
-        asked.append((dataset.name, effects, seed, robust, prior_width, without))
+    def diagnose(dataset, effects, options, *, without, progress):
+        asked.append((dataset.name, effects, options, without))
         progress("search", 0.5)
         return diagnosis(session, "named")
 
@@ -227,9 +228,8 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
     arguments += ["--without", "geometry at joint 4, geometry at link 2"]
     done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "run")])
     assert done.exit_code == 0, done.output
-    assert asked == [
-        ("lrmate200ic-cube", ("geometry",), 7, False, 1.0, ("geometry at joint 4", "geometry at link 2"))
-    ]
+    options, parts = FitOptions(robust=False, seed=7), ("geometry at joint 4", "geometry at link 2")
+    assert asked == [("lrmate200ic-cube", ("geometry",), options, parts)]
     assert "joint 3 has lost motion on reversal" in done.output
     assert "gap.json" in done.output
     assert {p.name for p in (tmp_path / "run").glob("[!.]*")} == {"gap.json", "gap.html"}
@@ -242,7 +242,7 @@ def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(sessi
     lines = {}
     for kind in ("ambiguous", "named"):
         found = diagnosis(session, kind)
-        module = SimpleNamespace(diagnose=lambda *_, found=found: found)
+        module = SimpleNamespace(diagnose=lambda *_, found=found, **options: found)
         monkeypatch.setitem(sys.modules, "bayescal.gap.diagnose", module)
         done = CliRunner().invoke(app, ["gap", str(EXAMPLE), "--no-pictures", "--out", str(out)])
         assert done.exit_code == 0, done.output
