@@ -21,6 +21,7 @@ from bayescal.planning.place import scene, table_height
 from bayescal.planning.pool import CLEAR, CONE, Region, Setup
 from bayescal.probing.scene import box_of, up_of
 from bayescal.probing.shapes import Box as Solid
+from bayescal.robots import Loaded
 
 EDGE = 0.07
 """Of the size of a face: the distance of contacts from its edges, which are chamfered (assumed)."""
@@ -161,15 +162,15 @@ SHARE = 3
 """Where all targets are spheres of certified distances, one placement of this number is for validation."""
 
 
-def read_setup(folder: Path | str, allow_xacro: bool = False) -> Setup:
+def read_setup(folder: Path | str, robot: Loaded | None = None) -> Setup:
     """Read the setup of a session: a dataset folder, of which the measurements are ignored.
 
     Parameters
     ----------
     folder : Path or str
         Holds ``dataset.yaml`` and, unless it is a built-in one, the robot.
-    allow_xacro : bool
-        Whether a robot in a xacro file, which is a program, may be executed; refused otherwise.
+    robot : Loaded, optional
+        In place of the one that dataset.yaml names.
 
     Raises
     ------
@@ -181,7 +182,7 @@ def read_setup(folder: Path | str, allow_xacro: bool = False) -> Setup:
     if not folder.is_dir():
         remedy = "give the folder, not a file in it" if folder.exists() else "check the path"
         raise BayescalError("no such folder", str(folder), remedy)
-    dataset, _, _ = read_settings(folder / SETTINGS, allow_xacro, assume=True)
+    dataset, _, _ = read_settings(folder / SETTINGS, robot, assume=True)
     rows = _rows_in(folder / TABLE)
     notes = (f"the {rows} rows of {TABLE} are ignored: `--after` continues a session",) if rows else ()
     return _setup(dataset, (*notes, *assumed(dataset)))

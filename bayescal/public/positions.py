@@ -80,7 +80,7 @@ class Positioned:
 
     @cached_property
     def _arm(self) -> FittedArm:
-        from bayescal.public.exports import arm_of
+        from bayescal.public.arms import arm_of
 
         return arm_of(self)
 

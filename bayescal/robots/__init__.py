@@ -20,14 +20,17 @@ from pathlib import Path
 
 from bayescal.arm.chain import Robot
 from bayescal.errors import BayescalError
-from bayescal.robots.markup import refuse_network
+from bayescal.robots.markup import LARGEST, refuse_network
 from bayescal.robots.schema import SCHEMA, robot_from, robot_to_yaml
 from bayescal.robots.urdf import robot_from_urdf
+from bayescal.robots.xacro_file import expanded
 from bayescal.storage.files import check_schema, read_document
-from bayescal.storage.reading import check_inside
+from bayescal.storage.reading import check_inside, decoded
 
 __all__ = ["builtin_robots", "full_name", "load_robot", "names", "robot_to_yaml", "table"]
 
+Loaded = tuple[Robot, bytes]
+"""A robot in SI units, and the content of its file (to hash), of xacro the URDF that it stands for."""
 _HERE = Path(__file__).parent
 
 
@@ -63,9 +66,14 @@ def full_name(reference: str) -> str:
     return near[0] if len(near) == 1 else reference
 
 
+def is_xacro(reference: str) -> bool:
+    """Whether a reference is the path of a xacro file."""
+    return Path(reference.partition("#")[0]).suffix.lower() == ".xacro"
+
+
 def load_robot(
     reference: str, folder: Path | None = None, allow_xacro: bool = False, inside: bool = False
-) -> tuple[Robot, bytes]:
+) -> Loaded:
     """Read a robot.
 
     Parameters
@@ -82,8 +90,7 @@ def load_robot(
 
     Returns
     -------
-    tuple of Robot and bytes
-        The robot in SI units, and its file's content (to hash).
+    Loaded
 
     Raises
     ------
@@ -100,7 +107,8 @@ def load_robot(
         if inside:
             check_inside(path, folder or Path(), f"robot `{reference}`")
         if is_markup:
-            return robot_from_urdf(path, tip, allow_xacro)
+            content = expanded(path, allow_xacro) if is_xacro(reference) else decoded(path, LARGEST)[1]
+            return robot_from_urdf(content, path.name, tip), content
     elif reference in names:
         path = _HERE / f"{reference}.yaml"
     else:

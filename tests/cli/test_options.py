@@ -30,8 +30,8 @@ CALLED = {
     "budget": ("bayescal.public.budgets.budget",),
     "check": ("bayescal.public.starting.check",),
     "compare": ("bayescal.public.functions.compare",),
-    "compensate": ("bayescal.public.compensating.compensate",),
-    "export": ("bayescal.public.exports.export", "bayescal.public.budgets.certificate"),
+    "compensate": ("bayescal.public.arms.compensate",),
+    "export": ("bayescal.public.arms.export", "bayescal.public.budgets.certificate"),
     "fit": ("bayescal.public.functions.fit",),
     "gap": ("bayescal.public.functions.diagnose",),
     "import": ("bayescal.importing.convert", "bayescal.importing.write"),
@@ -41,7 +41,7 @@ CALLED = {
     "robots": ("bayescal.robots.listing.table",),
     "schema": ("bayescal.preparing.artefacts.schema_text",),
     "simulate": ("bayescal.public.functions.simulate",),
-    "verify": ("bayescal.public.compensating.verify",),
+    "verify": ("bayescal.public.arms.verify",),
 }
 """What each command calls: stand-ins record it."""
 ELSEWHERE: dict[str, str] = {}

@@ -54,7 +54,7 @@ def test_a_file_and_an_entry_are_a_format(entry, tmp_path):
 
 def test_the_command_takes_it(entry, tmp_path, monkeypatch, command):
     arm = fake(session_of(), ("geometry",))
-    monkeypatch.setattr("bayescal.public.exports.arm_of", lambda *_: arm)
+    monkeypatch.setattr("bayescal.public.arms.arm_of", lambda *_: arm)
     code, _, errors = command("export", "run", "--to", "made-up", "--force", "--out", tmp_path / "arm.txt")
     assert code == 0, errors
     assert (tmp_path / "arm.txt").is_file()
