@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
@@ -42,6 +42,7 @@ from bayescal.posterior.checkpoint import Checkpoint
 from bayescal.predict import Forecast, Validation, forecast, validate
 from bayescal.predict.targets import Prepared, check_located, prepared
 from bayescal.statistics import spawned
+from bayescal.storage.stopping import Progress, silent
 
 VALIDATION_DRAWS = 2000
 MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 4_000_000, 400
@@ -111,7 +112,7 @@ def fit(
     robust: bool = True,
     prior_width: float = 1.0,
     latent_joints: bool = False,
-    progress: Callable[[str, float], None] = lambda stage, fraction: None,
+    progress: Progress = silent,
     tolerance: float | None = None,
     without: Sequence[str] = (),
     checkpoint: Checkpoint | None = None,

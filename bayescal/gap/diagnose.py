@@ -20,7 +20,7 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.gap.design.advise import advise, rivals, undecided
 from bayescal.gap.design.blind_spots import blind_spots, places_of, unseen
 from bayescal.gap.examine import where
-from bayescal.gap.explain import Explained, Progress, explain
+from bayescal.gap.explain import Explained, explain
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import again
 from bayescal.gap.outcome.magnitude import magnitude, model_levels, noise_floor
@@ -38,6 +38,7 @@ from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.errors import kept
 from bayescal.predict.targets import check_located
 from bayescal.statistics import spawned
+from bayescal.storage.stopping import Progress, silent
 
 
 def fitted_levels(
@@ -73,7 +74,7 @@ def diagnose(
     seed: int = 0,
     robust: bool = True,
     prior_width: float = 1.0,
-    progress: Progress = lambda stage, fraction: None,
+    progress: Progress = silent,
     without: Sequence[str] = (),
 ) -> Gap:
     """Diagnose the gap between a calibrated model and the machine.

@@ -24,6 +24,7 @@ from bayescal.model.block import Part
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import BLOCKED, VALIDATED, validation_errors
 from bayescal.predict.errors import ValidationErrors
+from bayescal.storage.stopping import Progress, silent
 
 UNSEEN = "not detectable with these contacts at any plausible amplitude"
 
@@ -97,9 +98,6 @@ def stated(probability: float) -> float:
     return float(np.clip(probability, 1.0 - VERDICT.stated, VERDICT.stated))
 
 
-Progress = Callable[[str, float], None]
-
-
 @dataclass(frozen=True)
 class Explained:
     """A baseline, the named effects, and the validation residuals of both models."""
@@ -123,7 +121,7 @@ def explain(
     robust: bool = True,
     prior_width: float = 1.0,
     without: Sequence[Part] = (),
-    progress: Progress = lambda stage, fraction: None,
+    progress: Progress = silent,
 ) -> Explained:
     """Name effects that a baseline lacks, if validation measurements confirm them; see `diagnose`."""
     progress("estimate", 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -22,6 +22,7 @@ from bayescal.methods.validated import predicted, validated
 from bayescal.model import build, check_asked
 from bayescal.model.scene import Scene
 from bayescal.predict import Validation
+from bayescal.storage.stopping import Progress, silent
 
 METHODS = (NOMINAL, NORMALS, PLANES, LINEAR, INVERSE, OPEN_LOOP, OURS)
 
@@ -67,7 +68,7 @@ def compare(
     effects: tuple[str, ...] = ("geometry", "compliance"),
     seed: int = 0,
     methods: Sequence[Method] = METHODS,
-    progress: Callable[[str, float], None] = lambda stage, fraction: None,
+    progress: Progress = silent,
 ) -> Comparison:
     """Calibrate a session by every method that it allows.
 

@@ -5,7 +5,7 @@ Verification of an exported file, of the public API.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from bayescal.errors import BayescalError
 from bayescal.public.exports import arm_of, names
 from bayescal.public.results import FitResult, GapResult, as_text
+from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
     import numpy as np
@@ -218,7 +219,7 @@ def verify(
     run: str | PathLike[str],
     file: str | PathLike[str],
     *,
-    progress: Callable[[str, float], None] = lambda stage, fraction: None,
+    progress: Progress = silent,
 ) -> VerificationResult:
     """Load an exported arm in its simulator, and compare it with the fitted arm and with the measurements.
 

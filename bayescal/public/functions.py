@@ -10,20 +10,16 @@ from typing import TYPE_CHECKING, Any
 from bayescal.errors import BayescalError
 from bayescal.public.exports import names
 from bayescal.public.results import ComparisonResult, FitResult, GapResult, SimulatedSession
+from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
     from bayescal.dataset import Dataset
 
     Source = Dataset | SimulatedSession | str | PathLike[str]
 
-Progress = Callable[[str, float], None]
 MODEL = ("geometry", "compliance")
 PRACTICE = ("name", "error_scale", "contacts", "later", "repeats", "arm_seed")
 """Options of a simulated session of a set-up, beside the effects and the seed."""
-
-
-def silent(stage: str, fraction: float) -> None:
-    """Report no progress."""
 
 
 def read_dataset(folder: str | PathLike[str], allow_xacro: bool = False) -> Dataset:

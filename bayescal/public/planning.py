@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 from bayescal.errors import BayescalError
 from bayescal.public.exports import names
-from bayescal.public.functions import MODEL, Progress, session_of, silent
+from bayescal.public.functions import MODEL, session_of
 from bayescal.public.results import GapResult, SimulatedSession, as_text
 from bayescal.public.tables import PlanTables, plan_line
 from bayescal.storage.reading import Json
+from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
     from pandas import DataFrame

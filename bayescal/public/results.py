@@ -68,7 +68,7 @@ class FitResult(FitTables, Positioned):
     @cached_property
     def record(self) -> Json:
         """The content of fit.json."""
-        from bayescal.reporting.fit.files import fit_contents
+        from bayescal.reporting.fit.record import fit_contents
 
         return fit_contents(self.data, self.agreement)
 

@@ -12,8 +12,8 @@ from rich.text import Text
 from bayescal.assess.acceptance import FAIL, PASS
 from bayescal.calibration import ModelLevel
 from bayescal.effects.vocabulary import unit_label
-from bayescal.predict import Validation, inside95
-from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, inside
+from bayescal.predict import PlaneCheck, PointCheck, TurnCheck, Validation, inside95
+from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, inside, of_key
 from bayescal.reporting.shared.text import (
     MDEG,
     UM,
@@ -112,7 +112,7 @@ def level_sheet(
         value = step.get(shown[0][1])
         return Bar(log_fraction(value, every), length(value), step is items[-1])
 
-    errors = [Column(h, lambda step, key=key: length(step.get(key))) for h, key in shown[1:]]
+    errors = [Column(h, of_key(dict.get, key), length) for h, key in shown[1:]]
     bars = [Column(shown[0][0], bar, as_is)] if shown else []
     caption = "Errors of validation measurements, µm; bars are logarithmic"
     return Sheet((Column("model", "name"), *bars, *errors, *more), items, caption)
@@ -157,7 +157,8 @@ def validation_table(levels: Sequence[ModelLevel]) -> Sheet:
 def _within(v: Validation) -> str | None:
     """How many values of validation measurements lie within their 95 % prediction intervals."""
     hits = [np.atleast_1d(inside95(d.error, d.predicted)) for d in v.distances]
-    hits += [inside95(c.residuals, c.predicted).ravel() for c in (*v.planes, *v.points, *v.turns)]
+    checks: tuple[PlaneCheck | PointCheck | TurnCheck, ...] = (*v.planes, *v.points, *v.turns)
+    hits += [inside95(c.residuals, c.predicted).ravel() for c in checks]
     return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else None
 
 
