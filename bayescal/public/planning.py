@@ -94,7 +94,7 @@ class PlanResult(PlanTables):
         BayescalError
             For an unknown format, or a probe that a format cannot use.
         """
-        from bayescal.exporting.plan import Probe
+        from bayescal.programs.probing import Probe
         from bayescal.reporting.plan.record import write_plan
 
         probe = Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm)
@@ -173,7 +173,7 @@ def plan(
     >>> bool((planned.distances["distance_sd_um"] > 0).all())
     True
     """
-    from bayescal.model.block import parts_of
+    from bayescal.model.options import parts_of
     from bayescal.planning.plan import plan as run
 
     where, open_ = _setup(setup, after, allow_xacro)

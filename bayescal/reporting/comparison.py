@@ -15,7 +15,7 @@ from bayescal.methods import Comparison, Result, Row, Solution
 from bayescal.reporting.shared.origin import entry, origin, plain
 from bayescal.reporting.shared.sheet import Column, Sheet, terminal
 from bayescal.reporting.shared.text import UM, facts, model_label, um
-from bayescal.storage.files import indented
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 COMPARE = "compare.json"
@@ -121,6 +121,6 @@ def _parameters(solution: Solution) -> list[dict[str, Any]]:
 
 def write_comparison(comparison: Comparison, folder: Path) -> None:
     """Write compare.json atomically."""
-    record = indented(comparison_record(comparison)) + "\n"
+    record = json_text(comparison_record(comparison), rows=False)
     with whole(folder, COMPARE) as stage:
         (stage / COMPARE).write_text(record, encoding="utf-8")

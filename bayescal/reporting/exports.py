@@ -28,10 +28,10 @@ SHOWN = 5
 
 def compensation_summary(arm: FittedArm, done: Compensation) -> RenderableType:
     """The verdict if it is bad, numbers of targets, errors before, uncertainty, what has no solution."""
-    good = [result for result in done.found if not result.reason]
+    good = [result for result in done.corrected if not result.reason]
     rows = [
         *([("warning", done.warning, "bold red")] if done.warning else []),
-        ("compensation", f"{done.source}: {len(done.found)} targets, poses in {done.frame}", "bold"),
+        ("compensation", f"{done.source}: {len(done.corrected)} targets, poses in {done.frame}", "bold"),
         ("arm", f"{arm.dataset.robot.name}, {model_label(arm.effects)}", ""),
     ]
     if good:
@@ -47,7 +47,7 @@ def compensation_summary(arm: FittedArm, done: Compensation) -> RenderableType:
         rows.append(("probed region", text, "yellow" if outside else ""))
     lacking = [
         f"{target.where}: {result.reason}"
-        for target, result in zip(done.targets, done.found, strict=True)
+        for target, result in zip(done.targets, done.corrected, strict=True)
         if result.reason
     ]
     rows += [("note", note, "yellow") for note in arm.use.notes if note not in arm.use.warnings]
@@ -78,7 +78,7 @@ def export_summary(export: Exported) -> RenderableType:
         rows.append(("state", f"that of row {m.ids[export.options.state]}{time}", ""))
     parts: list[RenderableType] = [facts(rows)]
     if export.missing:
-        sizes = [(missing.effect, missing) for missing in export.missing] + [("all of these", export.rest)]
+        sizes = [(missing.effect, missing) for missing in export.missing] + [("all of these", export.total)]
         parts += ["", terminal(Sheet(MISSING_EFFECTS, sizes)), ""]
         parts.append(facts([(missing.effect, missing.why, "dim") for missing in export.missing]))
         parts.append(facts(_alternative(export)))

@@ -34,7 +34,7 @@ from bayescal.gap.search.verdict import (
     verdict_of,
     weigh,
 )
-from bayescal.model.block import parts_of
+from bayescal.model.options import parts_of
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.causes import lines, stated
 from bayescal.reporting.gap.phrases import named

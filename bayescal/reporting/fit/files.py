@@ -16,7 +16,7 @@ from bayescal.reporting.fit.budget import budget_csv, budget_record
 from bayescal.reporting.fit.posterior import fit_draws, parameter_draws
 from bayescal.reporting.fit.record import fit_contents
 from bayescal.reporting.page.build import PAGES, write_page
-from bayescal.storage.files import indented, json_text
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 FIT, ROBOT = "fit.json", "robot.yaml"
@@ -50,9 +50,9 @@ def write_fit(
         drawn = begun(contents, parameter_draws(fit)) if pictures else dict
         budgets = usual(fit.basis)
         texts = {
-            FIT: indented(contents) + "\n",
+            FIT: json_text(contents, rows=False),
             ROBOT: robot_text(arm, FIT),
-            BUDGET: json_text(budget_record(budgets, fit.basis, fit.seed)),
+            BUDGET: json_text(budget_record(budgets, fit.basis, fit.options.seed)),
             BUDGET_CSV: budget_csv(budgets),
         }
         for name, text in texts.items():

@@ -31,12 +31,12 @@ def fit_record(fit: Fit) -> dict[str, Any]:
     """The contents of fit.json."""
     level = fit.final
     return {
-        **origin(SCHEMA, fit.dataset, fit.seed, LIBRARIES),
+        **origin(SCHEMA, fit.dataset, fit.options.seed, LIBRARIES),
         "verdict": verdict_record(fit.acceptance, fit.dataset),
         "use": gate.of_fit(fit).record(),
         "acceptance": None if fit.tolerance is None else tolerance_record(fit.tolerance),
         "model": list(level.effects),
-        "prior_width": fit.prior_width,
+        "prior_width": fit.options.prior_width,
         "parameters": parameter_records(fit),
         "correlations": _correlations(fit),
         "noise": _noise(level),

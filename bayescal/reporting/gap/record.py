@@ -21,7 +21,7 @@ from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import entry, origin, plain, rows_record
 from bayescal.reporting.shared.text import UM, amplitude
-from bayescal.storage.files import indented
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 SCHEMA = "bayescal-gap/1"
@@ -51,8 +51,9 @@ def gap_record(gap: Gap) -> dict[str, Any]:
     """The contents of gap.json; a value that is not finite is null."""
     verdict = gap.verdict
     record = {
-        **origin(SCHEMA, gap.dataset, gap.seed, LIBRARIES),
-        **entry(gap, "baseline", "without"),
+        **origin(SCHEMA, gap.dataset, gap.options.seed, LIBRARIES),
+        **entry(gap, "baseline"),
+        "without": list(gap.options.omitted),
         "gap": _magnitude(gap.magnitude),
         "verdict": verdict.kind,
         "words": headline(gap),
@@ -60,7 +61,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "named": [entry(n, *NAMED) | {"sites": [str(site) for site in n.sites]} for n in verdict.named],
         "use": None if gap.arm is None else gate.of_gap(gap).record(),
         "amplitudes": causes.amplitude_records(gap),
-        "refit": {"model": ",".join(gap.refit), "without": list(gap.still_without)},
+        "refit": {"model": ",".join(gap.refit), "without": list(map(str, gap.still_without))},
         **entry(verdict, "credible_set90", "probability"),
         "hypotheses": [entry(h, "effects", "probability", "log_evidence") for h in verdict.hypotheses],
         **entry(verdict, "footnotes", "missing", "notes"),
@@ -218,7 +219,7 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
     arm = None if gap.arm is None else of_gap(gap)
     with whole(folder, GAP) as stage:
         drawn = begun(contents) if pictures else dict
-        (stage / GAP).write_text(indented(contents) + "\n", encoding="utf-8")
+        (stage / GAP).write_text(json_text(contents, rows=False), encoding="utf-8")
         if arm is not None:
             names += write_arm(arm, stage)
         if any(a.contacts for a in gap.advice):

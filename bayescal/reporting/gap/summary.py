@@ -44,7 +44,7 @@ def gap_summary(gap: Gap) -> RenderableType:
     title = Text.assemble(
         (gap.dataset.name, "bold"),
         f"  {gap.dataset.robot.name}  model: {', '.join(gap.baseline) or 'nominal'}",
-        f" without {', '.join(gap.without)}" if gap.without else "",
+        f" without {', '.join(gap.options.omitted)}" if gap.options.without else "",
     )
     style = STYLES.get(gap.verdict.kind, "bold red")
     parts: list[RenderableType] = [
@@ -166,7 +166,7 @@ def _amplitudes(gap: Gap) -> Facts:
     for k, text in enumerate(causes.lines(gap)):
         yield "" if k else "amplitude", text, "bold"
     if gap.amplitudes:
-        without = f" --without '{','.join(gap.still_without)}'" if gap.still_without else ""
+        without = f" --without '{','.join(map(str, gap.still_without))}'" if gap.still_without else ""
         yield "refit", f"--model '{','.join(gap.refit)}'{without}", ""
 
 

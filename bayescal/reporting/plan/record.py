@@ -13,7 +13,6 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.dataset.table import CLEARANCE
 from bayescal.dataset.write import table_text, write_setup
-from bayescal.exporting.plan import Probe, formats_of
 from bayescal.importing.onto import MEASURED
 from bayescal.importing.onto import PLAN as CONTACTS
 from bayescal.planning.result import (
@@ -24,9 +23,10 @@ from bayescal.planning.result import (
     Detectable,
     Plan,
 )
+from bayescal.programs.probing import Probe, formats_of
 from bayescal.reporting.shared.origin import entry, origin, plain
 from bayescal.reporting.shared.text import MM, UM, amplitude
-from bayescal.storage.files import indented
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 
@@ -182,7 +182,7 @@ def write_plan(
     folder : Path
         Where they are written; an earlier plan there is replaced.
     formats : sequence of str
-        Names of formats for a controller that are written too; see `bayescal.exporting.plan`.
+        Names of formats for a controller that are written too; see `bayescal.programs.probing`.
     probe : Probe, optional
         How the controller notices a contact.
 
@@ -198,7 +198,7 @@ def write_plan(
     later = commands(folder)
     texts = {
         CONTACTS: table_of_plan(plan),
-        PLAN: indented(plan_record(plan, later)) + "\n",
+        PLAN: json_text(plan_record(plan, later), rows=False),
     }
     if plan.pool.measured:
         texts[MEASURED] = table_text(plan.pool.setup.dataset)
