@@ -53,7 +53,6 @@ VALIDATION_DRAWS = 2000
 MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 4_000_000, 400
 """Predictions of single validation measurements, beyond which there are fewer draws of each: 2000 rows."""
 NOMINAL = ("nominal",)
-Progress = Callable[[str, float], None]
 
 GROSS = ("many_rejected", "not_flat", "far_from_nominal", "negative")
 """Findings behind which a gross mistake of a stated value is looked for, as behind every error."""
@@ -108,23 +107,12 @@ class Fit:
 
 def fit(
     dataset: Dataset,
-<<<<<<< HEAD
-    effects: tuple[str, ...] = ("geometry", "compliance"),
-    samples: int = 5000,
-    seed: int = 0,
-    robust: bool = True,
-    prior_width: float = 1.0,
-    latent_joints: bool = False,
-    progress: Progress = silent,
-    tolerance: float | None = None,
-=======
     effects: tuple[str, ...] = BASELINE,
     options: FitOptions = USUAL,
     *,
->>>>>>> main
     without: Sequence[str] = (),
     samples: int = 5000,
-    progress: Progress = lambda stage, fraction: None,
+    progress: Progress = silent,
     checkpoint: Checkpoint | None = None,
 ) -> Fit:
     """Calibrate an arm from a session.

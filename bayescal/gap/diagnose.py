@@ -64,19 +64,11 @@ def fitted_levels(
 
 def diagnose(
     dataset: Dataset,
-<<<<<<< HEAD
-    effects: tuple[str, ...] = ("geometry", COMPLIANCE),
-    seed: int = 0,
-    robust: bool = True,
-    prior_width: float = 1.0,
-    progress: Progress = silent,
-=======
     effects: tuple[str, ...] = BASELINE,
     options: FitOptions = USUAL,
     *,
->>>>>>> main
     without: Sequence[str] = (),
-    progress: Progress = lambda stage, fraction: None,
+    progress: Progress = silent,
 ) -> Gap:
     """Diagnose the gap between a calibrated model and the machine.
 

@@ -118,15 +118,8 @@ class Explained:
 def explain(
     scene: Scene,
     effects: tuple[str, ...],
-<<<<<<< HEAD
-    robust: bool = True,
-    prior_width: float = 1.0,
-    without: Sequence[Part] = (),
-    progress: Progress = silent,
-=======
     options: FitOptions = USUAL,
-    progress: Progress = lambda stage, fraction: None,
->>>>>>> main
+    progress: Progress = silent,
 ) -> Explained:
     """Name effects that a baseline lacks, if validation measurements confirm them; see `diagnose`."""
     progress("estimate", 0.0)

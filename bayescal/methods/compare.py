@@ -23,15 +23,11 @@ from bayescal.methods.published import INVERSE, LINEAR, OPEN_LOOP, OURS, PLANES
 from bayescal.methods.solving import Solution
 from bayescal.model import ARM, Model, build, check_asked, with_parameters
 from bayescal.model.scene import Scene
-<<<<<<< HEAD
-from bayescal.predict import Validation
-from bayescal.storage.stopping import Progress, silent
-=======
 from bayescal.posterior import gaussian
 from bayescal.predict import Validation, validate
 from bayescal.predict.locate import locate
 from bayescal.statistics import spawned
->>>>>>> main
+from bayescal.storage.stopping import Progress, silent
 
 DRAWS = 2000
 METHODS = (NOMINAL, NORMALS, PLANES, LINEAR, INVERSE, OPEN_LOOP, OURS)
