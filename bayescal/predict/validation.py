@@ -25,6 +25,7 @@ from bayescal.predict.targets import (
     predicted_rows,
     prepared,
 )
+from bayescal.statistics import rms
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class Errors:
     @property
     def rms(self) -> float:
         """Root mean square."""
-        return float(np.sqrt(np.mean(self.values**2))) if len(self.values) else float("nan")
+        return rms(self.values) if len(self.values) else float("nan")
 
     @property
     def mean(self) -> float:

@@ -42,11 +42,11 @@ from bayescal.reporting.shared.text import (
     model_label,
     p_value,
     parameter_notes,
-    rms,
     share,
     signed,
     uncertainty,
 )
+from bayescal.statistics import rms
 from bayescal.storage.reading import Json
 
 PAIRS = 12
