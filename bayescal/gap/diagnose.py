@@ -41,6 +41,7 @@ from bayescal.predict.crossvalidation import BLOCKED, VALIDATED, validation_erro
 from bayescal.predict.errors import ValidationErrors, kept
 from bayescal.predict.targets import check_located
 from bayescal.statistics import spawned
+from bayescal.storage.stopping import Progress, silent
 
 UNSEEN = "not detectable with these contacts at any plausible amplitude"
 
@@ -114,9 +115,6 @@ def supported(probability: float) -> float:
     return float(np.clip(probability, 1.0 - VERDICT.stated, VERDICT.stated))
 
 
-Progress = Callable[[str, float], None]
-
-
 @dataclass(frozen=True)
 class Explained:
     """A baseline, the named effects, and the validation residuals of both models."""
@@ -138,7 +136,7 @@ def explain(
     scene: Scene,
     effects: tuple[str, ...],
     options: FitOptions = USUAL,
-    progress: Progress = lambda stage, fraction: None,
+    progress: Progress = silent,
 ) -> Explained:
     """Name effects that a baseline lacks, if validation measurements confirm them; see `diagnose`."""
     progress("estimate", 0.0)
@@ -244,7 +242,7 @@ def diagnose(
     options: FitOptions = USUAL,
     *,
     without: Sequence[str] = (),
-    progress: Progress = lambda stage, fraction: None,
+    progress: Progress = silent,
 ) -> Gap:
     """Diagnose the gap between a calibrated model and the machine.
 

@@ -6,7 +6,7 @@ Candidate contacts as rows of a session, behind those that were measured already
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from itertools import count
 from typing import Any
@@ -24,6 +24,7 @@ from bayescal.planning.hand import TURNING, WALLED, Hand, Reached
 from bayescal.planning.place import scene
 from bayescal.planning.pool import Pool, Setup
 from bayescal.planning.search import EACH, Search, chosen, goals, located, tools_for, tried_once
+from bayescal.storage.stopping import Progress, silent
 
 SESSION = 3600.0
 """s: the time over which candidates are distributed (assumed: 200 contacts at 18 s)."""
@@ -159,7 +160,7 @@ def candidates(
     setup: Setup,
     count: int = COUNT,
     seed: int = 0,
-    progress: Callable[[str, float], None] = lambda stage, fraction: None,
+    progress: Progress = silent,
     turning: float = TURNING,
     validation: bool = True,
 ) -> Pool:

@@ -6,7 +6,7 @@ What the next contacts of a measured session shall decide, from its diagnosis (g
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from bayescal.planning.transit import Transits
 from bayescal.statistics import spawned
 from bayescal.storage.folders import check_unchanged
 from bayescal.storage.reading import read_record
+from bayescal.storage.stopping import Progress, silent
 
 AIMS = (BOTH, DISTANCES, GAP)
 PAYLOAD, APPROACH = "payload", "approach"
@@ -62,7 +63,7 @@ def plan(
     without: Sequence[Part] = (),
     probability: Mapping[str, float] | None = None,
     validation: bool = True,
-    progress: Callable[[str, float], None] = lambda stage, fraction: None,
+    progress: Progress = silent,
 ) -> Plan:
     """Choose contacts to measure.
 

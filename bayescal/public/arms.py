@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
-from bayescal.public.results import FitResult, GapResult, Printed, Progress, silent
+from bayescal.public.results import FitResult, GapResult, Printed
+from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
     import numpy as np
@@ -136,10 +137,10 @@ def arm_of(run: object, with_: Sequence[str] = (), without: Sequence[str] = ()) 
 
     if isinstance(run, FitResult | GapResult) and run.folder is not None:
         return open_run(run.folder, with_, without)
-    if isinstance(run, FitResult):
+    if isinstance(run, FitResult) and run.data is not None:
         arm = of_fit(run.data)
         return refitted(arm, with_, without) if with_ or without else arm
-    if isinstance(run, GapResult):
+    if isinstance(run, GapResult) and run.data is not None:
         return of_gap(run.data, with_, without)
     if isinstance(run, str | PathLike):
         return open_run(Path(run), with_, without)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.public.arms import names
-from bayescal.public.results import ComparisonResult, FitResult, GapResult, Progress, SimulatedSession, silent
+from bayescal.public.results import ComparisonResult, FitResult, GapResult, SimulatedSession
+from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
     from bayescal.dataset import Dataset

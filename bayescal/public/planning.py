@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 from bayescal.errors import BayescalError
 from bayescal.public.arms import names
 from bayescal.public.functions import MODEL, session_of
-from bayescal.public.results import FitResult, GapResult, Progress, Result, SimulatedSession, silent
+from bayescal.public.results import FitResult, GapResult, Result, SimulatedSession
 from bayescal.public.tables import PlanTables, plan_line
 from bayescal.storage.reading import Json, read_record
+from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -40,7 +41,7 @@ class PlanResult(Result, PlanTables):
     def _contents(self) -> Json:
         from bayescal.reporting.plan.record import plan_record
 
-        return plan_record(self.data)
+        return plan_record(self._new())
 
     @cached_property
     def contacts(self) -> DataFrame:
@@ -57,8 +58,7 @@ class PlanResult(Result, PlanTables):
         """The summary, to be printed by a `rich.console.Console`."""
         from bayescal.reporting.plan.sheets import plan_summary
 
-        self._check_new()
-        return plan_summary(self.data)
+        return plan_summary(self._new())
 
     def save(
         self,
@@ -91,9 +91,8 @@ class PlanResult(Result, PlanTables):
         from bayescal.programs.probing import Probe
         from bayescal.reporting.plan.record import write_plan
 
-        self._check_new()
         probe = Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm)
-        return write_plan(self.data, Path(folder), names(to), probe)
+        return write_plan(self._new(), Path(folder), names(to), probe)
 
     def _table(self) -> str:
         return self.distances.to_string(float_format="%.3g")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,14 +28,8 @@ if TYPE_CHECKING:
     from bayescal.preparing.practice import Practice
     from bayescal.simulation import Simulation
 
-Progress = Callable[[str, float], None]
-"""Called with the stage of a computation and its completed fraction."""
 WIDTH = 100
 """Width of a printed summary, characters."""
-
-
-def silent(stage: str, fraction: float) -> None:
-    """Report no progress."""
 
 
 def console(**options: Any) -> Console:
@@ -110,12 +104,14 @@ class Result(Printed):
             raise BayescalError("there is no such file", str(path), remedy)
         return path
 
-    def _check_new(self) -> None:
+    def _new(self) -> Any:
+        """The complete result, which one that was read does not have."""
         if self.data is None:
             what = "the result was read from a run folder, which holds its record and tables only"
             raise BayescalError(
                 what, str(self.folder), "read its page and figures there, or compute it again"
             )
+        return self.data
 
     def __str__(self) -> str:
         if self.content is None:
@@ -133,7 +129,7 @@ class FitResult(Result, FitTables, Positioned):
     def _contents(self) -> Json:
         from bayescal.reporting.fit.record import fit_contents
 
-        return fit_contents(self.data, self.agreement)
+        return fit_contents(self._new(), self.agreement)
 
     def report(self, verbose: bool = False) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`; `verbose` adds details."""
@@ -142,8 +138,7 @@ class FitResult(Result, FitTables, Positioned):
         from bayescal.reporting.fit.agreement import agreement_summary
         from bayescal.reporting.fit.summary import fit_summary
 
-        self._check_new()
-        summary = fit_summary(self.data, verbose)
+        summary = fit_summary(self._new(), verbose)
         return summary if self.agreement is None else Group(summary, "", agreement_summary(self.agreement))
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
@@ -153,8 +148,7 @@ class FitResult(Result, FitTables, Positioned):
         """
         from bayescal.reporting.fit.files import write_fit
 
-        self._check_new()
-        return write_fit(self.data, Path(folder), self.agreement, pictures)
+        return write_fit(self._new(), Path(folder), self.agreement, pictures)
 
     def inference_data(self) -> Any:
         """The content of posterior.nc for ArviZ: InferenceData (ArviZ 0.x) or DataTree (1.x)."""
@@ -193,7 +187,7 @@ class GapResult(Result, GapTables, Positioned):
     def _contents(self) -> Json:
         from bayescal.reporting.gap.record import gap_record
 
-        return gap_record(self.data)
+        return gap_record(self._new())
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
@@ -203,16 +197,14 @@ class GapResult(Result, GapTables, Positioned):
         from bayescal.reporting.gap.summary import gap_summary
         from bayescal.reporting.shared.text import facts
 
-        self._check_new()
-        summary = gap_summary(self.data)
+        summary = gap_summary(self._new())
         return summary if self.agreement is None else Group(summary, "", facts(verdicts(self.agreement)))
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
         """Write gap.json, gap.html, arm.json, the dataset, the figures where `pictures`; return the names."""
         from bayescal.reporting.gap.record import write_gap
 
-        self._check_new()
-        return write_gap(self.data, Path(folder), pictures)
+        return write_gap(self._new(), Path(folder), pictures)
 
     def _table(self) -> str:
         return self.probability.to_string(float_format="%.3g")

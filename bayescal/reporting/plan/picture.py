@@ -11,7 +11,7 @@ from bayescal.planning.place import scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.probing.shapes import Shape
 from bayescal.reporting.plan.record import count
-from bayescal.reporting.plan.sheets import COVERAGE, PURPOSES, by_target, headline, title
+from bayescal.reporting.plan.sheets import COVERAGE_FACTOR, PURPOSES, by_target, headline, title
 from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, SERIES, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
@@ -201,14 +201,24 @@ def _curve(plan: Plan, axes: Any) -> None:
     for points, marker, line, colour, label in drawn:
         if len(points):
             x, u = np.array(points, float).T
-            axes.plot(x, COVERAGE * UM * u, marker=marker, ls=line, color=colour, lw=1.6, ms=6, label=label)
+            axes.plot(
+                x, COVERAGE_FACTOR * UM * u, marker=marker, ls=line, color=colour, lw=1.6, ms=6, label=label
+            )
     if first is not None:
         here = count(plan)
         axes.scatter(
-            here, COVERAGE * UM * first.u, s=150, facecolors="none", edgecolors=INK, lw=1.6, label="this plan"
+            here,
+            COVERAGE_FACTOR * UM * first.u,
+            s=150,
+            facecolors="none",
+            edgecolors=INK,
+            lw=1.6,
+            label="this plan",
         )
         if not len(plan.curve_random) and np.isfinite(first.u_random):
-            axes.scatter(here, COVERAGE * UM * first.u_random, marker="s", color=SERIES[1], label="random")
+            axes.scatter(
+                here, COVERAGE_FACTOR * UM * first.u_random, marker="s", color=SERIES[1], label="random"
+            )
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
