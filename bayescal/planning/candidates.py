@@ -20,10 +20,9 @@ from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.model.block import tool_frames
 from bayescal.model.scene import Scene
-from bayescal.planning.hand import TURNING, WALLED, Hand, Reached
-from bayescal.planning.place import scene
 from bayescal.planning.pool import Pool, Setup
 from bayescal.planning.search import EACH, Search, chosen, goals, located, tools_for, tried_once
+from bayescal.probing.contacts import TURNING, WALLED, Contacts, Hand, Rows
 
 SESSION = 3600.0
 """s: the time over which candidates are distributed (assumed: 200 contacts at 18 s)."""
@@ -36,7 +35,7 @@ BLANK: Mapping[str, float | str] = {
 
 
 @dataclass(frozen=True)
-class Possible:
+class Possible(Rows):
     """M contacts: role, target, tool (M,); readings and velocities (M, n), rad, rad/s; payload (M,), kg."""
 
     role: np.ndarray
@@ -45,9 +44,6 @@ class Possible:
     readings: np.ndarray
     velocity: np.ndarray
     payload: np.ndarray
-
-    def __getitem__(self, rows: np.ndarray) -> Possible:
-        return Possible(*(getattr(self, f.name)[rows] for f in fields(Possible)))
 
 
 def session_of(dataset: Dataset, possible: Possible, rng: np.random.Generator) -> Dataset:
@@ -231,7 +227,7 @@ def candidates(
 
 def _searches(setup: Setup) -> list[Search]:
     """A search for every target, with the tools that measure it."""
-    dataset, around = setup.dataset, scene(setup)
+    dataset, around = setup.dataset, setup.scene
     tools = [tools_for(dataset, k) for k in range(len(dataset.targets))]
     needed = sorted({k for own in tools for k in own})
     hands = {k: Hand.of(dataset, k, around, setup.cone, setup.clearance) for k in needed}
@@ -263,13 +259,13 @@ def _few(setup: Setup, search: Search, wanted: float) -> str:
 
 def _pool(
     setup: Setup,
-    found: list[tuple[str, Search, np.ndarray, Reached]],
+    found: list[tuple[str, Search, np.ndarray, Contacts]],
     dropped: Mapping[str, int],
     warnings: tuple[str, ...],
     rng: np.random.Generator,
 ) -> Pool:
     """All contacts found as rows; candidates are in random order, validation contacts behind them."""
-    reached = Reached.join([own for *_, own in found])
+    reached = Contacts.join([own for *_, own in found])
     role, target = (
         np.concatenate([np.full(len(own), value) for value, own in pairs])
         for pairs in ([(role, own) for role, _, _, own in found], [(s.target, own) for _, s, _, own in found])

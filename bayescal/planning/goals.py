@@ -22,7 +22,7 @@ from bayescal.predict.targets import (
     unknown_tool,
     with_diameter,
 )
-from bayescal.probing.reach import Arm
+from bayescal.probing.arm import Arm
 
 CERTIFIED, VOLUME, REGION, POSES = (
     "certified distances",

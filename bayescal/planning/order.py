@@ -12,10 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from bayescal.planning.place import placements, seconds_between
 from bayescal.planning.pool import Pool
-from bayescal.probing.approach import SPEED
 from bayescal.probing.clearance import RETRACT
+from bayescal.probing.contacts import SPEED
+from bayescal.probing.motions import seconds_between
+from bayescal.probing.scene import placements
 
 SWEEPS = "sweeps"
 """The default."""

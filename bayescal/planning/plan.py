@@ -27,12 +27,12 @@ from bayescal.planning.contrasts import contrasts
 from bayescal.planning.exchange import observability_of, select
 from bayescal.planning.expected import Random, curves, expected, parameters
 from bayescal.planning.goals import goals
-from bayescal.planning.hand import TURNING
 from bayescal.planning.pool import Pool, Setup, check_count, linearised
 from bayescal.planning.projection import Projection, nominal
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.separate import choose, confusable, detectable, repeated, with_levers
 from bayescal.planning.transit import Transits
+from bayescal.probing.contacts import TURNING
 from bayescal.statistics import spawned
 from bayescal.storage.folders import check_unchanged
 from bayescal.storage.reading import read_record

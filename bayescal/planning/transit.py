@@ -14,10 +14,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from bayescal.planning.hand import EVERY, Hand
-from bayescal.planning.place import RAISED, TOLERANCE, Place, placements, scene, seconds_between
 from bayescal.planning.pool import Pool
-from bayescal.probing.scene import Scene
+from bayescal.probing.contacts import EVERY, Hand
+from bayescal.probing.motions import RAISED, TOLERANCE, Place, seconds_between
+from bayescal.probing.scene import Scene, placements
 
 WAITING = 60  # raised poses that are tried where the arm waits, those of the shortest way first
 HARD = 6  # of them to which a way past other configurations is searched
@@ -49,7 +49,7 @@ class Transits:
 
     @cached_property
     def _around(self) -> Scene:
-        return scene(self.pool.setup)
+        return self.pool.setup.scene
 
     @cached_property
     def _hands(self) -> list[Hand]:

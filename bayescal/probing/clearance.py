@@ -14,9 +14,9 @@ import numpy as np
 from bayescal.arm.chain import Robot
 from bayescal.arm.inverse import LEVER
 from bayescal.arm.motion import NominalArm
+from bayescal.arm.shapes import Capsule
 from bayescal.dataset.types import Tool
 from bayescal.probing.scene import Solid, arm_capsules
-from bayescal.probing.shapes import Capsule
 from bayescal.probing.sweep import Pair, Pairs
 
 ALWAYS = 0.5

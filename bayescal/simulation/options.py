@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.arm.chain import Robot
-from bayescal.dataset import Certificate, Dataset, Measurements, Noise, Target, Tool
+from bayescal.dataset import Certificate, Dataset, Measurements, Noise
 from bayescal.effects import EFFECTS
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
-from bayescal.probing.approach import DIAMETER, SIZE, U_ANGLE, U_DISTANCE, U_SPHERE, Cube
+from bayescal.probing.artefacts import SIZE, TOOL, U_ANGLE, U_DISTANCE, U_SPHERE, Scenery, sphere_names
 from bayescal.robots import builtin_robots
 
 GROUP = 4  # contacts of a repeat group
@@ -113,45 +113,8 @@ def flag(option: str) -> str:
     return f"--{option.replace('_', '-')}{unit}"
 
 
-def stream(seed: int, *names: str) -> np.random.Generator:
-    """An independent generator for each name, so that draws of one part do not change those of another."""
-    words = [int.from_bytes(name.encode(), "little") for name in names]
-    return np.random.default_rng(np.random.SeedSequence([seed, *words]))
-
-
-RADIUS = 0.003  # m, of the ball
-TOOL = Tool("ball", np.array([0.06, 0.0, 0.12]), RADIUS, 0.8, np.array([0.02, 0.0, 0.06]))
 GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s2
 LEAST_NOISE = 1e-6  # m: stated noise where none is simulated
-
-
-@dataclass(frozen=True)
-class Scenery:
-    """Nominal objects: the cube, its four faces, sphere centres (placements, spheres, 3), m."""
-
-    cube: Cube
-    faces: tuple[str, ...]
-    spheres: np.ndarray
-
-    @property
-    def targets(self) -> tuple[Target, ...]:
-        """The targets as stated in dataset.yaml."""
-        planes = [
-            Target(f"cube.{f}", "plane", {"normal": self.cube.normal(f), "offset": self.cube.offset(f)})
-            for f in self.faces
-        ]
-        names = sphere_names(*self.spheres.shape[:2])
-        centres = self.spheres.reshape(-1, 3)
-        balls = [
-            Target(name, "sphere", {"centre": centre, "diameter": DIAMETER})
-            for name, centre in zip(names, centres, strict=True)
-        ]
-        return (*planes, *balls)
-
-
-def sphere_names(placements: int, spheres: int) -> list[str]:
-    """Names of the spheres, placement by placement."""
-    return [f"ball.{chr(ord('A') + k)}@{p + 1}" for p in range(placements) for k in range(spheres)]
 
 
 def dataset_of(options: Options, robot: Robot, scenery: Scenery, measurements: Measurements) -> Dataset:

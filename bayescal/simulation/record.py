@@ -24,8 +24,17 @@ from bayescal.dataset.write import write_files
 from bayescal.effects import UNITS
 from bayescal.model import Model
 from bayescal.model.scene import Scene
-from bayescal.probing.approach import DIAMETER, SIZE, U_ANGLE, U_DISTANCE, U_SPHERE
-from bayescal.simulation.options import Options, Scenery, sphere_names, stream
+from bayescal.probing.artefacts import (
+    DIAMETER,
+    SIZE,
+    U_ANGLE,
+    U_DISTANCE,
+    U_SPHERE,
+    Scenery,
+    sphere_names,
+)
+from bayescal.simulation.options import Options
+from bayescal.statistics import stream
 from bayescal.storage.folders import whole
 
 TRUTH = "truth.json"

@@ -29,8 +29,8 @@ from bayescal.planning.exchange import (
     shrink,
 )
 from bayescal.planning.goals import Goal, goals
-from bayescal.planning.place import RATE
 from bayescal.planning.pool import Linearised, check_count, inverse, linearised
+from bayescal.probing.motions import RATE
 
 
 def toy(count: int = 8, residuals: int = 1, size: int = 3, seed: int = 0) -> Linearised:

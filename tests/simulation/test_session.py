@@ -11,16 +11,16 @@ from simulated import LITTLE, lrmate, robot_file
 from typer.testing import CliRunner
 
 from bayescal.arm.chain import link_angles, wrenches
-from bayescal.arm.transforms import rigid
+from bayescal.arm.transforms import cone, rigid
 from bayescal.assess.findings import FAR
 from bayescal.cli import app
 from bayescal.dataset import read_dataset
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
-from bayescal.probing.approach import layout
+from bayescal.probing.arm import Arm, inverse
+from bayescal.probing.artefacts import layout
 from bayescal.probing.clearance import Clearance, path_free
-from bayescal.probing.reach import Arm, cone, inverse
 from bayescal.probing.scene import scene_of
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, simulate

@@ -20,7 +20,7 @@ from bayescal.errors import BayescalError
 from bayescal.exporting.plan.format import Format, Probe
 from bayescal.exporting.plan.probing import AHEAD, Step, guarded, steps
 from bayescal.planning.result import Plan
-from bayescal.probing.approach import SPEED
+from bayescal.probing.contacts import SPEED
 from bayescal.programs.text import Number, degrees_of, digits
 from bayescal.programs.urscript import URSCRIPT as UR
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from bayescal.arm import chain as reference
+from bayescal.arm.shapes import Ball, Box
 from bayescal.model.scene import Scene
 from bayescal.probing.scene import arm_capsules, scene_of
-from bayescal.probing.shapes import Ball, Box
 from bayescal.reporting.shared.origin import plain
 from bayescal.reporting.shared.text import MM
 
