@@ -115,8 +115,9 @@ def picture(rooms: dict[str, Room], pairs: Counter[tuple[str, str]]) -> str:
     for a, b in sorted(reduced(pairs), key=lambda pair: (y[pair[0]], y[pair[1]])):
         x = LEFT + 200 + BEND * min(y[b] - y[a], 16 * ROW) / ROW
         out.append(
-            f'<path d="M{LEFT + 130} {y[a]} C{x:.0f} {y[a]} {x:.0f} {y[b]} {LEFT + 134} {y[b]}" fill="none" '
-            'stroke="#4878a8" stroke-opacity=".65"/>'
+            f'<path class="{a} {b}" '
+            f'd="M{LEFT + 130} {y[a]} C{x:.0f} {y[a]} {x:.0f} {y[b]} {LEFT + 134} {y[b]}" '
+            'fill="none" stroke="#4878a8" stroke-opacity=".65"/>'
             f'<path d="M{LEFT + 132} {y[b]} l9 -4 v8 z" fill="#4878a8"/>'
         )
     for name in order:

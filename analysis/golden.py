@@ -6,10 +6,10 @@
 A recording holds for each command its exit code, its terminal output and the files that it wrote or changed.
 In a comparison every printed digit must agree; numbers with more than 9 significant digits agree to 9.
 
-Not recorded, because it is not reproducible or not the same on another machine: lines of progress (they
-depend on the seconds that a step takes), paths of the machine, `software` of JSON files, versions in texts,
-checksums of files in `.bayescal-files.json` (of pictures and NetCDF), the attributes of NetCDF (times and
-versions). Of pictures the size in pixels is recorded, of a page the text and the data of its figures.
+Not recorded, because it is not reproducible or not the same on another machine: lines of progress, paths
+of the machine, versions in texts, `software` and `seconds` of JSON files, columns `seconds` of tables,
+checksums in `.bayescal-files.json` (of pictures and NetCDF), the attributes of NetCDF (times and versions).
+Of pictures the size in pixels is recorded, of a page the text and the data of its figures.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ CASES: dict[str, dict[str, str]] = tomllib.loads(Path(__file__).with_name("golde
 DIGITS = 9
 SHOWN = 5
 """Differing lines that are printed of a file."""
-DROPPED = {"software"}
+DROPPED = {"software", "seconds"}
 FROM_TESTS = ("ur5e_scene.xml", "dcc.xsd", "SI_Format.xsd")
 """Files of the tests that commands read, in whatever folder they are."""
 PROGRESS = re.compile(r"^.* \d+ %, \d+ s$\n?", re.MULTILINE)
@@ -122,11 +122,20 @@ def arrays(path: Path) -> dict[str, Any]:
     return found
 
 
+def untimed(text: str) -> str:
+    """A table whose last column is `seconds` without that column."""
+    lines, width = text.split("\n"), None
+    for k, line in enumerate(lines):
+        width = line.rindex("seconds") if line.endswith("  seconds") else width if line.strip() else None
+        lines[k] = line if width is None else line[:width].rstrip()
+    return "\n".join(lines)
+
+
 def normalised(text: str, folders: dict[Path, str]) -> str:
     """Text without paths of the machine, progress and versions."""
     for folder, name in folders.items():
         text = text.replace(str(folder), name)
-    return VERSIONS.sub("VERSIONS", PROGRESS.sub("", text.replace("\r\n", "\n")))
+    return VERSIONS.sub("VERSIONS", PROGRESS.sub("", untimed(text.replace("\r\n", "\n"))))
 
 
 def keep(source: Path, out: Path, folders: dict[Path, str]) -> None:
