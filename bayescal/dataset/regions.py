@@ -77,13 +77,13 @@ class Probing:
     obstacle : callable, optional
         obstacle(target, region) -> shapes in F0, of which the first is touched; none without it.
     sizes : tuple of str
-        The lengths that a stated region has.
+        The lengths that a stated region has; it can be stated of kinds with a direction alone.
     """
 
     region: Callable[[Target, Session], Region | None] | None = None
     places: Callable[[Target, Region, float, int, np.random.Generator], Places | None] | None = None
     obstacle: Callable[[Target, Region], tuple[Shape, ...]] | None = None
-    sizes: tuple[str, ...] = ("length",)
+    sizes: tuple[str, ...] = ()
 
 
 def vector(target: Target, key: str) -> np.ndarray:

@@ -252,7 +252,7 @@ KINDS: dict[str, TargetKind] = {
             direction="axis",
             certificates=("diameter",),
             touched=True,
-            planned=Probing(side, on_side, pin),
+            planned=Probing(side, on_side, pin, ("length",)),
         ),
         TargetKind(
             "fixed-point",

@@ -21,8 +21,8 @@ from bayescal.model import ARM, Model, equilibrium, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.planning.candidates import candidates
 from bayescal.planning.pool import Setup
-from bayescal.simulation.options import GROUP, Options
 from bayescal.simulation.record import draws, heading, key_of, parameters_record
+from bayescal.simulation.session import GROUP, Options
 from bayescal.statistics import stream
 
 SPARE = 1.3

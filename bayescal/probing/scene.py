@@ -167,7 +167,8 @@ def scene_of(
         if regions and target.name in regions and target.name not in of and planned and planned.obstacle:
             of[target.name] = len(bodies)
             bodies.append((target.name, planned.obstacle(target, regions[target.name]), [target.name]))
-    label = dict(zip(names, placements(names), strict=True))
+    labels = [name.partition("@")[2] for name in names] if regions is None else placements(names)
+    label = dict(zip(names, labels, strict=True))
     solids = [Solid(name, shapes, label[on[-1]]) for name, shapes, on in bodies]
     if with_table and (solids or table is not None):
         solids = list(on_table(solids, up, table))

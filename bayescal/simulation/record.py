@@ -33,7 +33,7 @@ from bayescal.probing.artefacts import (
     Scenery,
     sphere_names,
 )
-from bayescal.simulation.options import Options
+from bayescal.simulation.session import Options
 from bayescal.statistics import stream
 from bayescal.storage.folders import whole
 

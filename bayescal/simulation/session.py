@@ -1,21 +1,154 @@
-"""The plan of a session: targets, order, times and payloads."""
+"""A session to simulate: its options, and its plan with targets, order, times and payloads."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
 from bayescal.arm.chain import Robot
-from bayescal.dataset import Dataset, Measurements
+from bayescal.dataset import Certificate, Dataset, Measurements, Noise
+from bayescal.effects import EFFECTS
+from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.probing.arm import Arm
-from bayescal.probing.artefacts import TOOL, Scenery
+from bayescal.probing.artefacts import SIZE, TOOL, U_ANGLE, U_DISTANCE, U_SPHERE, Scenery, sphere_names
 from bayescal.probing.contacts import Contacts
 from bayescal.probing.placement import among, cube_of, on_face, placement
-from bayescal.simulation.options import GROUP, Options, dataset_of
+from bayescal.robots import builtin_robots
 from bayescal.statistics import stream
+
+GROUP = 4  # contacts of a repeat group
+FEWEST_ON_SPHERE = 6
+LARGEST_SCALE = 4.0
+"""Error scale from which on a parameter is usually further from nominal than a fit accepts without a warning
+(`assess.findings.FAR` prior standard deviations); contacts on spheres miss them from about 5 on."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """A session to simulate. Counts are of contacts, except `spheres` of an artefact and its `placements`.
+
+    `arm_seed` is the seed of the true arm and its tool, to simulate another session of the same arm; None
+    for the seed of the session. `contacts` are for calibration, including repeats (groups of four); `later`
+    are on the same faces, for validation. `error_scale` multiplies every deviation of the true arm.
+    `noise` (m) is the noise of a contact, `joint_noise` (rad) that of a reading, `outliers` the fraction of
+    gross contacts, `payload` (kg) is attached for half of the plane contacts.
+    """
+
+    robot: str = "fanuc-lrmate200ic"
+    effects: tuple[str, ...] = ("geometry", "compliance")
+    name: str = "simulated"
+    seed: int = 0
+    error_scale: float = 1.0
+    contacts: int = 500
+    later: int = 60
+    repeats: int = 15
+    spheres: int = 3
+    placements: int = 4
+    sphere_contacts: int = 11
+    noise: float = 5e-6
+    joint_noise: float = 0.0
+    outliers: float = 0.0
+    payload: float = 0.0
+    arm_seed: int | None = None
+
+    @property
+    def seed_of_arm(self) -> int:
+        """Seed of the true arm."""
+        return self.seed if self.arm_seed is None else self.arm_seed
+
+    def check(self) -> None:
+        """Raise an error for invalid options.
+
+        Raises
+        ------
+        BayescalError
+            With the option.
+        """
+        for option in (
+            "seed",
+            "error_scale",
+            "later",
+            "repeats",
+            "spheres",
+            "placements",
+            "noise",
+            "joint_noise",
+            "payload",
+        ):
+            value = getattr(self, option)
+            if not (np.isfinite(value) and value >= 0):
+                raise BayescalError("a negative value makes no sense", flag(option), "give 0 or more")
+        if self.error_scale > LARGEST_SCALE:
+            what = (
+                f"{self.error_scale:g} times its tolerances is no error of an arm that a calibration corrects"
+            )
+            raise BayescalError(what, "--error-scale", f"give {LARGEST_SCALE:g} or less")
+        for name in self.effects:
+            if (effect := plain(name)) not in EFFECTS:
+                what = f"no effect is called `{effect}`"
+                raise BayescalError(what, "--effects", f"known: {', '.join(EFFECTS)}")
+        if self.seed_of_arm < 0:
+            raise BayescalError("a negative value makes no sense", "--arm-seed", "give 0 or more")
+        if not 0 <= self.outliers < 0.5:
+            raise BayescalError(f"{self.outliers:g} is no fraction of contacts", "--outliers", "0 to 0.5")
+        if self.contacts < 16:
+            raise BayescalError(f"{self.contacts} contacts are too few", "--contacts", "give 16 or more")
+        if GROUP * self.repeats > self.contacts:
+            what = f"{self.repeats} groups of {GROUP} are more than the {self.contacts} contacts"
+            raise BayescalError(what, "--repeats", "give fewer repeats or more contacts")
+        if self.spheres and self.placements and self.sphere_contacts < FEWEST_ON_SPHERE:
+            what = f"{self.sphere_contacts} contacts cannot locate a sphere"
+            raise BayescalError(what, "--sphere-contacts", f"give {FEWEST_ON_SPHERE} or more")
+        if self.spheres > 8:
+            raise BayescalError(
+                f"{self.spheres} spheres are too many for one artefact", "--spheres", "give 8 or fewer"
+            )
+
+
+def flag(option: str) -> str:
+    """Name of an option on the command line."""
+    unit = {"noise": "-um", "joint_noise": "-deg"}.get(option, "")
+    return f"--{option.replace('_', '-')}{unit}"
+
+
+GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s2
+LEAST_NOISE = 1e-6  # m: stated noise where none is simulated
+
+
+def dataset_of(options: Options, robot: Robot, scenery: Scenery, measurements: Measurements) -> Dataset:
+    """The measurements of the session with the content of dataset.yaml."""
+    return Dataset(
+        name=options.name,
+        folder=Path(),
+        robot=robot,
+        robot_reference=options.robot if options.robot in builtin_robots() else "robot.yaml",
+        readings="encoder",
+        gravity=GRAVITY,
+        tools=(TOOL,),
+        noise=Noise(contact=max(options.noise, LEAST_NOISE), joint=options.joint_noise),
+        targets=scenery.targets,
+        certificates=_certificates(scenery),
+        measurements=measurements,
+        temperature_of="arm",
+        source=f"simulated (bayescal simulate, seed {options.seed}); its ground truth is in truth.json",
+    )
+
+
+def _certificates(scenery: Scenery) -> tuple[Certificate, ...]:
+    """Certificates of the cube and the spheres; distances between spheres are added with the truth."""
+    out = []
+    a, opposite, side, top = (f"cube.{face}" for face in scenery.faces)
+    out.append(Certificate("parallel", (a, opposite), SIZE, U_DISTANCE, U_ANGLE))
+    for pair in ((a, side), (a, top), (side, top)):
+        out.append(Certificate("perpendicular", pair, u_angle=U_ANGLE))
+    for name in sphere_names(*scenery.spheres.shape[:2]):
+        out.append(Certificate("diameter", (name,), u_distance=U_SPHERE))
+    return tuple(out)
+
 
 SET_UP, LUNCH = 120.0, 1800.0  # s: before the spheres of a placement, before the later contacts
 PACE = 6.0, 14.0  # s per contact

@@ -14,6 +14,7 @@ from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Certificate, Patch, PlanSettings, Target, read_dataset
 from bayescal.dataset.read import read_settings
 from bayescal.dataset.solids import hull_stl
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
@@ -150,7 +151,8 @@ def test_a_hanging_arm_probes_spheres_from_above(example):
     assert np.allclose(regions_of(dataset)["ball.A@1"].up, [0, 0, -1])
 
 
-def test_a_kind_without_a_plan_is_refused(example):
+def test_a_kind_without_a_plan_is_refused(example, monkeypatch):
+    monkeypatch.setitem(KINDS, "knob", replace(KINDS["fixed-point"], name="knob", planned=None))
     strange = Target("knob", "knob", {"centre": np.zeros(3)})
     with pytest.raises(BayescalError, match="contacts on a target of kind knob cannot be planned"):
         regions_of(bare(example, targets=(strange,), certificates=()))

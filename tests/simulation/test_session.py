@@ -24,8 +24,8 @@ from bayescal.probing.clearance import Clearance, path_free
 from bayescal.probing.scene import scene_of
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, simulate
-from bayescal.simulation.options import LARGEST_SCALE
 from bayescal.simulation.record import summary, write
+from bayescal.simulation.session import LARGEST_SCALE
 from bayescal.simulation.touch import touch
 
 
@@ -43,6 +43,7 @@ def test_counts():
 
 def test_positions_are_searched_once_for_an_arm(monkeypatch):
     """Effects and noise do not change them; the seed and the robot do. The session is the same."""
+    from bayescal.probing import placement
     from bayescal.simulation import session
 
     def forget():
@@ -53,12 +54,12 @@ def test_positions_are_searched_once_for_an_arm(monkeypatch):
     fresh = simulate(Options(**LITTLE, seed=7)).dataset
     searched = []
 
-    def counted(name):
-        search = getattr(session, name)
-        monkeypatch.setattr(session, name, lambda *given: searched.append(name) or search(*given))
+    def counted(module, name):
+        search = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *given: searched.append(name) or search(*given))
 
-    for name in ("place_spheres", "on_face"):
-        counted(name)
+    counted(placement, "stream")  # once for each placement
+    counted(session, "on_face")
     simulate(Options(**LITTLE, seed=7, effects=("geometry",), noise=1e-6))
     again = simulate(Options(**LITTLE, seed=7)).dataset
     assert not searched
@@ -69,7 +70,7 @@ def test_positions_are_searched_once_for_an_arm(monkeypatch):
     simulate(Options(**other, seed=8))
     forget()
     simulate(Options(**other, seed=7))
-    assert searched.count("place_spheres") == 2
+    assert searched.count("stream") == 2
 
 
 def test_the_default_cube_is_that_of_the_paper():
