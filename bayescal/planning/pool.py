@@ -26,7 +26,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, Weights, check_length, linearise, unit_weights
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Model, Scene, build
-from bayescal.model.block import Part
+from bayescal.model.options import FitOptions, Part
 from bayescal.probing.motions import CLEAR
 from bayescal.probing.scene import Scene as SolidScene
 from bayescal.probing.scene import scene_of
@@ -226,7 +226,7 @@ def linearised(
     """
     if not len(pool.candidates):
         raise BayescalError("no candidate contact", pool.session.name, "check the targets and the reach")
-    model = build(Scene(pool.session, oriented=True), effects, without=without)
+    model = build(Scene(pool.session, oriented=True), effects, FitOptions(tuple(without)))
     check_length(model)
     z = np.zeros(model.size) if values is None else values
     if values is None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.dataset import Certificate, Dataset, Measurements, Noise
-from bayescal.effects import EFFECTS
+from bayescal.effects import BASELINE, EFFECTS
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.probing.arm import Arm
@@ -39,7 +39,7 @@ class Options:
     """
 
     robot: str = "fanuc-lrmate200ic"
-    effects: tuple[str, ...] = ("geometry", "compliance")
+    effects: tuple[str, ...] = BASELINE
     name: str = "simulated"
     seed: int = 0
     error_scale: float = 1.0

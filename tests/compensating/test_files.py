@@ -47,7 +47,7 @@ def test_columns_are_kept_and_corrected_readings_added(arm, tmp_path):
     readings = np.radians([[float(r[f"j{k}_deg"]) for k in range(1, 7)] for r in rows[:2]])
     at = arm.at(readings)
     np.testing.assert_allclose(1e3 * at.points, [[450, 0, 200], [450, 60, 200]], atol=2e-5)
-    assert float(rows[0]["u_mm"]) == pytest.approx(1e3 * done.found[0].u, abs=1e-5)
+    assert float(rows[0]["u_mm"]) == pytest.approx(1e3 * done.corrected[0].u, abs=1e-5)
     assert rows[2]["reason"].startswith("out of reach")
     assert [rows[2][k] for k in ("j1_deg", "u_mm", "inside_probed_region")] == ["", "", ""]
 
@@ -111,10 +111,10 @@ def test_a_program_is_corrected_in_place(arm, tmp_path, name):
     assert names == ("out", "out.positions.csv")
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["out", "out.positions.csv", source.name])
     rows = read((tmp_path / "out.positions.csv").read_bytes())
-    assert len(rows) == len(done.found)
+    assert len(rows) == len(done.corrected)
     # the targets of the corrected program are the corrected ones
     again = compensate_file(arm, tmp_path / "out", format_=name, **OF_PROGRAM.get(name, {}))
-    for own, target in zip(done.found, again.targets, strict=True):
+    for own, target in zip(done.corrected, again.targets, strict=True):
         if target.pose is not None:
             np.testing.assert_allclose(target.pose, own.pose, atol=2e-7)
         else:
@@ -146,7 +146,7 @@ def test_a_program_in_another_frame_must_say_which(arm, tmp_path):
         BayescalError, match=r"prog\.ls: its poses are not in the frame of the base \(line 9, P\[1"
     ):
         compensate_file(arm, source)
-    assert compensate_file(arm, source, frame="base", tool="ball").found
+    assert compensate_file(arm, source, frame="base", tool="ball").corrected
 
 
 TOOLS = [
