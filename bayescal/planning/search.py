@@ -107,12 +107,12 @@ def _in_volume(setup: Setup, hand: Hand, count: int, rng: np.random.Generator) -
 def goals(searches: Sequence[Search], count: int) -> list[int]:
     """Contacts wanted of each search, together `count`: where a search is hopeless, others have more."""
     lost = [s.have if s.hopeless else None for s in searches]
-    rest = max(0, count - sum(have for have in lost if have is not None))
+    wanted = max(0, count - sum(have for have in lost if have is not None))
     active = sum(have is None for have in lost)
     out, k = [], 0
     for have in lost:
         if have is None:
-            out.append(rest // active + (k < rest % active))
+            out.append(wanted // active + (k < wanted % active))
             k += 1
         else:
             out.append(have)
@@ -240,8 +240,8 @@ def _located(
 def _homes(rank: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Indices of at most `HOMES` finite ranks (M,): half of them the smallest, the others at random."""
     rows = np.argsort(rank, kind="stable")[: np.sum(np.isfinite(rank))]
-    rest = rng.permutation(rows[HOMES // 2 :])
-    return np.asarray(np.concatenate([rows[: HOMES // 2], rest])[:HOMES])
+    others = rng.permutation(rows[HOMES // 2 :])
+    return np.asarray(np.concatenate([rows[: HOMES // 2], others])[:HOMES])
 
 
 def _alike(axes: np.ndarray, normals: np.ndarray, half_angle: float, rng: np.random.Generator) -> np.ndarray:

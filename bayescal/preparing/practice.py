@@ -110,8 +110,8 @@ def _in_turn(target: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Rows (C,) in an order that takes the targets in turn."""
     turn = np.empty(len(rows), int)
     for t in np.unique(target[rows]):
-        own = target[rows] == t
-        turn[own] = np.arange(np.sum(own))
+        mine = target[rows] == t
+        turn[mine] = np.arange(np.sum(mine))
     return rows[np.argsort(turn, kind="stable")]
 
 
@@ -139,7 +139,7 @@ def _targets(model: Model, options: Options) -> np.ndarray:
     for _ in range(CORRECTIONS if error else 0):
         off, by = [], []
         for constraint, wanted in zip(model.constraints, error, strict=True):
-            parts = {name: z[own] for name, own in model.slices.items()}
+            parts = {name: z[part] for name, part in model.slices.items()}
             parts[ARM] = -model.shift / model.sd
             r, slopes = model.linearised(constraint, parts)
             row = np.zeros((constraint.rows, model.size))

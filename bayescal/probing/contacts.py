@@ -123,7 +123,7 @@ class Way(Protocol):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Readings and velocities (M, n) of the approach, and why there is none, or ""."""
 
-    def collisions(self, found: Contacts, sites: Sites, touched: np.ndarray) -> np.ndarray:
+    def collisions(self, contacts: Contacts, sites: Sites, touched: np.ndarray) -> np.ndarray:
         """What each contact or its approach collides with, or "", (M,)."""
 
 
@@ -204,11 +204,13 @@ class Moving:
         slow = np.abs(drive).max(axis=1) < FASTEST
         return readings, self.arm.readings_of(drive + spin), np.where(slow, "", FAST).astype(object)
 
-    def collisions(self, found: Contacts, sites: Sites, touched: np.ndarray) -> np.ndarray:
+    def collisions(self, contacts: Contacts, sites: Sites, touched: np.ndarray) -> np.ndarray:
         """See `Way`."""
-        free = self.clearance.collides(found.readings, touched) == 0
+        free = self.clearance.collides(contacts.readings, touched) == 0
         rows = np.flatnonzero(free)
-        hit = path_free(self.clearance, found.readings[rows], sites.normals[rows], touched[rows], stops=STOPS)
+        hit = path_free(
+            self.clearance, contacts.readings[rows], sites.normals[rows], touched[rows], stops=STOPS
+        )
         free[rows] = hit == 0
         return np.where(free, "", NEAR).astype(object)
 
@@ -344,29 +346,29 @@ class Straight:
         reason = np.where(solved, np.where(fast, FAST, ""), STUCK).astype(object)
         return off, (readings - off) / seconds, reason
 
-    def collisions(self, found: Contacts, sites: Sites, touched: np.ndarray) -> np.ndarray:
+    def collisions(self, contacts: Contacts, sites: Sites, touched: np.ndarray) -> np.ndarray:
         """See `Way`."""
-        out = np.full(len(found), "", object)
+        out = np.full(len(contacts), "", object)
         labels = np.array([*(s.placement for s in self.hand.clearance.solids), ""], object)[touched]
         for label in set(labels):
             rows = np.flatnonzero(labels == label)
             place = self.hand.place(label or EVERY)
-            out[rows] = self._on_line(place, found[rows], touched[rows])
+            out[rows] = self._on_line(place, contacts[rows], touched[rows])
             rows = rows[out[rows] == ""]
             if len(rows) and not self.by_hand:
-                out[rows[~place.linked(found.approach[rows])]] = WALLED
+                out[rows[~place.linked(contacts.approach[rows])]] = WALLED
         return out
 
-    def _on_line(self, place: Place, found: Contacts, touched: np.ndarray) -> np.ndarray:
+    def _on_line(self, place: Place, contacts: Contacts, touched: np.ndarray) -> np.ndarray:
         """What each row comes too near to on the line from its approach to the contact, or ""."""
         clearance, floor = place.clearance, min(LINE, self.hand.floor)
-        out = np.zeros(len(found), int)
-        off, nothing = found.approach, np.full(len(found), -1)
-        for readings, least, solid in ((found.readings, floor, touched), (off, self.hand.floor, nothing)):
+        out = np.zeros(len(contacts), int)
+        off, nothing = contacts.approach, np.full(len(contacts), -1)
+        for readings, least, solid in ((contacts.readings, floor, touched), (off, self.hand.floor, nothing)):
             rows = np.flatnonzero(out == 0)
             out[rows] = clearance.hits(readings[rows], readings[rows], least, solid[rows])
         rows = np.flatnonzero(out == 0)
-        for begin, end, slack in self.hand.line(found.readings[rows], off[rows]):
+        for begin, end, slack in self.hand.line(contacts.readings[rows], off[rows]):
             clear = out[rows] == 0
             hit = clearance.hits(begin[clear], end[clear], floor, touched[rows[clear]], slack[clear])
             out[rows[clear]] = hit

@@ -83,8 +83,8 @@ class Place:
         out, count = np.zeros(len(readings), bool), min(LINKED, len(self.hubs))
         near = _neighbours(self.hubs, readings, count)
         for k in range(count):
-            left = np.flatnonzero(~out)
-            out[left] = self.free(readings[left], self.hubs[near[left, k]])
+            rows = np.flatnonzero(~out)
+            out[rows] = self.free(readings[rows], self.hubs[near[rows, k]])
         return out
 
     @cached_property
@@ -105,22 +105,22 @@ class Place:
         once; then several of them one after the other.
         """
         free = self.free(begin, end)
-        out: list[np.ndarray | None] = [begin[:0] if own else None for own in free]
+        out: list[np.ndarray | None] = [begin[:0] if direct else None for direct in free]
         detour = seconds_between(begin[:, None], self.nodes) + seconds_between(self.nodes, end[:, None])
         order = np.argsort(detour, axis=1, kind="stable")
-        left = np.flatnonzero(~free)
+        rows = np.flatnonzero(~free)
         for first in range(0, min(MOST, order.shape[1]), AT_ONCE):
-            k = order[left, first : first + AT_ONCE]
-            move, some = np.repeat(left, k.shape[1]), self.nodes[k.ravel()]
+            k = order[rows, first : first + AT_ONCE]
+            move, some = np.repeat(rows, k.shape[1]), self.nodes[k.ravel()]
             ok = self.free(begin[move], some)
             ok[ok] = self.free(some[ok], end[move[ok]])
             for m in np.unique(move[ok]):
                 out[m] = some[[int(np.argmax(ok & (move == m)))]]
-            left = np.array([m for m in left if out[m] is None], int)
+            rows = np.array([m for m in rows if out[m] is None], int)
         for count, ends in CHAINED:
-            for m, way in zip(left, self._chained(begin[left], end[left], count, ends), strict=True):
+            for m, way in zip(rows, self._chained(begin[rows], end[rows], count, ends), strict=True):
                 out[m] = way
-            left = np.array([m for m in left if out[m] is None], int)
+            rows = np.array([m for m in rows if out[m] is None], int)
         return out
 
     def _chained(self, begin: np.ndarray, end: np.ndarray, count: int, ends: int) -> list[np.ndarray | None]:
@@ -129,25 +129,25 @@ class Place:
         Only the motions of ways that are the shortest yet are checked (Bohlin and Kavraki 2000, "Path
         planning using lazy PRM").
         """
-        nodes, cost, known = self._graph(count)
+        nodes, cost, verified = self._graph(count)
         n = len(nodes)
         out: list[np.ndarray | None] = [None] * len(begin)
         if n < 2:
             return out
-        own = np.full((len(begin), n + 2, n + 2), np.inf)  # from the begin, n, and to the end, n + 1
-        own[:, n, :n] = _nearest(seconds_between(begin[:, None], nodes), ends)
-        own[:, :n, n + 1] = _nearest(seconds_between(nodes, end[:, None]), ends)
-        sure = np.zeros(own.shape, bool)
-        left = list(range(len(begin)))
+        costs = np.full((len(begin), n + 2, n + 2), np.inf)  # from the begin, n, and to the end, n + 1
+        costs[:, n, :n] = _nearest(seconds_between(begin[:, None], nodes), ends)
+        costs[:, :n, n + 1] = _nearest(seconds_between(nodes, end[:, None]), ends)
+        sure = np.zeros(costs.shape, bool)
+        searched = list(range(len(begin)))
         for _ in range(ROUNDS):
             asked: list[tuple[int, int, int]] = []
-            for m in list(left):
-                own[m, :n, :n], sure[m, :n, :n] = cost, known
-                path = _shortest(own[m], n)
+            for m in list(searched):
+                costs[m, :n, :n], sure[m, :n, :n] = cost, verified
+                path = _shortest(costs[m], n)
                 new = [(m, i, j) for i, j in pairwise(path) if not sure[m, i, j]]
                 asked += new
                 if not new:
-                    left.remove(m)
+                    searched.remove(m)
                     out[m] = nodes[path[1:-1]] if path else None
             if not asked:
                 break
@@ -156,7 +156,7 @@ class Place:
             for (m, i, j), free in zip(asked, self.free(a, b), strict=True):
                 shared = max(i, j) < n
                 for x, y in ((i, j), (j, i)) if shared else ((i, j),):
-                    times, checked = (cost, known) if shared else (own[m], sure[m])
+                    times, checked = (cost, verified) if shared else (costs[m], sure[m])
                     checked[x, y] = True
                     times[x, y] = times[x, y] if free else np.inf
         return out
@@ -191,8 +191,8 @@ def _nearest(times: np.ndarray, count: int) -> np.ndarray:
 
 def _shortest(times: np.ndarray, first: int) -> list[int]:
     """The shortest path from `first` to the point after it, by times (n, n); empty if there is none."""
-    _, found = dijkstra(times, indices=np.array([first]), return_predecessors=True)
-    before = found[0]
+    _, predecessors = dijkstra(times, indices=np.array([first]), return_predecessors=True)
+    before = predecessors[0]
     path = [first + 1]
     while path[-1] != first:
         if before[path[-1]] < 0:

@@ -77,8 +77,8 @@ def touching(
     index = np.repeat(np.arange(len(points)), tries)
     begin = arm.anywhere(len(index), rng) if starts is None else starts
     sites = Sites(points[index], normals[index], cone(-normals[index], TILT, rng))
-    found = reach(arm, Moving(arm, clearance), TILT, sites, touched[index], begin, rng, passes, index)
-    return index[found.good], found[found.good]
+    contacts = reach(arm, Moving(arm, clearance), TILT, sites, touched[index], begin, rng, passes, index)
+    return index[contacts.good], contacts[contacts.good]
 
 
 def on_face(

@@ -242,8 +242,8 @@ def _measurements(options: Options, visits: list[Visit], faces: int) -> Measurem
     clock = stream(options.seed, "clock")
     steps = clock.uniform(*PACE, len(target))
     begins = np.cumsum([0] + [len(v.target) for v in visits[:-1]])
-    for at, visit in zip(begins, visits, strict=True):
-        steps[at : at + 1] += visit.pause
+    for first, visit in zip(begins, visits, strict=True):
+        steps[first : first + 1] += visit.pause
     time = np.cumsum(steps)
     warm = COLD + WARMER * (1 - np.exp(-time / WARMING)) + clock.normal(0, 0.03, len(time))
     return Measurements(
