@@ -1,7 +1,4 @@
-"""Candidate contacts: reachable, collision-free, distributed over all targets.
-
-Candidate contacts as rows of a session, behind those that were measured already.
-"""
+"""Candidate contacts, distributed over all targets, as rows of a session behind those that were measured."""
 
 from __future__ import annotations
 

@@ -5,12 +5,11 @@ do not improve any distance. The determinant rewards them. A selection therefore
 maximise the determinant, and exchanges then minimise the mean variance of the distances (Fedorov 1972; Cook
 and Nachtsheim, Technometrics 22, 1980).
 
-Criteria of a selection: I, and the observability indices O1 to O5.
-
-All are of the information of the arm's parameters, in units of their prior standard deviations, with the
-states of the targets eliminated and the prior included as one observation of each parameter. Without the
-scaling, a length and an angle cannot be compared. Combinations of the parameters of which even all candidates
-together tell less than the prior are left out: they would make O2 to O5 the same for every selection.
+The observability indices O1 to O5 of a selection are of the information of the arm's parameters, in units of
+their prior standard deviations, with the states of the targets eliminated and the prior included as one
+observation of each parameter. Without the scaling, a length and an angle cannot be compared. Combinations of
+the parameters of which even all candidates together tell less than the prior are left out: they would make O2
+to O5 the same for every selection.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""A plan: contacts chosen for distances and for the diagnosis of the gap, in the order of probing.
-
-What the next contacts of a measured session shall decide, from its diagnosis (gap.json).
-"""
+"""A plan: contacts chosen for distances and for what a diagnosis left open, in the order of probing."""
 
 from __future__ import annotations
 

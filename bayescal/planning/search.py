@@ -1,9 +1,7 @@
 """The search for contacts on several targets at once: places are tried until each target has its share.
 
-Contacts that locate spheres: distributed over the upper part of each, in one configuration of the arm.
-
-A sphere is located by contacts at nearly one orientation of the tool, so that an error of the arm that
-depends on the configuration does not deform it. All spheres are searched together.
+A sphere that validates is located by contacts at nearly one orientation of the tool (`located`), so that an
+error of the arm that depends on the configuration does not deform it.
 """
 
 from __future__ import annotations

@@ -5,12 +5,8 @@ effect (Atkinson and Fedorov, Biometrika 62 (1975) 57: T-optimal designs; in clo
 A model that is not determined yet predicts nothing, and no first contact shows an effect. Therefore contacts
 with the largest variance (D-optimal) come first, until the model has as many contacts as unknowns.
 
-What a plan can show: the smallest detectable amplitude of every effect, and what it cannot separate.
-
-Interventions that would separate what the candidates of a pool cannot.
-
-The planned contacts are repeated under other conditions (`gap.design.interventions`), and the best of them
-are chosen for the pair.
+Of a plan: the smallest detectable amplitude of every effect, and for pairs of effects that it cannot separate
+the intervention that would: its contacts repeated under other conditions (`gap.design.candidate_contacts`).
 """
 
 from __future__ import annotations
@@ -266,7 +262,7 @@ def with_levers(
     chosen : np.ndarray of int
         Candidates of the plan.
     similar : sequence of (Pair, Confusable)
-        Of `detectable.confusable`.
+        Of `confusable`.
     rng : np.random.Generator
     without : sequence of Part
         Parts that the model lacks.

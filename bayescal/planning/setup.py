@@ -1,7 +1,4 @@
-"""The setup of a session that is to be planned: read from a folder, or continued from a measured session.
-
-Where contacts may be: stated regions, faces of boxes, the places that were probed before.
-"""
+"""The setup of a session that is to be planned: read from a folder, or continued from a measured session."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A practice session for a set-up: contacts that can be reached, as an arm with errors would measure them.
 
 The set-up is that of `init` or of any dataset folder. Contacts are chosen at random among the candidates of a
-plan. The true arm is drawn as in `simulation.truth`, the true targets from small displacements that agree
+plan. The true arm is drawn as in `simulation.record`, the true targets from small displacements that agree
 with their certificates, within the stated uncertainties. Every row then has the residual that the noise
 gives it.
 """

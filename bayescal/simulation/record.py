@@ -1,9 +1,4 @@
-"""The record of the ground truth of a session, and the errors of the nominal arm.
-
-Write a simulated session: a dataset folder with its truth.json, atomically.
-
-Ground truth of a simulated session, independent of its plan: arm, targets, certificates, noise.
-"""
+"""Ground truth of a simulated session, drawn from its options, and its record, truth.json."""
 
 from __future__ import annotations
 

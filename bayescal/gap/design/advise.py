@@ -1,11 +1,9 @@
 """Advice: what to measure next to distinguish two explanations of the gap.
 
-Candidate contacts are contacts of the session, repeated under other conditions (`interventions`). The
+Candidate contacts are contacts of the session, repeated under other conditions (`candidate_contacts`). The
 detectability lambda of A, with the parameters of the model *and* of B free, grows by e^2 / (1 + v) with each
 contact, where e is the error of the prediction by B and v its variance: closed form, without simulation or
 refit.
-
-What the data leave open: explanations that they do not separate, and names that they do not confirm.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""Candidate contacts, linearised: their prediction by an alternative explanation, and its error.
+"""Candidate contacts of advice: contacts of a session repeated under other conditions, linearised.
 
 Of a point that is measured with its orientation, only the point is used.
-
-Interventions: contacts of a session repeated under other conditions, as rows appended to it.
 """
 
 from __future__ import annotations
@@ -204,7 +202,7 @@ class Possible:
 def possibilities(
     fitted: Estimate, known: Candidates, members: Sequence[Member], places: Places = NOWHERE
 ) -> list[Possible]:
-    """All interventions, linearised at the estimate; the first is `interventions.AGAIN`."""
+    """All interventions, linearised at the estimate; the first is `AGAIN`."""
     model = fitted.model
     dataset, interventions = widened(model.scene, _poses(fitted))
     scene = Scene(dataset, _stands(model.scene, interventions), model.scene.oriented)
