@@ -2,7 +2,7 @@
 
 A shape is solid and convex. Distances are in m, signed: negative inside. The arm consists of capsules, which
 move with its frames (`probing.scene.arm_capsules`); what stands around it consists of all shapes, in F0.
-`kind` and `numbers` state a shape to the compiled distances (`probing.sweep`): its numbers, and planes (F, 4).
+`kind` and `numbers` state a shape to the compiled distances (`probing.sweep`): numbers, and planes (F, 4).
 """
 
 from __future__ import annotations
