@@ -103,8 +103,8 @@ def inverse(
         Which of them are solutions.
     """
     angles, solved = arm.angles_of(starts), np.zeros(len(starts), bool)
-    free = np.broadcast_to(free, len(starts)) | (arm.robot.n < 5)
+    free, (low, high) = np.broadcast_to(free, len(starts)) | (arm.robot.n < 5), arm.range
     for rows, directed in ((np.flatnonzero(free), False), (np.flatnonzero(~free), True)):
         task = to_axes(arm, points[rows], axes[rows]) if directed else to_points(arm, points[rows])
-        angles[rows], solved[rows] = descend(task, angles[rows], *arm.range, passes)
+        angles[rows], solved[rows] = descend(task, angles[rows], low, high, passes)
     return arm.readings_of(angles), solved
