@@ -214,26 +214,18 @@ def plan(
     True
     """
     from bayescal.model.options import parts_of
+    from bayescal.planning.plan import PlanOptions
     from bayescal.planning.plan import plan as run
 
     where, open_ = _setup(setup, after, allow_xacro)
     effects = names(model) or (open_.effects if open_ else MODEL)
-    found = run(
-        where,
-        contacts,
-        purpose,
-        effects,
-        names(levers),
-        order,
-        candidates,
-        seed,
-        pairs=open_.pairs if open_ else (),
-        without=parts_of(open_.without, effects) if open_ else (),
-        probability=open_.probability if open_ else None,
-        validation=validation,
-        progress=progress,
+    options = PlanOptions(
+        contacts, purpose, effects, tuple(names(levers)), order, candidates, seed, validation=validation
     )
-    return PlanResult(found)
+    if open_:
+        without = parts_of(open_.without, effects)
+        options = replace(options, pairs=open_.pairs, without=without, probability=open_.probability)
+    return PlanResult(run(where, options, progress))
 
 
 def _setup(

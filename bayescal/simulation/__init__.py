@@ -11,10 +11,10 @@ from bayescal.arm.chain import Robot
 from bayescal.dataset import Dataset
 from bayescal.errors import BayescalError
 from bayescal.robots import load_robot
-from bayescal.simulation.options import Options, stream
 from bayescal.simulation.record import distance_certificates, document, draws, noise, true_targets
-from bayescal.simulation.session import plan
+from bayescal.simulation.session import Options, plan
 from bayescal.simulation.touch import World, misstated, touch
+from bayescal.statistics import stream
 
 __all__ = ["Options", "Simulation", "simulate"]
 

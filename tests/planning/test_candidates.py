@@ -17,20 +17,20 @@ from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Box, Certificate, Dataset, Noise, Patch, PlanSettings, Target, read_dataset
 from bayescal.dataset.consistency import CHANCE, planned
+from bayescal.dataset.regions import LOWEST
 from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
 from bayescal.model import ARM
 from bayescal.model.scene import Scene
 from bayescal.planning.candidates import candidates, session_of
 from bayescal.planning.goals import CERTIFIED, POSES, REGION, VOLUME, _at, certified, goals
-from bayescal.planning.place import scene
 from bayescal.planning.pool import Pool, Setup, linearised
 from bayescal.planning.search import EACH, TILT
-from bayescal.planning.setup import LOWEST, continued, read_setup
+from bayescal.planning.setup import continued, read_setup
 from bayescal.predict.targets import certified_diameters, located_target
-from bayescal.probing.approach import FASTEST
+from bayescal.probing.arm import Arm
 from bayescal.probing.clearance import RETRACT, Clearance
-from bayescal.probing.reach import Arm
+from bayescal.probing.contacts import FASTEST
 
 KG = 2.0
 
@@ -139,7 +139,7 @@ def test_velocities_are_those_of_the_approach_and_joints_come_from_both_sides(ca
 
 def test_nothing_collides_at_contact_and_approach(candidate_pool, setup):
     """The distances of all pairs; 20 mm off nothing is near, the ball included."""
-    around, m = scene(setup), candidate_pool.session.measurements
+    around, m = setup.scene, candidate_pool.session.measurements
     clearance = Clearance.of(setup.dataset.robot, setup.dataset.tools[0], around.solids)
     touched = around.touched([setup.dataset.targets[t].name for t in m.target])
     assert clearance.distances(m.readings, touched).min() > -1e-6

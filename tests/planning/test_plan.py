@@ -24,7 +24,7 @@ from bayescal.dataset import read_dataset
 from bayescal.dataset.types import Box
 from bayescal.effects import UNITS
 from bayescal.errors import BayescalError
-from bayescal.planning.plan import plan
+from bayescal.planning.plan import PlanOptions, plan
 from bayescal.planning.pool import Setup
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.setup import continued, read_setup
@@ -50,7 +50,7 @@ def example() -> Setup:
 @pytest.fixture(scope="module")
 def planned_example() -> Plan:
     """100 contacts for distances and for the gap, of 300 candidates."""
-    return plan(example(), 100, count=300)
+    return plan(example(), PlanOptions(100, candidates=300))
 
 
 def test_rows(planned_example: Plan) -> None:
@@ -93,7 +93,7 @@ def test_better_than_random(planned_example: Plan) -> None:
 
 def test_for_distances_is_more_accurate(planned_example: Plan) -> None:
     """A plan for distances alone is more accurate than one for both, which shows effects better."""
-    alone = plan(example(), 100, DISTANCES, count=300)
+    alone = plan(example(), PlanOptions(100, DISTANCES, candidates=300))
     assert planned_example.aim == BOTH
     assert set(alone.purpose) == {DISTANCES, VALIDATE}
     assert alone.expected[0].u < planned_example.expected[0].u
@@ -109,7 +109,7 @@ def test_for_distances_is_more_accurate(planned_example: Plan) -> None:
 def test_levers() -> None:
     """Without its lever no contact has a payload; a volume that is partly out of reach is noted."""
     setup = replace(example(), volume=Box(np.array([0.9, 0.0, 0.4]), np.full(3, 0.5)))
-    one = plan(setup, 60, GAP, levers=("approach",), effects=("geometry",), count=300)
+    one = plan(setup, PlanOptions(60, GAP, ("geometry",), ("approach",), candidates=300))
     assert one.expected[1].over == "volume of interest"
     assert any("of the volume of interest" in w for w in one.warnings)
     payload = one.session.measurements.payload
@@ -129,7 +129,7 @@ def test_levers() -> None:
 def test_refusals(options: dict[str, object], words: str) -> None:
     """Options that are not possible, and fewer contacts than unknowns, are refused."""
     with pytest.raises(BayescalError, match=words):
-        plan(example(), **{"count": 100, **options})  # type: ignore[arg-type]
+        plan(example(), PlanOptions(**{"candidates": 100, **options}))  # type: ignore[arg-type]
 
 
 # --- `bayescal plan` and `bc.plan`: a folder that comes back, the same plan by seed, one-line refusals.

@@ -12,21 +12,21 @@ from sessions import LITTLE, little
 from typer.testing import CliRunner
 
 from bayescal.arm.chain import link_angles, wrenches
-from bayescal.arm.transforms import rigid
+from bayescal.arm.transforms import cone, rigid
 from bayescal.assess.findings import FAR
 from bayescal.cli import app
 from bayescal.dataset import read_dataset
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
-from bayescal.probing.approach import layout
+from bayescal.probing.arm import Arm, inverse
+from bayescal.probing.artefacts import layout
 from bayescal.probing.clearance import Clearance, path_free
-from bayescal.probing.reach import Arm, cone, inverse
 from bayescal.probing.scene import scene_of
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, simulate
-from bayescal.simulation.options import LARGEST_SCALE
 from bayescal.simulation.record import summary, write
+from bayescal.simulation.session import LARGEST_SCALE
 from bayescal.simulation.touch import touch
 
 
@@ -44,6 +44,7 @@ def test_counts():
 
 def test_positions_are_searched_once_for_an_arm(monkeypatch):
     """Effects and noise do not change them; the seed and the robot do. The session is the same."""
+    from bayescal.probing import placement
     from bayescal.simulation import session
 
     def forget():
@@ -54,12 +55,12 @@ def test_positions_are_searched_once_for_an_arm(monkeypatch):
     fresh = simulate(Options(**LITTLE, seed=7)).dataset
     searched = []
 
-    def counted(name):
-        search = getattr(session, name)
-        monkeypatch.setattr(session, name, lambda *given: searched.append(name) or search(*given))
+    def counted(module, name):
+        search = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *given: searched.append(name) or search(*given))
 
-    for name in ("place_spheres", "on_face"):
-        counted(name)
+    counted(placement, "stream")  # once for each placement
+    counted(session, "on_face")
     simulate(Options(**LITTLE, seed=7, effects=("geometry",), noise=1e-6))
     again = simulate(Options(**LITTLE, seed=7)).dataset
     assert not searched
@@ -70,7 +71,7 @@ def test_positions_are_searched_once_for_an_arm(monkeypatch):
     simulate(Options(**other, seed=8))
     forget()
     simulate(Options(**other, seed=7))
-    assert searched.count("place_spheres") == 2
+    assert searched.count("stream") == 2
 
 
 def test_the_default_cube_is_that_of_the_paper():

@@ -11,10 +11,9 @@ from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.errors import BayescalError
 from bayescal.model import build
 from bayescal.model.scene import Scene
-from bayescal.probing.approach import SIZE, Cube
+from bayescal.probing.artefacts import SIZE, Cube, Scenery
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, Simulation, simulate
-from bayescal.simulation.options import Scenery
 from bayescal.simulation.record import key_of, true_targets
 from factors.kind import tangents
 

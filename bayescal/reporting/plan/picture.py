@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayescal.arm.shapes import Shape
 from bayescal.model.scene import Scene
-from bayescal.planning.place import scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
-from bayescal.probing.shapes import Shape
 from bayescal.reporting.plan.record import count
 from bayescal.reporting.plan.sheets import COVERAGE_FACTOR, PURPOSES, by_target, headline, title
 from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines
@@ -54,7 +53,7 @@ def draw_plan(plan: Plan) -> Figure:
     views = parts[0].subplots(1, len(VIEWS))
     points, arm, reach, bodies = _points(plan)
     seen = np.vstack([points, arm, _ahead(reach, arm[0], points)])
-    solids = [s for s in scene(plan.pool.setup).solids if not s.carries]
+    solids = [s for s in plan.pool.setup.scene.solids if not s.carries]
     shapes = [shape for solid in solids for shape in solid.shapes]
     low, high = seen.min(axis=0), seen.max(axis=0)
     for (_, *flat), some in zip(VIEWS, bodies, strict=True):
