@@ -39,7 +39,7 @@ class PlanResult(Result, PlanTables):
     data: Plan | None = None
 
     def _contents(self) -> Json:
-        from bayescal.reporting.plan.record import plan_record
+        from bayescal.reporting.plan_record import plan_record
 
         return plan_record(self._new())
 
@@ -48,7 +48,7 @@ class PlanResult(Result, PlanTables):
         """The contacts in the order of probing, by id: the columns of plan.csv, and `purpose`."""
         from io import StringIO
 
-        from bayescal.reporting.plan.record import table_of_plan
+        from bayescal.reporting.plan_record import table_of_plan
 
         if self.data is None:
             return self.contacts_of(self._file("plan.csv", "repeat the command"))
@@ -56,7 +56,7 @@ class PlanResult(Result, PlanTables):
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.plan.sheets import plan_summary
+        from bayescal.reporting.plan_sheets import plan_summary
 
         return plan_summary(self._new())
 
@@ -89,7 +89,7 @@ class PlanResult(Result, PlanTables):
             For an unknown format, or a probe that a format cannot use.
         """
         from bayescal.programs.probing import Probe
-        from bayescal.reporting.plan.record import write_plan
+        from bayescal.reporting.page.plan import write_plan
 
         probe = Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm)
         return write_plan(self._new(), Path(folder), names(to), probe)

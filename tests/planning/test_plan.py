@@ -33,7 +33,7 @@ from bayescal.programs.motions import guarded, motions
 from bayescal.programs.probing import FORMATS, Probe, formats_of
 from bayescal.public.planning import _setup
 from bayescal.public.planning import plan as planned
-from bayescal.reporting.plan.record import write_plan
+from bayescal.reporting.page.plan import write_plan
 
 
 @cache

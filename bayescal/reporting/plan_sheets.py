@@ -23,7 +23,7 @@ from bayescal.planning.result import (
     Plan,
 )
 from bayescal.planning.separate import NO_LEVER
-from bayescal.reporting.plan.record import clearances, count, payloads
+from bayescal.reporting.plan_record import clearances, count, payloads
 from bayescal.reporting.shared.sheet import Column, Sheet, of_key, sheet_of_cells, terminal
 from bayescal.reporting.shared.text import NEVER, Facts, facts, percent, size, um2
 

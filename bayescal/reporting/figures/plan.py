@@ -9,8 +9,8 @@ import numpy as np
 from bayescal.arm.shapes import Shape
 from bayescal.model.scene import Scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
-from bayescal.reporting.plan.record import count
-from bayescal.reporting.plan.sheets import COVERAGE_FACTOR, PURPOSES, by_target, headline, title
+from bayescal.reporting.plan_record import count
+from bayescal.reporting.plan_sheets import COVERAGE_FACTOR, PURPOSES, by_target, headline, title
 from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, SERIES, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
