@@ -30,7 +30,7 @@ STILL = "Figures that move with the pointer need plotly: pip install 'bayescal[i
 
 @lru_cache(maxsize=1)
 def plotly() -> tuple[str, str] | None:
-    """Source of plotly.js as base64 of gzip, and its CSP hash ``'sha256-...'``; None where it is not installed.
+    """Source of plotly.js as base64 of gzip, and its CSP hash ``'sha256-...'``; None without plotly.
 
     The page inflates it (DecompressionStream) and runs it as an inline script with this hash: the policy
     permits no other code.
